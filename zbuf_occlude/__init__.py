@@ -1,0 +1,40 @@
+"""zbuf_occlude: complete triangle meshes in, occluded point clouds out.
+
+    mesh -> surface points -> views -> visibility mask -> occluded cloud -> dataset
+
+Importing this package touches no GPU and imports no optional dependency.
+"""
+
+from zbuf_occlude import views
+from zbuf_occlude.errors import (
+    ArgumentError,
+    DatasetError,
+    GlError,
+    MeshError,
+    OccludeError,
+    OptionError,
+    UnavailableError,
+)
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import METHODS, prepare
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "METHODS",
+    "ArgumentError",
+    "DatasetError",
+    "GlError",
+    "Mesh",
+    "MeshError",
+    "OccludeError",
+    "OptionError",
+    "SurfacePoints",
+    "UnavailableError",
+    "Views",
+    "prepare",
+    "sample_surface",
+    "views",
+]

@@ -1,0 +1,100 @@
+"""Shape, dtype and finiteness checks at the public border; everything inside may trust its arrays."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zbuf_occlude.errors import ArgumentError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+BoolArray = NDArray[np.bool_]
+
+
+def describe(values: Any) -> str:
+    """Shape and dtype of an array in the words of the error messages, e.g. ``(3, 100) float32``."""
+    array = np.asarray(values)
+    return f"{array.shape} {array.dtype}"
+
+
+def as_vectors(values: ArrayLike, name: str) -> FloatArray:
+    """Check an array of 3-vectors.
+
+    Parameters
+    ----------
+    values : array_like, (n, 3), any real dtype
+    name : str
+        What the caller calls it; opens the error message.
+
+    Returns
+    -------
+    (n, 3) float64, C-contiguous, all finite. The input itself when it already is that.
+
+    Raises
+    ------
+    ArgumentError
+        Not (n, 3), not numeric, or with NaN or infinity.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:  # ragged nested lists
+        raise ArgumentError(f"{name} must be (n, 3) float; got rows of unequal length. Pass one array.") from None
+    if array.dtype.kind not in "fiu":
+        raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}. Convert it to numbers.")
+    if array.ndim != 2 or array.shape[1] != 3:
+        hint = ""
+        if array.shape == (3,):
+            hint = " Add a leading axis: values[None]."
+        elif array.ndim == 2 and array.shape[0] == 3:
+            hint = " Transpose it?"
+        raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}.{hint}")
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    if not np.isfinite(array).all():
+        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise ArgumentError(f"{name} must be finite; row {bad} is {array[bad].tolist()}. Remove or repair it.")
+    return array
+
+
+def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int, lowest: int = 0) -> IntArray:
+    """Check an integer array of indices in ``[lowest, upper)``.
+
+    Parameters
+    ----------
+    values : array_like of int, (n,) when `columns` is None, else (n, columns)
+    name : str
+    columns : int or None
+    upper : int
+        One past the largest index allowed.
+    lowest : int
+        The smallest index allowed; -1 where -1 means "none".
+
+    Returns
+    -------
+    int32, C-contiguous, of the same shape.
+
+    Raises
+    ------
+    ArgumentError
+        Wrong shape, not integers, or an index out of range.
+    """
+    array = np.asarray(values)
+    want = "(n,)" if columns is None else f"(n, {columns})"
+    right_shape = array.ndim == 1 if columns is None else array.ndim == 2 and array.shape[1] == columns
+    if array.size == 0 and right_shape:
+        return np.ascontiguousarray(array, dtype=np.int32)
+    if array.dtype.kind not in "iu":
+        raise ArgumentError(f"{name} must be {want} int; got {describe(array)}. Convert it with astype(int).")
+    if not right_shape:
+        raise ArgumentError(f"{name} must be {want} int; got {describe(array)}.")
+    low, high = int(array.min()), int(array.max())
+    if low < lowest or high >= upper:
+        raise ArgumentError(f"{name} must lie in [{lowest}, {upper}); got values from {low} to {high}.")
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def frozen(array: NDArray[Any]) -> Any:
+    """Return a read-only copy, so that neither the caller nor we can change what was checked."""
+    owned = array.copy()
+    owned.flags.writeable = False
+    return owned

@@ -1,0 +1,164 @@
+"""Mesh: vertices and triangles as two arrays, with the few measures that everything else needs."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
+from zbuf_occlude.errors import MeshError
+
+NO_AREA = 1e-12
+"""A face has no area when the length of its normal is at most this times its longest edge squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in world space. Immutable: every transformation returns a new one.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float
+        Positions; any unit. Stored as float64.
+    faces : (f, 3) int
+        Indices into `vertices`. Winding carries no meaning (ModelNet's is inconsistent). Stored as int32.
+    name : str
+        Shown in messages and manifests.
+    source_face_ids : (f,) int, optional
+        For each face the face of the file it came from; ``arange(f)`` by default.
+    dropped : dict of str to int
+        What `cleaned` removed, by reason.
+
+    Raises
+    ------
+    MeshError
+        No faces, or no vertices.
+    ArgumentError
+        Arrays of the wrong shape or type, NaN or infinite positions, indices out of range.
+
+    Notes
+    -----
+    Nothing is merged, reordered or repaired here; `cleaned` drops duplicate and degenerate faces,
+    and `load_mesh` calls it once.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str = "mesh"
+    source_face_ids: IntArray | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        vertices = as_vectors(self.vertices, "vertices")
+        if len(vertices) == 0 or np.size(self.faces) == 0:
+            raise MeshError(
+                f"a mesh must have vertices and faces; {self.name} has {len(vertices)} vertices and "
+                f"{len(np.atleast_1d(self.faces))} faces. Is it a point cloud or an empty file?"
+            )
+        faces = as_indices(self.faces, "faces", columns=3, upper=len(vertices))
+        source = np.arange(len(faces)) if self.source_face_ids is None else self.source_face_ids
+        source = as_indices(source, "source_face_ids", columns=None, upper=np.iinfo(np.int32).max)
+        if len(source) != len(faces):
+            raise MeshError(f"source_face_ids must have one entry a face ({len(faces)}); got {len(source)}.")
+        object.__setattr__(self, "vertices", frozen(vertices))
+        object.__setattr__(self, "faces", frozen(faces))
+        object.__setattr__(self, "source_face_ids", frozen(source))
+
+    def __repr__(self) -> str:
+        return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any, name: str = "mesh") -> "Mesh":
+        """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned)."""
+        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name)
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Corner positions of every face, (f, 3 corners, 3)."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
+        return _normals(self.corners)
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Areas of the faces, (f,) (paper Eq. 4)."""
+        return np.asarray(np.linalg.norm(self.face_normals, axis=1) / 2.0)
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
+        used = self.vertices[np.unique(self.faces)]
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centre of the bounding box, (3,)."""
+        return np.asarray((self.bounds[0] + self.bounds[1]) / 2.0)
+
+    @property
+    def longest_side(self) -> float:
+        """Longest side of the bounding box: the paper's "maximum dimension"."""
+        return float(np.ptp(self.bounds, axis=0).max())
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box; the length that the contact tolerance is relative to."""
+        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+
+    def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
+        """Return the mesh with every vertex v moved to ``scale * v + translation``."""
+        return self._with_vertices(self.vertices * scale + np.asarray(translation, dtype=np.float64))
+
+    def rotated(self, rotation: ArrayLike) -> "Mesh":
+        """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
+        return self._with_vertices(self.vertices @ np.asarray(rotation, dtype=np.float64).T)
+
+    def normalized(self) -> "Mesh":
+        """Return the mesh centred at the origin with its longest side 1 (paper 3.4: "maximum dimension is 1")."""
+        if self.longest_side == 0.0:
+            raise MeshError(f"a mesh must have an extent to be normalized; all vertices of {self.name} coincide.")
+        return self._with_vertices((self.vertices - self.centre) / self.longest_side)
+
+    def cleaned(self) -> "Mesh":
+        """Return the mesh without duplicate faces and faces of no area, and count what went in `dropped`.
+
+        Two faces are duplicates when their corners have the same three positions in any order; the first stays.
+        A face has no area when the length of its normal is at most `NO_AREA` times its longest edge squared.
+        Vertices are neither merged nor reordered. `source_face_ids` leads back to the faces before cleaning.
+
+        Raises
+        ------
+        MeshError
+            Nothing is left.
+        """
+        edges = self.corners - np.roll(self.corners, -1, axis=1)
+        longest_squared = (edges**2).sum(axis=2).max(axis=1)
+        degenerate = np.linalg.norm(self.face_normals, axis=1) <= NO_AREA * longest_squared
+        # + 0.0 turns -0.0 into 0.0; return_inverse gives vertices at one position one number
+        _, position_ids = np.unique(self.vertices + 0.0, axis=0, return_inverse=True)
+        keys = np.sort(position_ids.reshape(-1)[self.faces], axis=1)
+        _, first = np.unique(keys, axis=0, return_index=True)
+        duplicate = np.ones(len(self.faces), dtype=bool)
+        duplicate[first] = False
+        keep = ~(degenerate | duplicate)
+        if not keep.any():
+            raise MeshError(f"a mesh must have faces of some area; none of the {len(keep)} faces of {self.name} has.")
+        dropped = {
+            "degenerate": self.dropped.get("degenerate", 0) + int(degenerate.sum()),
+            "duplicate": self.dropped.get("duplicate", 0) + int((duplicate & ~degenerate).sum()),
+        }
+        assert self.source_face_ids is not None  # set in __post_init__; for the type checker
+        return Mesh(self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped)
+
+    def _with_vertices(self, vertices: FloatArray) -> "Mesh":
+        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped)
+
+
+def _normals(corners: FloatArray) -> FloatArray:
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return np.cross(b - a, c - a)

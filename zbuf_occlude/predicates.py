@@ -1,0 +1,66 @@
+"""THE definition of "blocked": does a face block the line of sight between an eye and a point?
+
+Signed volumes, in float64. `exact_hsr` (the paper's perpendicular planes) must not import this file:
+the two formulations check each other.
+"""
+
+import math
+
+from numba import njit
+
+Vector = tuple[float, float, float]
+
+
+@njit(inline="always")
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """a . b"""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(inline="always")
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """a x b; cross(b, a) is its exact negative in floating point, which makes shared edges watertight."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@njit(inline="always")
+def minus(a, b):  # type: ignore[no-untyped-def]
+    """a - b"""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@njit
+def blocks(eye, point, a, b, c, contact):  # type: ignore[no-untyped-def]
+    """Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
+
+    Parameters
+    ----------
+    eye, point, a, b, c : tuples or arrays of 3 float64, world space
+    contact : float
+        The contact tolerance tau, in world units.
+
+    Returns
+    -------
+    bool
+
+    Notes
+    -----
+    With the eye as origin, ``u = d . (b x c)``, ``v = d . (c x a)``, ``w = d . (a x b)`` are six times the signed
+    volumes that the line spans with the three edges. It passes through the closed triangle iff none of them has the
+    other sign; their sum is ``d . n``. A line within the face's plane (sum zero) is not blocked: Eq. 6 has no solution.
+    The meeting point is at ``fraction`` of the way from the point to the eye, measured from the *point* so that the
+    comparison with the contact tolerance does not cancel.
+    """
+    d = minus(point, eye)
+    a_, b_, c_ = minus(a, eye), minus(b, eye), minus(c, eye)
+    u = dot(d, cross(b_, c_))
+    v = dot(d, cross(c_, a_))
+    w = dot(d, cross(a_, b_))
+    if not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
+        return False
+    n = cross(minus(b, a), minus(c, a))
+    slope = dot(d, n)
+    if slope == 0.0 or u + v + w == 0.0:
+        return False
+    fraction = dot(minus(point, a), n) / slope
+    return fraction * math.sqrt(dot(d, d)) > contact and fraction < 1.0

@@ -1,0 +1,177 @@
+"""What every method of hidden-surface removal is: made ready for one mesh, then asked with points and eyes."""
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from types import TracebackType
+from typing import Any, Protocol, Self, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints
+
+CONTACT = 1e-5
+"""Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
+
+
+class Closable(Protocol):
+    """Anything with a `close`."""
+
+    def close(self) -> None:
+        """Release what it holds."""
+
+
+class Occluder(ABC):
+    """A mesh made ready to answer line-of-sight questions. Use it as a context manager, or call `close`.
+
+    A method subclasses this, implements `_visible` and, when it holds resources, `_release`.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self._closed = False
+        self._owned: list[Closable] = []
+
+    def owns(self, resource: "Closable") -> None:
+        """Hand over a resource (a GL context, say) that is to be closed with the occluder, after its own."""
+        self._owned.append(resource)
+
+    @property
+    def renderer(self) -> str:
+        """The name of the GL renderer that answers, or "none" where no GL is involved."""
+        return "none"
+
+    @final
+    def visible(self, points: SurfacePoints, eyes: ArrayLike) -> BoolArray:
+        """Answer which points each eye sees.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            n points, world space; ``face_ids`` index ``mesh.faces``.
+        eyes : (k, 3) float
+            Centres of projection, world space; anywhere but on the surface.
+
+        Returns
+        -------
+        (k, n) bool, True = visible.
+
+        Raises
+        ------
+        ArgumentError
+            Arrays of the wrong shape or type, not finite, or face ids that the mesh does not have.
+        """
+        if self._closed:
+            raise ArgumentError("the occluder must be open; it was closed. Prepare the mesh again.")
+        if not isinstance(points, SurfacePoints):
+            raise ArgumentError(
+                f"points must be SurfacePoints; got {type(points).__name__}. "
+                "Wrap free positions: SurfacePoints.free(positions)."
+            )
+        eyes = as_vectors(eyes, "eyes")
+        if len(points) and int(points.face_ids.max()) >= len(self.mesh.faces):
+            raise ArgumentError(
+                f"face_ids must index the mesh's {len(self.mesh.faces)} faces; got {int(points.face_ids.max())}. "
+                "Were the points sampled on another mesh?"
+            )
+        if len(eyes) == 0 or len(points) == 0:
+            return np.ones((len(eyes), len(points)), dtype=bool)
+        return self._visible(points, eyes)
+
+    @abstractmethod
+    def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        """Answer for checked arguments with at least one point and one eye; (k, n) bool."""
+
+    @final
+    def close(self) -> None:
+        """Release what the occluder holds; calling it again does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._release()
+            for resource in self._owned:
+                resource.close()
+
+    def _release(self) -> None:  # noqa: B027  (a method without resources has nothing to release)
+        """Release resources; called once."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table of methods. Its module is imported when the method is used, not before.
+
+    Parameters
+    ----------
+    name : str
+    summary : str
+        One line.
+    factory : str
+        ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
+    exact : bool
+        Whether it equals the oracle outside the boundary band.
+    needs_gl : bool
+    extra : str
+        The optional dependency it needs, "" for none; `requires` is the package to import.
+    requires : str
+    """
+
+    name: str
+    summary: str
+    factory: str
+    exact: bool = False
+    needs_gl: bool = False
+    extra: str = ""
+    requires: str = ""
+
+    def missing(self) -> str:
+        """Say in words why the method cannot run here; empty when nothing is known to be missing.
+
+        A method that needs GL is not tried here (that opens a context): ``zbuf-occlude doctor`` does it.
+        """
+        if self.requires and find_spec(self.requires) is None:
+            return f"needs the package {self.requires}; install it: pip install 'zbuf-occlude[{self.extra}]'"
+        return ""
+
+    def load(self) -> Callable[..., Occluder]:
+        """Import the method's module and return its prepare function.
+
+        Raises
+        ------
+        UnavailableError
+            A package it needs is not installed.
+        """
+        reason = self.missing()
+        if reason:
+            raise UnavailableError(f"method {self.name!r} {reason}")
+        module, function = self.factory.split(":")
+        prepare: Callable[..., Occluder] = getattr(import_module(module), function)
+        return prepare
+
+    def options(self) -> dict[str, Any]:
+        """Return the method's options and their defaults, read off its prepare function."""
+        parameters = inspect.signature(self.load()).parameters.values()
+        return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
+
+    def check_options(self, options: dict[str, Any]) -> None:
+        """Raise OptionError for an option the method does not have."""
+        known = self.options()
+        for name in options:
+            if name not in known:
+                raise OptionError(
+                    f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
+                    f"got {name!r}."
+                )

@@ -1,0 +1,99 @@
+"""`oracle`: the judge. Every point against every face, in float64, by the definition itself."""
+
+import numpy as np
+from numba import njit, prange
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.predicates import blocks
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.visibility.interface import CONTACT, Occluder
+
+BAND = 1e-6
+"""Default width of the boundary band, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
+
+
+def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Oracle":
+    """Make the judge of a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
+    if not 0.0 <= contact < 1.0:
+        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    return Oracle(mesh, contact)
+
+
+class Oracle(Occluder):
+    """Brute force over all faces, own face excluded, stopping at the first that blocks.
+
+    Notes
+    -----
+    Exact up to float64 rounding of signed volumes (`zbuf_occlude.predicates.blocks`); edges shared by two faces do
+    not leak. Costs O(k n f) time in the worst case and no memory beyond the answer; runs on all cores.
+    """
+
+    def __init__(self, mesh: Mesh, contact: float) -> None:
+        super().__init__(mesh)
+        self.contact = contact * mesh.diagonal
+
+    def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
+        return _visible(self.mesh.corners, points.face_ids, targets, eyes, self.contact)
+
+    def decided(self, points: SurfacePoints, eyes: FloatArray, width: float = BAND) -> BoolArray:
+        """Say where the answer does not hang on a hair; what is not decided is the boundary band.
+
+        Parameters
+        ----------
+        points : SurfacePoints
+            n points, world space.
+        eyes : (k, 3) float
+            World space.
+        width : float
+            As a fraction of the mesh's diagonal.
+
+        Returns
+        -------
+        (k, n) bool
+            True where the answer stays the same with the point's end of the line moved by `width` in eight directions
+            across it, and with the contact tolerance halved and doubled (DESIGN.md section 2).
+        """
+        answer = self.visible(points, eyes)
+        eyes = np.asarray(eyes, dtype=np.float64)
+        corners, own = self.mesh.corners, points.face_ids
+        still = np.ones_like(answer)
+        for contact in (self.contact / 2.0, self.contact * 2.0):
+            targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
+            still &= _visible(corners, own, targets, eyes, contact) == answer
+        across, upwards = _perpendiculars(points.positions[None] - eyes[:, None])
+        for angle in np.arange(8) * (np.pi / 4.0):
+            offset = width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
+            still &= _visible(corners, own, points.positions[None] + offset, eyes, self.contact) == answer
+        return still
+
+
+def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors perpendicular to each other and to each of the lines, (..., 3) each."""
+    unit = lines / np.maximum(np.linalg.norm(lines, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
+    least = np.eye(3)[np.abs(unit).argmin(axis=-1)]
+    across = np.cross(unit, least)
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
+    return across, np.cross(unit, across)
+
+
+@njit(parallel=True, cache=True)
+def _visible(corners: FloatArray, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
+    """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
+    k, n = targets.shape[:2]
+    answer = np.ones((k, n), dtype=np.bool_)
+    for i in prange(n):
+        for j in range(k):
+            eye = (eyes[j, 0], eyes[j, 1], eyes[j, 2])
+            point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
+            for face in range(len(corners)):
+                if face == own[i]:
+                    continue
+                t = corners[face]
+                a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+                if blocks(eye, point, a, b, c, contact):
+                    answer[j, i] = False
+                    break
+    return answer
