@@ -1,0 +1,202 @@
+"""GlContext: the one OpenGL context of a process, headless, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
+
+Opened by the outermost layer (a command, a farm worker, the test session) and passed down. Nothing here happens at
+import. One context a process: a context made before a fork hangs the children, and a library that calls eglTerminate
+on the shared display (pyrender) takes every other context of the process with it.
+"""
+
+import os
+from collections.abc import Callable
+from ctypes.util import find_library
+from types import TracebackType
+from typing import Any, Self
+
+import moderngl
+
+from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.gl.osmesa import OsMesaContext
+
+BACKENDS = ("egl", "osmesa")
+"""In the order in which they are tried."""
+
+ENVIRONMENT = "ZBUF_OCCLUDE_GL"
+"""Names the backend where none is given: ``egl``, ``egl:1`` (with a device index) or ``osmesa``."""
+
+REQUIRED = 430
+"""OpenGL 4.3 core: compute shaders and shader storage buffers."""
+
+FIXES = {
+    "egl": "apt-get install libegl1 libgl1-mesa-dri",
+    "osmesa": "apt-get install libosmesa6",
+}
+"""The one command (Debian) that installs what a backend needs on a machine without a GPU's own driver."""
+
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
+
+
+class GlContext:
+    """An open OpenGL context. Make one with `GlContext.open`; close it, or use it as a context manager.
+
+    Attributes
+    ----------
+    backend : str
+        ``"egl"`` or ``"osmesa"``.
+    device_index : int or None
+        Which of the EGL devices; None with OSMesa.
+    ctx : moderngl.Context
+    """
+
+    def __init__(self, backend: str, device_index: int | None, ctx: Any) -> None:
+        self.backend = backend
+        self.device_index = device_index
+        self.ctx = ctx
+        self._process = os.getpid()
+        self._closed = False
+        self.renderer: str = ctx.info["GL_RENDERER"]
+        """GL_RENDERER, e.g. ``NVIDIA H100`` or ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
+        self.version: str = ctx.info["GL_VERSION"]
+        """GL_VERSION, e.g. ``4.5 (Core Profile) Mesa 22.3.6``."""
+
+    @classmethod
+    def open(cls, backend: str | None = None, device_index: int | None = None) -> Self:
+        """Open a context and make it current.
+
+        Parameters
+        ----------
+        backend : {"egl", "osmesa"}, optional
+            By default what the environment variable ``ZBUF_OCCLUDE_GL`` names, else the first that works.
+        device_index : int, optional
+            Which of the EGL devices; implies egl. By default what ``ZBUF_OCCLUDE_GL=egl:N`` says, else what
+            ``GLCONTEXT_DEVICE_INDEX`` says, else 0. EGL ignores CUDA_VISIBLE_DEVICES: `zbuf_occlude.gl.probe` tells
+            which CUDA device each one is.
+
+        Returns
+        -------
+        GlContext
+
+        Raises
+        ------
+        OptionError
+            An unknown backend, or a device index where it means nothing.
+        GlError
+            No context could be opened; the message names what was tried and the command that would help.
+        """
+        named, device = _from_environment()
+        if backend is None:
+            backend = named
+        if device_index is None and backend != "osmesa":
+            device_index = device
+        if backend is not None and backend not in BACKENDS:
+            raise OptionError(f"the GL backend must be one of {', '.join(BACKENDS)}; got {backend!r}.")
+        if device_index is not None:
+            if backend == "osmesa":
+                raise OptionError(
+                    f"device_index must be left out with osmesa, which has no devices; got {device_index}."
+                )
+            if isinstance(device_index, bool) or not isinstance(device_index, int) or device_index < 0:
+                raise OptionError(f"device_index must be an int from 0; got {device_index!r}.")
+            backend = "egl"
+        failures = []
+        for candidate in BACKENDS if backend is None else (backend,):
+            try:
+                return cls(candidate, *_OPENERS[candidate](device_index))
+            except GlError as error:
+                failures.append(f"{candidate}: {error}")
+        raise GlError(
+            f"an OpenGL {REQUIRED / 100:.1f} core context must open; it does not. Tried " + "; ".join(failures)
+        )
+
+    @property
+    def is_software(self) -> bool:
+        """Whether a CPU does the rendering (containers without the graphics capability fall back to it silently)."""
+        return any(name in self.renderer.lower() for name in _SOFTWARE)
+
+    def make_current(self) -> None:
+        """Make this the context that GL calls of this thread go to; needed only where a process has several.
+
+        Raises
+        ------
+        GlError
+            It is closed, or belongs to the process that this one was forked from.
+        """
+        if self._closed:
+            raise GlError("a GlContext must be open to be used; it was closed. Open another: GlContext.open().")
+        if os.getpid() != self._process:
+            raise GlError(
+                f"a GlContext must be used by the process that opened it ({self._process}); this is {os.getpid()}. "
+                "Spawn workers instead of forking them, and open a context in each."
+            )
+        # moderngl's own `with ctx` would leave no context current at its end
+        self.ctx.__enter__()
+
+    def check(self) -> None:
+        """Raise GlError if OpenGL has recorded an error since the last check, and clear it. Call it once a batch."""
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            self.ctx.clear_errors()
+            raise GlError(f"OpenGL must report no error; {self.renderer} reports {error}.")
+
+    def close(self) -> None:
+        """Destroy the context and all that lives in it; calling it again does nothing."""
+        if not self._closed:
+            self._closed = True
+            if os.getpid() == self._process:
+                self.ctx.release()
+
+    def __enter__(self) -> Self:
+        self.make_current()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        device = "" if self.device_index is None else f":{self.device_index}"
+        return f"GlContext({self.backend}{device}, {self.renderer}{', closed' if self._closed else ''})"
+
+
+def _from_environment() -> tuple[str | None, int | None]:
+    """Backend and device index that the environment names, each None when it does not."""
+    value = os.environ.get(ENVIRONMENT, "").strip()
+    backend, colon, device = value.partition(":")
+    if value and (backend not in BACKENDS or (colon and not (backend == "egl" and device.isdecimal()))):
+        raise OptionError(f"{ENVIRONMENT} must be egl, egl:N or osmesa; got {value!r}.")
+    device = device or os.environ.get("GLCONTEXT_DEVICE_INDEX", "").strip()
+    if device and not device.isdecimal():
+        raise OptionError(f"GLCONTEXT_DEVICE_INDEX must be an int from 0; got {device!r}.")
+    return backend or None, int(device) if device else None
+
+
+def _open_egl(device_index: int | None) -> tuple[int | None, Any]:
+    device_index = device_index or 0
+    libegl = os.environ.get("GLCONTEXT_LINUX_LIBEGL") or find_library("EGL") or "libEGL.so.1"
+    libgl = os.environ.get("GLCONTEXT_LINUX_LIBGL") or find_library("GL") or find_library("OpenGL") or libegl
+    try:
+        from glcontext import egl
+
+        # the C part itself: its Python wrapper lets GLCONTEXT_DEVICE_INDEX override an explicit index
+        context = egl.create_context(
+            mode="standalone", glversion=REQUIRED, libegl=libegl, libgl=libgl, device_index=device_index
+        )
+        return device_index, moderngl.create_context(require=REQUIRED, context=context)
+    except Exception as error:  # glcontext and moderngl raise bare Exception
+        if "requested device index" in str(error):  # "requested device index 7, but found 1 devices"
+            raise GlError(f"{error}; count from 0.") from None
+        raise GlError(f"device_index {device_index}: {error}. On Debian: {FIXES['egl']}") from None
+
+
+def _open_osmesa(device_index: int | None) -> tuple[int | None, Any]:
+    try:
+        context: Any = OsMesaContext()
+    except GlError as error:
+        raise GlError(f"{error} On Debian: {FIXES['osmesa']}") from None
+    try:
+        return None, moderngl.create_context(require=REQUIRED, context=context)
+    except Exception as error:  # moderngl raises bare Exception
+        context.release()
+        raise GlError(f"{error}. On Debian: {FIXES['osmesa']}") from None
+
+
+_OPENERS: dict[str, Callable[[int | None], tuple[int | None, Any]]] = {"egl": _open_egl, "osmesa": _open_osmesa}

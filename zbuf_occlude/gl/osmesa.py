@@ -1,0 +1,107 @@
+"""An off-screen OpenGL context of Mesa's software rasteriser through libOSMesa: no display, no driver, no EGL."""
+
+import ctypes
+import ctypes.util
+from typing import Self
+
+from zbuf_occlude.errors import GlError
+
+# GL/osmesa.h
+_FORMAT, _PROFILE, _CORE_PROFILE, _MAJOR, _MINOR = 0x22, 0x33, 0x34, 0x36, 0x37
+_RGBA, _UNSIGNED_BYTE = 0x1908, 0x1401
+
+_SONAMES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+_VERSIONS = ((4, 5), (4, 3))
+
+_current: "OsMesaContext | None" = None
+"""The OSMesa context that is current, so that one made while another is in use hands back to it."""
+
+
+class OsMesaContext:
+    """What `moderngl.create_context(context=...)` expects, on top of libOSMesa.
+
+    Raises
+    ------
+    GlError
+        The library is not there, or makes no core profile 4.3.
+
+    Notes
+    -----
+    OSMesa draws its default framebuffer into memory that we own; 1 x 1, because all rendering goes to framebuffer
+    objects. A context must be left (made not current) before it is destroyed, or Mesa writes to freed memory.
+    """
+
+    standalone = True
+
+    def __init__(self) -> None:
+        self._library = _load()
+        self._pixel = (ctypes.c_ubyte * 4)()
+        self._handle: int | None = None
+        for major, minor in _VERSIONS:
+            pairs = (_FORMAT, _RGBA, _PROFILE, _CORE_PROFILE, _MAJOR, major, _MINOR, minor, 0, 0)
+            attributes = (ctypes.c_int * len(pairs))(*pairs)
+            self._handle = self._library.OSMesaCreateContextAttribs(attributes, None)
+            if self._handle:
+                break
+        else:
+            raise GlError("libOSMesa must make an OpenGL 4.3 core context; this one is too old.")
+        try:
+            self._make_current()
+        except GlError:
+            self.release()
+            raise
+
+    def load_opengl_function(self, name: str) -> int:
+        """Return the address of an OpenGL function, 0 when there is none of that name."""
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    load = load_opengl_function
+
+    def __enter__(self) -> Self:
+        self._make_current()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stay current; moderngl calls this without arguments."""
+
+    def release(self) -> None:
+        """Destroy the context; calling it again does nothing."""
+        global _current
+        if self._handle:
+            if _current is self:
+                self._library.OSMesaMakeCurrent(None, None, 0, 0, 0)
+                _current = None
+            self._library.OSMesaDestroyContext(self._handle)
+            self._handle = None
+
+    def _make_current(self) -> None:
+        global _current
+        if not self._handle:
+            raise GlError("an OSMesa context must be open to be used; it was released. Open another.")
+        if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _UNSIGNED_BYTE, 1, 1):
+            raise GlError("OSMesaMakeCurrent must succeed; it failed.")
+        _current = self
+
+
+def _load() -> ctypes.CDLL:
+    for name in _SONAMES:
+        try:
+            library = ctypes.CDLL(name)
+        except OSError:
+            continue
+        library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        library.OSMesaMakeCurrent.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+            ctypes.c_uint,
+            ctypes.c_int,
+            ctypes.c_int,
+        ]
+        library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        library.OSMesaDestroyContext.restype = None
+        library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        return library
+    raise GlError(f"one of {', '.join(_SONAMES)} must be installed; none could be loaded.")
