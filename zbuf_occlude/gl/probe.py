@@ -1,0 +1,138 @@
+"""Ask whether each GL backend works here, in a process of its own: a broken driver cannot harm the one that asks."""
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from zbuf_occlude.errors import GlError, OccludeError
+from zbuf_occlude.gl.context import FIXES, GlContext
+from zbuf_occlude.gl.devices import egl_devices
+from zbuf_occlude.gl.shaders import compile_program
+
+LIMITS = (
+    "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
+    "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS",
+    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS",
+    "GL_MAX_TEXTURE_SIZE",
+    "GL_MAX_ARRAY_TEXTURE_LAYERS",
+    "GL_MAX_FRAMEBUFFER_LAYERS",
+)
+"""What `Probe.limits` holds."""
+
+NVIDIA_FIX = "start the container with -e NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility"
+"""For a container that sees the GPU but was not given the driver's libEGL, and falls back to software silently."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What a child process found out about one backend.
+
+    Attributes
+    ----------
+    backend : str
+    device_index : int or None
+        Of an EGL device; None for OSMesa, and for EGL when its devices cannot be listed.
+    works : bool
+        A context opened, a compute shader ran, and what it wrote was right.
+    renderer, version : str
+        GL_RENDERER and GL_VERSION; "" when it does not work.
+    is_software : bool
+    limits : dict of str to int
+        The driver's, by the names in `LIMITS`.
+    cuda_device : int or None
+        The CUDA ordinal of the same GPU.
+    reason : str
+        Why it does not work; "" when it does.
+    fix : str
+        The one command or setting that would help; "" when it works well, or when none is known.
+    """
+
+    backend: str
+    device_index: int | None
+    works: bool
+    renderer: str = ""
+    version: str = ""
+    is_software: bool = False
+    limits: dict[str, int] = field(default_factory=dict)
+    cuda_device: int | None = None
+    reason: str = ""
+    fix: str = ""
+
+
+def probe_all() -> tuple[Probe, ...]:
+    """Probe every EGL device there is, and OSMesa.
+
+    Returns
+    -------
+    tuple of Probe
+        EGL's devices in order (one row without an index when they cannot be listed), OSMesa last. Raises nothing.
+        Where the only EGL devices are software though the machine has an NVIDIA GPU, their `fix` says so.
+    """
+    listed = _ask("devices")
+    rows = [probe("egl", row["index"], row["cuda_device"]) for row in listed.get("devices", [])]
+    if not rows:
+        reason = listed.get("reason", "EGL lists no devices.")
+        rows = [Probe("egl", None, works=False, reason=reason, fix=FIXES["egl"])]
+    elif Path("/dev/nvidiactl").exists() and all(row.is_software for row in rows):
+        rows = [replace(row, fix=NVIDIA_FIX) for row in rows]
+    return (*rows, probe("osmesa"))
+
+
+def probe(backend: str, device_index: int | None = None, cuda_device: int | None = None) -> Probe:
+    """Probe one backend in a child process; what goes wrong there, a crash included, is the answer's `reason`."""
+    answer = _ask(backend, *([] if device_index is None else [str(device_index)]))
+    if answer.get("works"):
+        return Probe(backend, device_index, cuda_device=cuda_device, **answer)
+    fix = FIXES[backend] if FIXES[backend] in answer["reason"] else ""  # no package helps a wrong device index
+    return Probe(backend, device_index, False, cuda_device=cuda_device, reason=answer["reason"], fix=fix)
+
+
+def _ask(*arguments: str, timeout: float = 120.0) -> dict:  # type: ignore[type-arg]  # JSON
+    command = [sys.executable, "-m", "zbuf_occlude.gl.probe", *arguments]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+    except subprocess.TimeoutExpired:
+        return {"works": False, "reason": f"the driver did not answer in {timeout:g} seconds."}
+    try:
+        return dict(json.loads(child.stdout.splitlines()[-1]))
+    except (IndexError, ValueError):
+        last_line = (child.stderr.strip().splitlines() or ["no message"])[-1]
+        return {"works": False, "reason": f"the process ended with code {child.returncode}: {last_line}"}
+
+
+def _answer(arguments: list[str]) -> dict:  # type: ignore[type-arg]  # JSON
+    """Run in the child: what there is to say about one backend, or about the devices."""
+    try:
+        if arguments == ["devices"]:
+            return {"devices": [asdict(device) for device in egl_devices()]}
+        backend, *device = arguments
+        with GlContext.open(backend, int(device[0]) if device else None) as gl:
+            _try_compute(gl)
+            return {
+                "works": True,
+                "renderer": gl.renderer,
+                "version": gl.version,
+                "is_software": gl.is_software,
+                "limits": {name: int(gl.ctx.info[name]) for name in LIMITS},
+            }
+    except OccludeError as error:
+        return {"works": False, "reason": str(error)}
+
+
+def _try_compute(gl: GlContext) -> None:
+    program, numbers = compile_program(gl.ctx, "probe.comp"), gl.ctx.buffer(reserve=256)
+    numbers.bind_to_storage_buffer(0)
+    program.run(1)
+    gl.ctx.memory_barrier()
+    written = memoryview(numbers.read()).cast("I").tolist()
+    numbers.release()
+    program.release()
+    gl.check()
+    if written != list(range(64)):
+        raise GlError(f"a compute shader must write what it was told to; {gl.renderer} wrote {written[:4]}...")
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(_answer(sys.argv[1:])) + "\n")
