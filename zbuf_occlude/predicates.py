@@ -45,14 +45,16 @@ def blocks(eye, point, a, b, c, contact):  # type: ignore[no-untyped-def]
 
     Notes
     -----
-    With the eye as origin, ``u = d . (b x c)``, ``v = d . (c x a)``, ``w = d . (a x b)`` are six times the signed
-    volumes that the line spans with the three edges. It passes through the closed triangle iff none of them has the
-    other sign; their sum is ``d . n``. A line within the face's plane (sum zero) is not blocked: Eq. 6 has no solution.
+    With the point as origin, ``u = d . (b x c)``, ``v = d . (c x a)``, ``w = d . (a x b)`` are six times the signed
+    volumes that the line spans with the three edges. (With the eye as origin the products would cancel with the square
+    of its distance, and eyes 10^4 sizes away would be judged wrongly.) The line passes through the closed triangle iff
+    none of them has the other sign; their sum is ``d . n``. A line within the face's plane (sum zero) is not blocked:
+    Eq. 6 has no solution.
     The meeting point is at ``fraction`` of the way from the point to the eye, measured from the *point* so that the
     comparison with the contact tolerance does not cancel.
     """
     d = minus(point, eye)
-    a_, b_, c_ = minus(a, eye), minus(b, eye), minus(c, eye)
+    a_, b_, c_ = minus(a, point), minus(b, point), minus(c, point)
     u = dot(d, cross(b_, c_))
     v = dot(d, cross(c_, a_))
     w = dot(d, cross(a_, b_))

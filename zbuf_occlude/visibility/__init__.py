@@ -13,6 +13,13 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.oracle:prepare",
         exact=True,
     ),
+    Method(
+        "embree",
+        "ray casting with Intel Embree, float32: an independent check and the peer to beat",
+        "zbuf_occlude.visibility.embree:prepare",
+        extra="embree",
+        requires="embreex",
+    ),
 )
 
 

@@ -1,0 +1,101 @@
+"""`embree`: ray casting with Intel Embree through embreex, from each point towards the eye. The peer to beat."""
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.visibility.interface import CONTACT, Occluder
+
+LIFT = 5e-7
+"""How far a ray that met its own face is lifted off it, in longest sides: above float32's error there (some 2e-7),
+below the width of the boundary band (1e-6 diagonals), so the lift decides nothing outside it."""
+
+
+def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Embree":
+    """Make a mesh ready for ray casting with Embree.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    contact : float
+        The contact tolerance as a fraction of the mesh's diagonal.
+
+    Raises
+    ------
+    OptionError
+        `contact` is out of range.
+    """
+    if not 0.0 <= contact < 1.0:
+        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    return Embree(mesh, contact)
+
+
+class Embree(Occluder):
+    """One ray a point, cast from the contact distance before the point to the eye; the own face does not hide.
+
+    Notes
+    -----
+    Not exact: Embree computes in float32. The mesh is centred and scaled to longest side 1 in float64 first, and rays
+    start within the bounding sphere, so the error does not grow with the distance of mesh and eye: about 2e-7 longest
+    sides across the ray, which is inside the boundary band. Outside it are left: contacts of `contact` within float32
+    of a face met at a grazing angle, and what Embree's traversal gets wrong (robust mode is on, edges may still be
+    missed). Answers may differ between instruction sets.
+
+    A ray starts so near to its own face that rounding makes it meet it at grazing angles. Such a ray is known by the
+    face's id and cast once more, lifted off the face's plane by `LIFT`; whatever it meets then but the own face hides
+    the point. Without that 3e-4 to 6e-4 of all answers are wrong on real meshes.
+
+    Costs O(log f) a ray; one core, because embreex casts one ray after the other under the interpreter's lock.
+    """
+
+    def __init__(self, mesh: Mesh, contact: float) -> None:
+        super().__init__(mesh)
+        self._centre = mesh.centre
+        self._scale = 1.0 / mesh.longest_side if mesh.longest_side > 0.0 else 1.0
+        self._contact = contact * mesh.diagonal * self._scale
+        vertices = (mesh.vertices - self._centre) * self._scale
+        self._radius = float(np.linalg.norm(vertices[mesh.faces], axis=2).max())
+        normals = mesh.face_normals
+        self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        self._scene = EmbreeScene(robust=True)
+        TriangleMesh(self._scene, vertices.astype(np.float32), mesh.faces)
+
+    def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        positions = (points.positions - self._centre) * self._scale
+        answer = np.empty((len(eyes), len(points)), dtype=bool)
+        for eye, row in zip((eyes - self._centre) * self._scale, answer, strict=True):
+            row[:] = self._seen_from(eye, positions, points.face_ids)
+        return answer
+
+    def _seen_from(self, eye: FloatArray, positions: FloatArray, own: IntArray) -> BoolArray:
+        """One eye's answers, (n,); eye and positions in the scene's space."""
+        towards = eye - positions
+        distance = np.linalg.norm(towards, axis=1)
+        towards /= np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
+        # a free point may lie far outside, where float32 is coarse: nothing is met before the bounding sphere
+        to_sphere = -np.einsum("ij,ij->i", positions, towards) - self._radius
+        start = np.maximum(to_sphere, self._contact)
+        origins = positions + towards * start[:, None]
+        hits = self._cast(origins, towards, distance - start)
+        visible = hits == -1
+        again = np.flatnonzero((hits == own) & ~visible)
+        if len(again):
+            normals = self._normals[own[again]]
+            upwards = np.where(np.einsum("ij,ij->i", normals, towards[again]) < 0.0, -LIFT, LIFT)
+            lifted = origins[again] + normals * upwards[:, None]
+            hits = self._cast(lifted, towards[again], (distance - start)[again])
+            visible[again] = (hits == -1) | (hits == own[again])
+        return visible
+
+    def _cast(self, origins: FloatArray, directions: FloatArray, reach: FloatArray) -> IntArray:
+        """The nearest face that each ray meets within its reach, -1 for none."""
+        return np.asarray(
+            self._scene.run(origins.astype(np.float32), directions.astype(np.float32), dists=reach.astype(np.float32))
+        )
+
+    def _release(self) -> None:
+        del self._scene
