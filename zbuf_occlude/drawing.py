@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, as_vectors
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.mesh import Mesh
 
 COLOUR = "#3d6fb4"
@@ -44,7 +44,7 @@ def project(
     eye, target : (3,) float
         World space; the target falls on the picture's origin.
     up : (3,) float, optional
-        What points upwards in the picture; the direction in which elevation grows by default, so poles have one too.
+        What points upwards in the picture; as in `zbuf_occlude.camera.view_matrices` by default.
     perspective : bool
         Lines of sight through the eye; otherwise parallel.
 
@@ -55,33 +55,13 @@ def project(
         What lies behind a perspective eye gets NaN for x and y.
     """
     positions, eye, target = as_vectors(positions, "positions"), np.asarray(eye, float), np.asarray(target, float)
-    rotation = axes_of_eye(eye, target, up)
-    x, y, back = rotation @ (positions - eye).T
+    x, y, back = _axes_of_eye(eye, target, up) @ (positions - eye).T
     depth = -back
     if perspective:
         factor = np.full_like(depth, np.nan)
         np.divide(np.linalg.norm(target - eye), depth, out=factor, where=depth > 0.0)
         x, y = x * factor, y * factor
     return np.stack([x, y, depth], axis=1)
-
-
-def axes_of_eye(eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> FloatArray:
-    """Return the (3, 3) rotation from world to eye axes: rows right, up, backwards (towards the viewer)."""
-    backwards = np.asarray(eye, float) - np.asarray(target, float)
-    distance = np.linalg.norm(backwards)
-    if not distance > 0.0:
-        raise ArgumentError("eye and target must differ; they are the same point. Move the eye away.")
-    backwards = backwards / distance
-    if up is None:
-        azimuth, elevation = np.arctan2(backwards[1], backwards[0]), np.arcsin(np.clip(backwards[2], -1.0, 1.0))
-        level = -np.sin(elevation)
-        up = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.cos(elevation)])
-    right = np.cross(np.asarray(up, float), backwards)
-    length = np.linalg.norm(right)
-    if not length > 0.0:
-        raise ArgumentError("up must not point along the line of sight; it does. Choose another up.")
-    right /= length
-    return np.stack([right, np.cross(backwards, right), backwards])
 
 
 def draw_cloud(
@@ -131,7 +111,7 @@ def draw_cloud(
     base = np.broadcast_to(to_rgb(colour), (len(positions), 3)) if values is None else as_vectors(values, "values")
     lit, fade = np.full(len(positions), 0.8), 0.8
     if normals is not None:
-        lit, fade = _lambert(as_vectors(normals, "normals") @ axes_of_eye(eye, target, up).T), 0.4
+        lit, fade = _lambert(as_vectors(normals, "normals") @ _axes_of_eye(eye, target, up).T), 0.4
     _frame(axes, screen[order], radius)
     if not len(order):
         return
@@ -181,7 +161,7 @@ def draw_mesh(
         return
     normals = mesh.face_normals / np.maximum(np.linalg.norm(mesh.face_normals, axis=1, keepdims=True), 1e-300)
     base = np.broadcast_to(to_rgb(colour), (*keep.shape, 3)) if face_colours is None else np.asarray(face_colours)
-    lit = _lambert(normals @ axes_of_eye(eye, target, up).T)
+    lit = _lambert(normals @ _axes_of_eye(eye, target, up).T)
     shaded = _shade(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     pixels = screen[keep].copy()
@@ -192,6 +172,12 @@ def draw_mesh(
     picture = np.zeros((MESH_PIXELS, MESH_PIXELS, 4))
     _rasterise(pixels, shaded, 1.0 if edges else 0.0, np.full(picture.shape[:2], np.inf), picture)
     axes.imshow(picture, extent=(left, right, bottom, top), origin="lower", interpolation="antialiased", aspect="auto")
+
+
+def _axes_of_eye(eye: ArrayLike, target: ArrayLike, up: ArrayLike | None) -> FloatArray:
+    """The (3, 3) rotation from world to eye axes."""
+    ups = None if up is None else np.asarray(up, float)[None]
+    return view_matrices(np.asarray(eye, float)[None], np.asarray(target, float), ups)[0, :3, :3]
 
 
 def _lambert(normals: FloatArray) -> FloatArray:
