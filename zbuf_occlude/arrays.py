@@ -78,8 +78,11 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
     ArgumentError
         Wrong shape, not integers, or an index out of range.
     """
-    array = np.asarray(values)
     want = "(n,)" if columns is None else f"(n, {columns})"
+    try:
+        array = np.asarray(values)
+    except ValueError:  # ragged nested lists
+        raise ArgumentError(f"{name} must be {want} int; got rows of unequal length. Pass one array.") from None
     right_shape = array.ndim == 1 if columns is None else array.ndim == 2 and array.shape[1] == columns
     if array.size == 0 and right_shape:
         return np.ascontiguousarray(array, dtype=np.int32)
@@ -95,6 +98,10 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
 
 def frozen(array: NDArray[Any]) -> Any:
     """Return a read-only copy, so that neither the caller nor we can change what was checked."""
-    owned = array.copy()
-    owned.flags.writeable = False
-    return owned
+    return sealed(array.copy())
+
+
+def sealed(array: NDArray[Any]) -> Any:
+    """Make an array that nobody else holds read-only, and return it."""
+    array.flags.writeable = False
+    return array

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
+from zbuf_occlude.errors import ArgumentError, MeshError
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""
@@ -16,7 +16,7 @@ NO_AREA = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh in world space. Immutable: every transformation returns a new one.
+    """A triangle mesh in world space. Immutable, its measures too: every transformation returns a new one.
 
     Parameters
     ----------
@@ -72,28 +72,32 @@ class Mesh:
     @classmethod
     def from_trimesh(cls, mesh: Any, name: str = "mesh") -> "Mesh":
         """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned)."""
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+            raise ArgumentError(
+                f"mesh must be a trimesh.Trimesh; got {type(mesh).__name__}. Make one mesh of a scene: scene.to_mesh()."
+            )
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name)
 
     @cached_property
     def corners(self) -> FloatArray:
         """Corner positions of every face, (f, 3 corners, 3)."""
-        return self.vertices[self.faces]
+        return sealed(self.vertices[self.faces])
 
     @cached_property
     def face_normals(self) -> FloatArray:
         """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
-        return _normals(self.corners)
+        return sealed(_normals(self.corners))
 
     @cached_property
     def areas(self) -> FloatArray:
         """Areas of the faces, (f,) (paper Eq. 4)."""
-        return np.asarray(np.linalg.norm(self.face_normals, axis=1) / 2.0)
+        return sealed(np.linalg.norm(self.face_normals, axis=1) / 2.0)
 
     @cached_property
     def bounds(self) -> FloatArray:
         """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
         used = self.vertices[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        return sealed(np.stack([used.min(axis=0), used.max(axis=0)]))
 
     @property
     def centre(self) -> FloatArray:
@@ -112,11 +116,19 @@ class Mesh:
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
         """Return the mesh with every vertex v moved to ``scale * v + translation``."""
-        return self._with_vertices(self.vertices * scale + np.asarray(translation, dtype=np.float64))
+        moved = np.asarray(translation, dtype=np.float64)
+        if np.ndim(scale) != 0 or moved.shape != (3,):
+            raise ArgumentError(
+                f"scale must be a number and translation (3,); got {describe(scale)} and {describe(translation)}."
+            )
+        return self._with_vertices(self.vertices * scale + moved)
 
     def rotated(self, rotation: ArrayLike) -> "Mesh":
         """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
-        return self._with_vertices(self.vertices @ np.asarray(rotation, dtype=np.float64).T)
+        matrix = np.asarray(rotation, dtype=np.float64)
+        if matrix.shape != (3, 3):
+            raise ArgumentError(f"rotation must be (3, 3); got {describe(rotation)}. Take the upper left of a (4, 4)?")
+        return self._with_vertices(self.vertices @ matrix.T)
 
     def normalized(self) -> "Mesh":
         """Return the mesh centred at the origin with its longest side 1 (paper 3.4: "maximum dimension is 1")."""

@@ -43,16 +43,18 @@ class Views:
     target: FloatArray | Sequence[float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        given = {"azimuth": self.azimuth, "elevation": self.elevation, "distance": self.distance, "target": self.target}
         try:
-            azimuth, elevation, distance = np.broadcast_arrays(
-                *(np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (self.azimuth, self.elevation, self.distance))
-            )
+            *angles, target = (np.asarray(values, dtype=np.float64) for values in given.values())
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"{', '.join(given)} must be numbers; {error}.") from None
+        try:
+            azimuth, elevation, distance = np.broadcast_arrays(*map(np.atleast_1d, angles))
         except ValueError:
             raise ArgumentError(
                 "azimuth, elevation and distance must have one length; got "
                 f"{np.size(self.azimuth)}, {np.size(self.elevation)} and {np.size(self.distance)}."
             ) from None
-        target = np.asarray(self.target, dtype=np.float64)
         if azimuth.ndim != 1 or target.shape != (3,):
             raise ArgumentError(f"angles must be (k,) and target (3,); got {azimuth.shape} and {target.shape}.")
         fields = {"azimuth": azimuth, "elevation": elevation, "distance": distance, "target": target}
@@ -61,7 +63,7 @@ class Views:
                 raise ArgumentError(f"{name} must be finite; got {values[~np.isfinite(values)][0]}.")
         if (np.abs(elevation) > np.pi / 2 + 1e-9).any():
             worst = np.degrees(elevation[np.abs(elevation).argmax()])
-            raise ArgumentError(f"elevation must lie in [-90, 90] degrees; got {worst:g}. Was it given in radians?")
+            raise ArgumentError(f"elevation must lie in [-pi/2, pi/2]; got {worst:g} degrees. Give radians.")
         if (distance <= 0).any():
             raise ArgumentError(f"distance must be positive; got {distance.min():g}.")
         for name, values in fields.items():
@@ -164,12 +166,12 @@ def from_csv(path: str | Path) -> Views:
     Raises
     ------
     OptionError
-        The file is missing, lacks a column, has no rows, or holds something that is not a number.
+        The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise OptionError(f"views must be a readable CSV; {path}: {error}.") from None
     if not rows or not {"azimuth", "elevation"} <= set(rows[0]):
         found = ", ".join(map(str, rows[0])) if rows else "no rows"
@@ -179,7 +181,10 @@ def from_csv(path: str | Path) -> Views:
         distance = np.array([float(r.get("distance") or PAPER_DISTANCE) for r in rows])
     except (TypeError, ValueError) as error:
         raise OptionError(f"{path} must hold numbers, angles in degrees; {error}.") from None
-    return Views(np.radians(table[:, 0]), np.radians(table[:, 1]), distance)
+    try:
+        return Views(np.radians(table[:, 0]), np.radians(table[:, 1]), distance)
+    except ArgumentError as error:
+        raise OptionError(f"{path}, a table of views in degrees: {error}") from None
 
 
 SPECS = "paper100, modelnet8, ring:N@EL, grid:ELxAZ[@EL0..EL1], fibonacci:N, random:N[@EL0..EL1], or a CSV file"
@@ -206,7 +211,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: int = 0) -> View
         Not understood; the message says what there is.
     """
     if match := re.fullmatch(rf"ring:(\d+)@{_NUMBER}", spec):
-        return ring(int(match[1]), np.radians(float(match[2])), distance)
+        return ring(int(match[1]), _band(match[2], match[2])[0], distance)
     if match := re.fullmatch(rf"grid:(\d+)x(\d+){_RANGE}", spec):
         return grid(int(match[1]), int(match[2]), _band(match[3], match[4]), distance)
     if match := re.fullmatch(r"fibonacci:(\d+)", spec):

@@ -1,0 +1,197 @@
+"""Views: the paper's positions computed by hand, the other sets' properties, every spec and every error."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import ArgumentError, OptionError, Views, views
+
+
+def spherical(azimuth: float, elevation: float, distance: float) -> list[float]:
+    """A position from degrees, written out."""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return [distance * np.cos(e) * np.cos(a), distance * np.cos(e) * np.sin(a), distance * np.sin(e)]
+
+
+def test_paper100_is_equations_11_and_12() -> None:
+    expected = [
+        spherical((j - 1) * 360.0 / n, (i - 1) * 10 - 90, 4.0)
+        for i, n in zip(range(1, 20), [*range(1, 11), *range(9, 0, -1)], strict=True)
+        for j in range(1, n + 1)
+    ]
+    made = views.paper100()
+    assert len(made) == 100
+    assert np.allclose(made.eyes, expected, atol=1e-12)
+    elevations, counts = np.unique(np.degrees(made.elevation).round(6), return_counts=True)
+    assert elevations.tolist() == list(range(-90, 91, 10))
+    assert counts.tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1]
+
+
+def test_the_poles_are_exactly_on_the_axis() -> None:
+    eyes = views.paper100(distance=3.0).eyes
+    assert eyes[0].tolist() == [0.0, 0.0, -3.0]
+    assert eyes[-1].tolist() == [0.0, 0.0, 3.0]
+
+
+def test_modelnet8_is_section_4_3() -> None:
+    expected = [spherical(a, e, 4.0) for e in (-80, -40, 0, 40, 80) for a in (0, 72, 144, 216, 288)]
+    assert np.allclose(views.modelnet8().eyes, expected, atol=1e-12)
+
+
+def test_angles_by_hand() -> None:
+    made = Views(
+        np.radians([0.0, 90.0, 0.0]), np.radians([0.0, 0.0, 90.0]), np.array([1.0, 2.0, 3.0]), (10.0, 0.0, 0.0)
+    )
+    assert np.allclose(made.eyes, [[11, 0, 0], [10, 2, 0], [10, 0, 3]], atol=1e-12)
+    assert np.allclose(made.ups, [[0, 0, 1], [0, 0, 1], [-1, 0, 0]], atol=1e-12)
+
+
+def test_ups_are_unit_and_perpendicular_to_the_line_of_sight() -> None:
+    made = views.paper100()
+    assert np.allclose(np.linalg.norm(made.ups, axis=1), 1.0)
+    assert np.allclose((made.ups * made.eyes).sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_around_turns_longest_sides_into_world_units() -> None:
+    moved = views.ring(4, 0.0, 2.0).around((1.0, 2.0, 3.0), 10.0)
+    assert np.allclose(moved.eyes[0], [21, 2, 3])
+    assert np.allclose(np.linalg.norm(moved.eyes - [1, 2, 3], axis=1), 20.0)
+
+
+def test_select_keeps_the_order_asked_for() -> None:
+    made = views.paper100().select([5, 3])
+    assert np.array_equal(made.eyes, views.paper100().eyes[[5, 3]])
+    assert len(views.paper100().select(np.arange(100) % 7 == 0)) == 15
+
+
+def test_ring_and_grid() -> None:
+    ring = views.ring(6, np.radians(20.0))
+    assert np.allclose(np.degrees(ring.azimuth), np.arange(6) * 60)
+    assert np.allclose(np.degrees(ring.elevation), 20.0)
+    driving = views.grid(3, 4, (0.0, np.radians(50.0)))
+    assert len(driving) == 12
+    assert np.allclose(np.unique(np.degrees(driving.elevation).round(9)), [0, 25, 50])
+    assert np.allclose(np.degrees(views.grid(1, 4, (0.0, np.radians(50.0))).elevation), 25.0)
+
+
+def test_fibonacci_is_spread_evenly() -> None:
+    eyes = views.fibonacci(500, distance=1.0).eyes
+    assert np.allclose(np.linalg.norm(eyes, axis=1), 1.0)
+    assert np.linalg.norm(eyes.mean(axis=0)) < 0.01
+    apart = np.arccos(np.clip(eyes @ eyes.T - 2 * np.eye(500), -1, 1)).min(axis=1)
+    ideal = np.sqrt(4 * np.pi / 500)  # the side of a square cell of one point's share
+    assert apart.min() > 0.7 * ideal
+    assert apart.max() < 1.3 * ideal
+
+
+def test_random_is_uniform_on_its_band_and_of_its_seed() -> None:
+    made = views.random(20_000, (0.0, np.radians(30.0)), seed=1)
+    assert made.elevation.min() >= 0
+    assert made.elevation.max() <= np.radians(30.0)
+    # uniform on the sphere is uniform in sin(elevation): mean 1/4, standard deviation 0.5 / sqrt(12)
+    assert abs(np.sin(made.elevation).mean() - 0.25) < 4 * 0.5 / np.sqrt(12 * 20_000)
+    assert np.array_equal(made.eyes, views.random(20_000, (0.0, np.radians(30.0)), seed=1).eyes)
+    assert not np.array_equal(made.eyes, views.random(20_000, (0.0, np.radians(30.0)), seed=2).eyes)
+
+
+@pytest.mark.parametrize(
+    ("spec", "expected"),
+    [
+        ("paper100", views.paper100(2.5)),
+        ("modelnet8", views.modelnet8(2.5)),
+        ("ring:12@20", views.ring(12, np.radians(20.0), 2.5)),
+        ("ring:1@-7.5", views.ring(1, np.radians(-7.5), 2.5)),
+        ("grid:3x4", views.grid(3, 4, distance=2.5)),
+        ("grid:2x3@0..50", views.grid(2, 3, (0.0, np.radians(50.0)), 2.5)),
+        ("grid:2x3@-10..-5", views.grid(2, 3, (np.radians(-10.0), np.radians(-5.0)), 2.5)),
+        ("fibonacci:10", views.fibonacci(10, 2.5)),
+        ("random:7", views.random(7, distance=2.5, seed=9)),
+        ("random:7@0..50", views.random(7, (0.0, np.radians(50.0)), 2.5, seed=9)),
+    ],
+)
+def test_specs(spec: str, expected: Views) -> None:
+    made = views.parse(spec, distance=2.5, seed=9)
+    assert np.array_equal(made.eyes, expected.eyes)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("paper", f"views must be {views.SPECS}; got 'paper'."),
+        ("ring:12", "got 'ring:12'."),
+        ("ring:x@20", "got 'ring:x@20'."),
+        ("grid:3", "got 'grid:3'."),
+        ("", "got ''."),
+        ("ring:0@20", "n_azimuths must be a positive int; got 0."),
+        ("grid:0x4", "n_elevations must be a positive int; got 0."),
+        ("fibonacci:0", "n_views must be a positive int; got 0."),
+        ("random:0", "n_views must be a positive int; got 0."),
+        ("ring:8@100", "elevations must run upwards within -90..90; got 100..100."),
+        ("random:5@50..0", "elevations must run upwards within -90..90; got 50..0."),
+        ("grid:2x3@0..91", "elevations must run upwards within -90..90; got 0..91."),
+        ("no/such/file.csv", "views must be a readable CSV; no/such/file.csv: "),
+    ],
+)
+def test_bad_specs(spec: str, message: str) -> None:
+    with pytest.raises(OptionError, match=re.escape(message)):
+        views.parse(spec)
+
+
+def test_csv(tmp_path: Path) -> None:
+    file = tmp_path / "views.csv"
+    file.write_text("\ufeffname, azimuth, elevation, distance\na, 90, 0, 2\nb, 0, -90,\n", encoding="utf-8")
+    made = views.parse(str(file))
+    assert np.allclose(made.eyes, [[0, 2, 0], [0, 0, -4]], atol=1e-12)  # no distance: the paper's 4
+    file.write_text("elevation,azimuth\n0,180\n")
+    assert np.allclose(views.from_csv(file).eyes, [[-4, 0, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "must have the columns azimuth,elevation[,distance] and a row; found: no rows."),
+        (b"azimuth,elevation\n", "must have the columns azimuth,elevation[,distance] and a row; found: no rows."),
+        (b"az,el\n1,2\n", "must have the columns azimuth,elevation[,distance] and a row; found: az, el."),
+        (b"azimuth,elevation\n1,east\n", "must hold numbers, angles in degrees; could not convert"),
+        (b"azimuth,elevation\n1\n", "must hold numbers, angles in degrees; "),
+        (b"azimuth,elevation\n1,95\n", "elevation must lie in [-pi/2, pi/2]; got 95 degrees."),
+        (b"azimuth,elevation\nnan,5\n", "azimuth must be finite; got nan."),
+        (b"azimuth,elevation,distance\n1,5,-2\n", "distance must be positive; got -2."),
+        (b"azimuth,elevation\n\xff\xfe,1\n", "views must be a readable CSV;"),
+        (b"azimuth,elevation\n" + b"1" * 200_000 + b",1\n", "views must be a readable CSV;"),
+    ],
+)
+def test_bad_csv(tmp_path: Path, content: bytes, message: str) -> None:
+    file = tmp_path / "views.csv"
+    file.write_bytes(content)
+    with pytest.raises(OptionError, match=re.escape(message)) as caught:
+        views.from_csv(file)
+    assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0, 1], [0, 0, 0], 4.0), "azimuth, elevation and distance must have one length; got 2, 3 and 1."),
+        (([[0.0]], [0.0], 4.0), "angles must be (k,) and target (3,); got (1, 1) and (3,)."),
+        (([0.0], [0.0], 4.0, (0, 0)), "angles must be (k,) and target (3,); got (1,) and (2,)."),
+        (([0.0], [np.nan], 4.0), "elevation must be finite; got nan."),
+        (([0.0], [45.0], 4.0), "elevation must lie in [-pi/2, pi/2]; got 2578.31 degrees. Give radians."),
+        (([0.0], [0.0], 0.0), "distance must be positive; got 0."),
+        ((["east"], [0.0], 4.0), "azimuth, elevation, distance, target must be numbers; could not convert"),
+    ],
+)
+def test_bad_views(arguments: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        Views(*arguments)
+
+
+def test_views_cannot_be_changed() -> None:
+    made = views.paper100()
+    assert len(made) == 100
+    assert repr(made) == "Views(100)"
+    with pytest.raises(ValueError, match="read-only"):
+        made.azimuth[0] = 1.0
