@@ -8,6 +8,12 @@ from zbuf_occlude.visibility.interface import Method, Occluder
 
 METHODS: tuple[Method, ...] = (
     Method(
+        "exact",
+        "image space made exact on the CPU: the oracle's answers, faster than a ray caster",
+        "zbuf_occlude.visibility.exact:prepare",
+        exact=True,
+    ),
+    Method(
         "oracle",
         "exact CPU judge, float64, brute force over all faces: slow, simple, the definition",
         "zbuf_occlude.visibility.oracle:prepare",
@@ -19,6 +25,34 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.embree:prepare",
         extra="embree",
         requires="embreex",
+    ),
+    Method(
+        "vertex_hsr",
+        "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
+        "zbuf_occlude.visibility.vertex_hsr:prepare",
+    ),
+    Method(
+        "vertex_hsr_culled",
+        "the same with far faces excluded by distance: first or second suggestion of paper 3.6",
+        "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
+    ),
+    Method(
+        "exact_hsr",
+        "paper 3.5: every point against all faces by planes and perpendicular planes",
+        "zbuf_occlude.visibility.exact_hsr:prepare",
+        exact=True,
+    ),
+    Method(
+        "occupancy_grid",
+        "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
+        "zbuf_occlude.visibility.occupancy_grid:prepare",
+    ),
+    Method(
+        "hidden_point_removal",
+        "Katz 2007 through Open3D: convex hull of the flipped cloud, faces unknown",
+        "zbuf_occlude.visibility.hidden_point_removal:prepare",
+        extra="open3d",
+        requires="open3d",
     ),
 )
 
