@@ -1,0 +1,155 @@
+"""Hidden surface removal with an occupancy grid (paper 3.6, third suggestion)."""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+
+OWN_SURFACE = 3
+"""How many cells away (on the axis where it is most) an unbroken run of occupied cells is still the own surface."""
+
+SNAP = 2.0**20
+"""Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
+
+
+class OccupancyGrid:
+    """An n x n x n grid of cubic cells about an object, and which of them its points occupy.
+
+    Parameters
+    ----------
+    bounds : (2, 3) float
+        Lower and upper corner of the object's box, world space. The grid is the cube about its centre with the box's
+        longest side.
+    n : int
+        Cells along a side.
+    positions : (s, 3) float
+        Points of the object's surface; the cells that contain them are occupied.
+
+    Notes
+    -----
+    **When does a cell occlude a cell?** The paper does not say. Here: walk the cells that the line from the cell's
+    centre to the eye passes through. The first occupied cell met occludes, except that the unbroken run of occupied
+    cells that the walk begins with is the object's own surface and does not, as far as `OWN_SURFACE` cells away. The
+    eye's own cell does not count.
+
+    So a surface seen at a slant, whose line of sight runs on through its own neighbouring cells, does not hide
+    itself. Without this rule it would hide most of its front; excluding only the 26 neighbours of the cell still hides
+    a tenth of all points wrongly; excluding the whole run, however long, lets through a third of all points of a
+    chair at n = 32, because everything touches something. Surfaces seen at a grazing angle still hide themselves, and
+    occluders within three cells of what they hide are missed.
+
+    A line costs at most 3 n steps and there are no more lines than occupied cells, whatever the number of points.
+
+    References
+    ----------
+    Paper 3.6: "searching for the occluded cells instead of searching for the occluded points, and finally, all points
+    belonging to an occluded cell are also considered occluded". The walk is that of Amanatides and Woo (1987).
+    """
+
+    def __init__(self, bounds: FloatArray, n: int, positions: FloatArray) -> None:
+        self.n = n
+        side = float(np.ptp(bounds, axis=0).max())
+        self._cell = side / n if side > 0.0 else 1.0
+        self._lowest = (bounds[0] + bounds[1]) / 2.0 - self._cell * n / 2.0
+        self.occupied: BoolArray = np.zeros((n, n, n), dtype=bool)
+        self.occupied[tuple(self.cells_of(positions).T)] = True
+
+    def cells_of(self, positions: FloatArray) -> IntArray:
+        """Cells that positions (world space, in the grid) lie in, (s, 3) int32."""
+        return np.clip(np.floor(self._in_cells(positions)), 0, self.n - 1).astype(np.int32)
+
+    def contains(self, positions: FloatArray) -> BoolArray:
+        """Whether positions (world space) lie in the grid, its border included, (s,) bool."""
+        place = self._in_cells(positions)
+        return np.asarray(((place >= 0.0) & (place <= self.n)).all(axis=1))
+
+    def occluded_cells(self, cells: IntArray, on_surface: BoolArray, eye: FloatArray) -> BoolArray:
+        """Find the cells whose line of sight from the centre to the eye is blocked.
+
+        Parameters
+        ----------
+        cells : (c, 3) int32
+        on_surface : (c,) bool
+            Whether the walk starts on the object's own surface (in an empty cell, that is, for points that are not).
+        eye : (3,) float
+            World space.
+
+        Returns
+        -------
+        (c,) bool
+        """
+        return _walk_all(self.occupied, cells + 0.5, on_surface, self._in_cells(eye))
+
+    def occluded_positions(self, positions: FloatArray, eye: FloatArray) -> BoolArray:
+        """The same for positions outside the grid (world space), which belong to no cell; (c,) bool."""
+        off_surface = np.zeros(len(positions), dtype=bool)
+        return _walk_all(self.occupied, self._in_cells(positions), off_surface, self._in_cells(eye))
+
+    def _in_cells(self, positions: FloatArray) -> FloatArray:
+        return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
+
+
+@njit(parallel=True, cache=True)
+def _walk_all(occupied, starts, on_surface, eye):  # type: ignore[no-untyped-def]
+    blocked = np.zeros(len(starts), dtype=np.bool_)
+    for i in prange(len(starts)):
+        blocked[i] = _walk(occupied, starts[i], on_surface[i], eye)
+    return blocked
+
+
+@njit
+def _walk(occupied, start, on_surface, eye):  # type: ignore[no-untyped-def]
+    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
+    n = len(occupied)
+    begin, end = 0.0, 1.0  # the part of the line within the grid
+    for axis in range(3):
+        d = eye[axis] - start[axis]
+        if d == 0.0:
+            if start[axis] < 0.0 or start[axis] > n:
+                return False
+        else:
+            low, high = -start[axis] / d, (n - start[axis]) / d
+            begin, end = max(begin, min(low, high)), min(end, max(low, high))
+    if begin >= end:
+        return False
+    cell = np.empty(3, dtype=np.int64)
+    home = np.empty(3, dtype=np.int64)
+    last = np.empty(3, dtype=np.int64)  # the eye's cell
+    step = np.zeros(3, dtype=np.int64)
+    next_t = np.full(3, np.inf)  # where the line meets the cell's next wall on each axis
+    delta = np.full(3, np.inf)
+    for axis in range(3):
+        d = eye[axis] - start[axis]
+        cell[axis] = min(max(math.floor(start[axis] + begin * d), 0), n - 1)
+        home[axis] = cell[axis]
+        last[axis] = math.floor(eye[axis])
+        if d != 0.0:
+            step[axis] = 1 if d > 0.0 else -1
+            wall = cell[axis] + (1 if d > 0.0 else 0)
+            next_t[axis] = (wall - start[axis]) / d
+            delta[axis] = abs(1.0 / d)
+    own = on_surface  # whether the walk has not left the start's own surface
+    first = True
+    while True:
+        if cell[0] == last[0] and cell[1] == last[1] and cell[2] == last[2]:
+            return False
+        if occupied[cell[0], cell[1], cell[2]]:
+            away = max(abs(cell[0] - home[0]), abs(cell[1] - home[1]), abs(cell[2] - home[2]))
+            if not own or away > OWN_SURFACE:
+                return True
+        elif not first:  # the start's own cell counts as occupied even where no sample fell in it
+            own = False
+        first = False
+        axis = 0
+        if next_t[1] < next_t[axis]:
+            axis = 1
+        if next_t[2] < next_t[axis]:
+            axis = 2
+        if next_t[axis] >= end:
+            return False
+        cell[axis] += step[axis]
+        if cell[axis] < 0 or cell[axis] >= n:
+            return False
+        next_t[axis] += delta[axis]

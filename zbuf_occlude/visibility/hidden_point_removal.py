@@ -1,0 +1,82 @@
+"""`hidden_point_removal`: Katz et al. 2007 through Open3D, what many users do today. It never looks at the faces."""
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.visibility.interface import Occluder
+
+try:
+    import open3d
+except (ImportError, OSError) as error:  # the package is there, a system library it links to is not
+    raise UnavailableError(
+        f"hidden_point_removal must be able to import open3d; it says: {error}. Install what is missing "
+        "(on Debian: apt install libusb-1.0-0 libgl1 libgomp1)."
+    ) from None
+
+
+def prepare(mesh: Mesh, *, radius: float = 1000.0) -> "HiddenPointRemoval":
+    """Make ready to remove hidden points by spherical flipping and a convex hull.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Only its diagonal is used.
+    radius : float
+        Radius of the flipping sphere in diagonals of the mesh's bounding box. Larger keeps more points: visible ones
+        are lost when it is small, hidden ones kept when it is large. Open3D's tutorial takes 100; on six ModelNet
+        meshes 1000 has the fewest errors at 2,000 to 10,000 points (0.81 and 0.86 right, with 100 0.75), and the best
+        value grows with the number of points.
+
+    Raises
+    ------
+    OptionError
+        `radius` is out of range.
+    UnavailableError
+        Open3D cannot be imported.
+    """
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise OptionError(f"radius must be positive and finite, in diagonals of the mesh; got {radius}.")
+    return HiddenPointRemoval(mesh, radius)
+
+
+class HiddenPointRemoval(Occluder):
+    """The points that lie on the convex hull of the flipped cloud and the eye are visible.
+
+    Notes
+    -----
+    Not exact: the answer for a point depends on what other points are asked with it, and a thin cloud hides nothing.
+    Fewer than three points, or points that all lie in one plane with the eye, have no hull in space; all of them are
+    then taken for visible. The sphere is never smaller than the farthest point's distance.
+
+    O(n log n) a view, on one core.
+
+    References
+    ----------
+    S. Katz, A. Tal, R. Basri: Direct visibility of point sets. ACM Transactions on Graphics 26(3), 2007.
+    doi:10.1145/1276377.1276407. Open3D's ``PointCloud.hidden_point_removal``.
+    """
+
+    def __init__(self, mesh: Mesh, radius: float) -> None:
+        super().__init__(mesh)
+        self._radius = radius
+        self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
+
+    def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        answer = np.zeros((len(eyes), len(points)), dtype=bool)
+        for row, eye in zip(answer, eyes, strict=True):
+            # in diagonals and with the eye at the origin, neither scale nor place matters
+            relative = (points.positions - eye) / self._unit
+            radius = max(self._radius, float(np.linalg.norm(relative, axis=1).max()))
+            cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(relative))
+            try:
+                _, kept = cloud.hidden_point_removal(np.zeros(3), radius)
+            except RuntimeError as error:
+                if not str(error).startswith("QH"):
+                    raise
+                row[:] = True  # Qhull found no hull in space
+            else:
+                row[np.asarray(kept, dtype=np.intp)] = True
+        return answer
