@@ -27,6 +27,13 @@ METHODS: tuple[Method, ...] = (
         requires="embreex",
     ),
     Method(
+        "pyrender",
+        "depth images by pyrender in a process of its own, and the depth test: the peer in image space",
+        "zbuf_occlude.visibility.pyrender:prepare",
+        requires="pyrender",
+        check="zbuf_occlude.visibility.pyrender:missing",
+    ),
+    Method(
         "vertex_hsr",
         "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
         "zbuf_occlude.visibility.vertex_hsr:prepare",

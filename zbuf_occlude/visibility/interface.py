@@ -127,6 +127,8 @@ class Method:
     extra : str
         The optional dependency it needs, "" for none; `requires` is the package to import.
     requires : str
+    check : str
+        ``"package.module:function"``, light to import; the function says in words what else the method lacks here.
     """
 
     name: str
@@ -136,6 +138,7 @@ class Method:
     needs_gl: bool = False
     extra: str = ""
     requires: str = ""
+    check: str = ""
 
     def missing(self) -> str:
         """Say in words why the method cannot run here; empty when nothing is known to be missing.
@@ -143,8 +146,9 @@ class Method:
         A method that needs GL is not tried here (that opens a context): ``zbuf-occlude doctor`` does it.
         """
         if self.requires and find_spec(self.requires) is None:
-            return f"needs the package {self.requires}; install it: pip install 'zbuf-occlude[{self.extra}]'"
-        return ""
+            package = f"zbuf-occlude[{self.extra}]" if self.extra else "zbuf-occlude"
+            return f"needs the package {self.requires}; install it: pip install '{package}'"
+        return str(_imported(self.check)()) if self.check else ""
 
     def load(self) -> Callable[..., Occluder]:
         """Import the method's module and return its prepare function.
@@ -157,8 +161,7 @@ class Method:
         reason = self.missing()
         if reason:
             raise UnavailableError(f"method {self.name!r} {reason}")
-        module, function = self.factory.split(":")
-        prepare: Callable[..., Occluder] = getattr(import_module(module), function)
+        prepare: Callable[..., Occluder] = _imported(self.factory)
         return prepare
 
     def options(self) -> dict[str, Any]:
@@ -175,3 +178,9 @@ class Method:
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
                     f"got {name!r}."
                 )
+
+
+def _imported(name: str) -> Any:
+    """Return what ``"package.module:attribute"`` names."""
+    module, attribute = name.split(":")
+    return getattr(import_module(module), attribute)
