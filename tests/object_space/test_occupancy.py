@@ -1,0 +1,131 @@
+"""The grid: which cells are occupied, and the walk against a slow one that lists the cells of a line by other means."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zbuf_occlude.object_space.occupancy import OWN_SURFACE, OccupancyGrid
+
+CUBE = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+
+
+def grid_with(n: int, cells: list[tuple[int, int, int]]) -> OccupancyGrid:
+    """A grid over the unit cube with these cells occupied."""
+    return OccupancyGrid(CUBE, n, (np.asarray(cells).reshape(-1, 3) + 0.5) / n)
+
+
+def occluded(grid: OccupancyGrid, cell: tuple[int, int, int], eye: object, on_surface: bool = True) -> bool:
+    eye = np.asarray(eye, dtype=np.float64)
+    return bool(grid.occluded_cells(np.array([cell], dtype=np.int32), np.array([on_surface]), eye)[0])
+
+
+def test_cells_of_positions() -> None:
+    grid = OccupancyGrid(np.array([[0.0, 0, 0], [4, 2, 1]]), 4, np.array([[0.5, 0.5, 0.5]]))
+    # the grid is the cube of side 4 about the box's centre (2, 1, 0.5)
+    assert grid.cells_of(np.array([[0.0, 0, 0], [4, 2, 1], [2, 1, 0.5], [1.99, 0.99, 0.49]])).tolist() == [
+        [0, 1, 1],
+        [3, 3, 2],
+        [2, 2, 2],
+        [1, 1, 1],
+    ]
+    assert grid.occupied.sum() == 1
+    assert grid.contains(np.array([[4.0, 3, 2.5], [4.01, 1, 1], [0, -1, -1.5]])).tolist() == [True, False, True]
+
+
+def test_a_cell_beyond_a_gap_occludes() -> None:
+    eye = (10.0, 0.55, 0.55)
+    assert occluded(grid_with(10, [(2, 5, 5), (7, 5, 5)]), (2, 5, 5), eye)
+    assert not occluded(grid_with(10, [(2, 5, 5), (7, 5, 5)]), (7, 5, 5), eye)
+    assert not occluded(grid_with(10, [(2, 5, 5), (7, 6, 5)]), (2, 5, 5), eye)
+    assert occluded(grid_with(10, [(2, 5, 5), (4, 5, 5)]), (2, 5, 5), eye)  # one empty cell is enough
+
+
+def test_the_own_surface_does_not_occlude() -> None:
+    row = [(x, 5, 5) for x in range(2, 10)]
+    eye = (10.0, 0.55, 0.55)
+    assert not occluded(grid_with(10, row[: OWN_SURFACE + 1]), (2, 5, 5), eye)
+    assert occluded(grid_with(10, row[: OWN_SURFACE + 2]), (2, 5, 5), eye)  # but it does not go on for ever
+
+
+def test_an_empty_cell_has_no_own_surface() -> None:
+    grid = grid_with(10, [(3, 5, 5)])
+    assert occluded(grid, (2, 5, 5), (10.0, 0.55, 0.55), on_surface=False)
+    assert not occluded(grid, (2, 5, 5), (10.0, 0.55, 0.55))
+
+
+def test_the_eyes_own_cell_does_not_count_nor_what_is_behind_it() -> None:
+    grid = grid_with(10, [(2, 5, 5), (6, 5, 5), (8, 5, 5)])
+    assert not occluded(grid, (2, 5, 5), (0.65, 0.55, 0.55))
+    assert not occluded(grid, (2, 5, 5), (0.59, 0.55, 0.55))
+    assert occluded(grid, (2, 5, 5), (0.71, 0.55, 0.55))
+
+
+def test_positions_outside_walk_their_own_line() -> None:
+    grid = grid_with(10, [(0, 5, 5)])
+    eye = np.array([10.0, 0.55, 0.55])
+    outside = np.array([[-3.0, 0.55, 0.55], [-3.0, 0.75, 0.55], [20.0, 0.55, 0.55], [-3.0, 5.0, 0.55]])
+    assert grid.occluded_positions(outside, eye).tolist() == [True, False, False, False]
+
+
+def test_a_flat_object_is_one_cell_thick() -> None:
+    flat = OccupancyGrid(
+        np.array([[0.0, 0, 0], [1, 1, 0]]), 8, np.random.default_rng(0).random((10_000, 3)) * [1, 1, 0]
+    )
+    assert flat.occupied.sum() == 64
+    assert flat.occupied.any(axis=(0, 1)).sum() == 1
+
+
+def slow_walk(grid: OccupancyGrid, start: np.ndarray, on_surface: bool, eye: np.ndarray) -> bool:
+    """The definition again: cut the line at all cell walls and look at the middle of each piece."""
+    d = eye - start
+    walls = np.arange(grid.n + 1)
+    cuts = [(walls - start[a]) / d[a] for a in range(3) if d[a] != 0]
+    t = np.unique(np.clip(np.concatenate([*cuts, [0.0, 1.0]]), 0.0, 1.0))
+    t = t[np.append(True, np.diff(t) > 1e-12)]
+    cells = np.floor(start + ((t[1:] + t[:-1]) / 2)[:, None] * d).astype(int)
+    own = on_surface
+    for i, cell in enumerate(cells):
+        if (cell == np.floor(eye)).all():
+            return False
+        if (cell < 0).any() or (cell >= grid.n).any():
+            continue
+        if grid.occupied[tuple(cell)]:
+            if not own or np.abs(cell - np.floor(start)).max() > OWN_SURFACE:
+                return True
+        elif i > 0 or not on_surface:
+            own = False
+    return False
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    seed=st.integers(0, 10**6), n=st.integers(2, 9), share=st.floats(0.02, 0.6), far=st.sampled_from([0.3, 1.0, 5.0])
+)
+def test_the_walk_visits_the_cells_of_the_line(seed: int, n: int, share: float, far: float) -> None:
+    rng = np.random.default_rng(seed)
+    grid = grid_with(n, [])
+    grid.occupied[:] = rng.random((n, n, n)) < share
+    eye = 0.5 + rng.normal(size=3) * far
+    in_cells = np.round(eye * n * 2.0**20) / 2.0**20
+    cells = rng.integers(0, n, (20, 3)).astype(np.int32)
+    on_surface = grid.occupied[tuple(cells.T)]
+    expected = [slow_walk(grid, c + 0.5, bool(s), in_cells) for c, s in zip(cells, on_surface, strict=True)]
+    assert grid.occluded_cells(cells, on_surface, eye).tolist() == expected
+    outside = rng.normal(size=(20, 3)) * 3 + 0.5
+    outside = outside[~grid.contains(outside)]
+    expected = [slow_walk(grid, np.round(p * n * 2.0**20) / 2.0**20, False, in_cells) for p in outside]
+    assert grid.occluded_positions(outside, eye).tolist() == expected
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3, 3.0])
+def test_cells_do_not_change_with_scale_even_on_their_walls(scale: float) -> None:
+    rng = np.random.default_rng(0)
+    positions = np.round(rng.random((2000, 3)) * 8) / 8  # all on walls of the cells
+    one, other = OccupancyGrid(CUBE, 8, positions), OccupancyGrid(CUBE * scale, 8, positions * scale)
+    assert (one.occupied == other.occupied).all()
+    cells = np.argwhere(one.occupied).astype(np.int32)
+    for eye in ([3.0, 3.0, 3.0], [0.5, 0.5, 4.0], [2.0, -1.0, 0.5]):
+        on_surface = np.ones(len(cells), dtype=bool)
+        first = one.occluded_cells(cells, on_surface, np.asarray(eye))
+        assert (first == other.occluded_cells(cells, on_surface, np.asarray(eye) * scale)).all()
