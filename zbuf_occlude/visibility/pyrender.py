@@ -17,7 +17,6 @@ from typing import IO, Any
 
 import numpy as np
 
-import zbuf_occlude
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import Frusta, cube_faces, cube_frusta, cube_view_matrices, fitted_frusta, view_matrices
 from zbuf_occlude.errors import GlError, OptionError
@@ -252,6 +251,6 @@ def _environment() -> dict[str, str]:
     """Return this process's environment with pyrender on EGL, and packages found where this process finds them."""
     named = os.environ.get("ZBUF_OCCLUDE_GL", "").partition(":")[2]
     device = os.environ.get("EGL_DEVICE_ID") or named or os.environ.get("GLCONTEXT_DEVICE_INDEX") or "0"
-    package = str(Path(zbuf_occlude.__file__).parents[1])
+    package = str(Path(__file__).parents[2])
     paths = [package, *(os.path.abspath(path) for path in sys.path)]
     return {**os.environ, "PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device, "PYTHONPATH": os.pathsep.join(paths)}

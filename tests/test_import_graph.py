@@ -1,0 +1,207 @@
+"""The house's floors: who may import whom, which room owns which package, and where printing is allowed."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "zbuf_occlude"
+FACE = "zbuf_occlude"
+
+FLOORS: tuple[dict[str, set[str]], ...] = (
+    # from the ground up; a room may import itself, every lower floor, and what its row names beside it
+    {"errors": set()},
+    {"arrays": set()},
+    {"mesh": set()},
+    {"camera": set(), "predicates": set(), "rational": set()},
+    {"sampling": set(), "views": set(), "meshes": set()},
+    {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another
+    {"visibility": set()},
+    {FACE: set(), "drawing": set(), "viewer": set()},
+    {"dataset": set(), "farm": {"dataset"}, "compare": {"dataset"}},
+    {"learn": set()},
+    {"cli": set()},
+    {"__main__": set()},
+)
+
+FORBIDDEN = {
+    # below it, and yet not for it: the paper's own formulas are the independent check of the definition
+    "object_space": {"predicates", "rational"},
+}
+
+METHOD_HELPERS = {"visibility.interface", "visibility.depth_test"}
+"""What a method may import of its own room. Methods do not import each other."""
+
+SEEN_BY_USERS = {"visibility", "visibility.interface", "visibility.oracle"}
+"""What of visibility/ the floors above may import: the table, the interface, and the judge with its constants."""
+
+OWNERS: dict[str, tuple[str, ...]] = {
+    # a package of the outside world and the only rooms or modules that may know it
+    "moderngl": ("gl",),
+    "glcontext": ("gl",),
+    "OpenGL": ("visibility.pyrender_worker",),
+    "pyrender": ("visibility.pyrender_worker",),
+    "embreex": ("visibility.embree",),
+    "open3d": ("visibility.hidden_point_removal",),
+    "trimesh": ("meshes",),
+    "mapbox_earcut": ("meshes",),
+    "h5py": ("dataset", "learn"),
+    "webdataset": ("dataset",),
+    "torch": ("learn", "dataset.torch"),
+    "ray": ("farm",),
+    "matplotlib": ("drawing", "compare", "learn", "cli"),
+    "click": ("cli", "__main__"),
+    "tqdm": ("cli",),
+}
+
+NOT_SPOKEN = {"print", "exit", "quit", "input", "breakpoint"}
+"""Built-ins that only cli/ and __main__ may call; sys.exit likewise."""
+
+
+class Module(NamedTuple):
+    """A module's name without the package's, and its source."""
+
+    name: str
+    source: str
+
+
+def modules() -> list[Module]:
+    found = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        if parts[-1] == "__init__":
+            parts = parts[:-1]
+        found.append(Module(".".join(parts) or FACE, path.read_text(encoding="utf-8")))
+    return found
+
+
+MODULES = modules()
+NAMES = {module.name for module in MODULES}
+
+
+def room_of(name: str) -> str:
+    """The first part of a module's name; the package's own __init__ is the room called like it."""
+    return name.partition(".")[0]
+
+
+def floor_of(room: str) -> int:
+    for height, floor in enumerate(FLOORS):
+        if room in floor:
+            return height
+    raise AssertionError(f"{room} has no floor: give it one in FLOORS, and a line in docs/architecture.md")
+
+
+def imports(module: Module) -> Iterator[str]:
+    """Everything a module imports, late imports too, by full name; a module out of a package counts as itself."""
+    for node in ast.walk(ast.parse(module.source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module.name} must import by full names; line {node.lineno} is relative"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole.removeprefix(FACE + ".") in NAMES else str(node.module)
+
+
+def violations(module: Module) -> Iterator[str]:
+    """Say in words which rules a module breaks."""
+    room = room_of(module.name)
+    for full in imports(module):
+        package = full.partition(".")[0]
+        if package != FACE:
+            owners = OWNERS.get(package)
+            if owners and not any(module.name == o or module.name.startswith(o + ".") for o in owners):
+                yield f"{module.name} imports {package}, which belongs to {', '.join(owners)}"
+            continue
+        target = full.removeprefix(FACE + ".")
+        other = room_of(target)
+        if other != room:
+            height = floor_of(room)
+            allowed = floor_of(other) < height or other in FLOORS[height][room]
+            if not allowed or other in FORBIDDEN.get(room, ()):
+                yield f"{module.name} imports {target}, which is not below it or not for it"
+            if other == "learn" and room != "cli":
+                yield f"{module.name} imports {target}; only cli may"
+            if other == "visibility" and target not in SEEN_BY_USERS:
+                yield f"{module.name} imports {target} past the table of methods"
+        elif room == "visibility" and target not in METHOD_HELPERS | {module.name}:
+            yield f"{module.name} imports {target}; methods do not import each other"
+        elif room == "visibility" and module.name in METHOD_HELPERS and target in METHOD_HELPERS - {module.name}:
+            yield f"{module.name} imports {target}; helpers of methods stand alone"
+    if room not in ("cli", "__main__"):
+        for node in ast.walk(ast.parse(module.source)):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in NOT_SPOKEN | {"sys.exit"}:
+                yield f"{module.name} calls {ast.unparse(node.func)} in line {node.lineno}; only cli may"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.name)
+def test_floors(module: Module) -> None:
+    assert list(violations(module)) == []
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.name)
+def test_a_module_says_what_it_is_and_is_not_long(module: Module) -> None:
+    tree = ast.parse(module.source)
+    documentation = ast.get_docstring(tree)
+    assert documentation, "the first line of a file is a docstring that says what it is"
+    assert isinstance(tree.body[0], ast.Expr)
+    assert tree.body[0].lineno == 1
+    n_lines = module.source.count("\n")
+    assert n_lines <= 400
+
+
+def test_every_room_of_the_table_exists() -> None:
+    """A row for a room that is gone would guard nothing; those of later days are named here."""
+    later = {"learn"}
+    rooms = {room for floor in FLOORS for room in floor}
+    assert rooms - {room_of(name) for name in NAMES} <= later
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "complaint"),
+    [
+        ("arrays", "from zbuf_occlude.mesh import Mesh", "arrays imports mesh, which is not below it"),
+        ("camera", "from zbuf_occlude import predicates", "camera imports predicates, which is not below it"),
+        ("mesh", "def f():\n    import zbuf_occlude.sampling", "mesh imports sampling, which is not below it"),
+        ("gl.context", "from zbuf_occlude.object_space.planes import x", "imports object_space.planes, which is not"),
+        (
+            "object_space.planes",
+            "from zbuf_occlude.predicates import blocks",
+            "imports predicates, which is not below it or not for it",
+        ),
+        ("visibility.exact", "from zbuf_occlude.visibility.oracle import prepare", "methods do not import each other"),
+        ("visibility.embree", "from zbuf_occlude.visibility import METHODS", "methods do not import each other"),
+        ("visibility.interface", "from zbuf_occlude.visibility import depth_test", "helpers of methods stand alone"),
+        ("visibility", "from zbuf_occlude.visibility.exact import prepare", "methods do not import each other"),
+        ("dataset.pipeline", "from zbuf_occlude.visibility.exact import prepare", "past the table of methods"),
+        ("compare.run", "from zbuf_occlude.visibility import exact", "past the table of methods"),
+        ("dataset.plan", "import zbuf_occlude.cli.generate", "imports cli.generate, which is not below it"),
+        ("dataset.plan", "from zbuf_occlude.farm import local", "imports farm.local, which is not below it"),
+        ("compare.run", "from zbuf_occlude.learn import train", "imports learn, which is not below it"),
+        ("__main__", "from zbuf_occlude.learn import train", "only cli may"),
+        ("visibility.exact_gl", "import moderngl", "imports moderngl, which belongs to gl"),
+        ("visibility.pyrender", "from pyrender import Scene", "pyrender, which belongs to visibility.pyrender_worker"),
+        ("dataset.plan", "def f():\n    import torch.nn", "imports torch, which belongs to learn, dataset.torch"),
+        ("mesh", "print(1)", "mesh calls print in line 1; only cli may"),
+        ("farm.local", "import sys\nsys.exit(1)", "farm.local calls sys.exit in line 2; only cli may"),
+    ],
+)
+def test_the_rules_can_fail(name: str, source: str, complaint: str) -> None:
+    found = list(violations(Module(name, source)))
+    assert any(complaint in line for line in found), found
+
+
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [
+        ("visibility.exact", "from zbuf_occlude.visibility.interface import Occluder"),
+        ("compare.judge", "from zbuf_occlude.visibility.oracle import prepare"),
+        ("farm.local", "from zbuf_occlude.dataset.plan import Plan"),
+        ("cli.train", "from zbuf_occlude.learn import train\nprint(1)"),
+        ("gl.context", "import moderngl, numpy"),
+    ],
+)
+def test_the_rules_allow_what_is_right(name: str, source: str) -> None:
+    assert list(violations(Module(name, source))) == []
