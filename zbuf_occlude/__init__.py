@@ -16,6 +16,8 @@ from zbuf_occlude.errors import (
     UnavailableError,
 )
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, prepare
@@ -28,12 +30,14 @@ __all__ = [
     "DatasetError",
     "GlError",
     "Mesh",
+    "MeshCollection",
     "MeshError",
     "OccludeError",
     "OptionError",
     "SurfacePoints",
     "UnavailableError",
     "Views",
+    "load_mesh",
     "prepare",
     "sample_surface",
     "views",

@@ -1,0 +1,138 @@
+"""load_mesh: a file of any of the formats read here becomes a clean Mesh, or one clear MeshError."""
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.obj import read_obj
+from zbuf_occlude.meshes.off import read_off
+from zbuf_occlude.meshes.ply import read_ply
+from zbuf_occlude.meshes.polygons import Polygons
+from zbuf_occlude.meshes.stl import read_stl
+
+_READERS: dict[str, Callable[[bytes], Polygons]] = {
+    ".off": read_off,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+}
+_GLTF = (".glb", ".gltf")
+SUFFIXES = (*_READERS, *_GLTF)
+"""Endings of the files that `load_mesh` reads, in lower case."""
+
+UP = ("z", "y")
+_BEGINNINGS = {
+    ".glb": re.compile(rb"glTF"),
+    ".ply": re.compile(rb"ply\s"),
+    ".off": re.compile(rb"\s*[A-Z4n]{0,5}OFF[\s\d]"),
+    ".stl": re.compile(rb"\s*solid\s.*\sfacet\s", re.DOTALL),
+    ".gltf": re.compile(rb"\s*\{"),
+    ".obj": re.compile(rb"(.*\n)?\s*v\s+[-\d.]+\s+[-\d.]+\s", re.DOTALL),
+}
+
+
+def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str | None = None) -> Mesh:
+    """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's ending.
+
+    Parameters
+    ----------
+    path : path-like
+    up : {"z", "y"}, optional
+        Which way is up in the file. Here z is: a file with y up is turned, (x, y, z) to (x, -z, y).
+        By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
+    name : str, optional
+        The mesh's name; by default the file's without its ending.
+
+    Returns
+    -------
+    Mesh
+        Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
+        polygons, before they were cut into triangles. `dropped` counts, beside what `Mesh.cleaned` dropped,
+        "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
+        uses; all other vertices stay, in their order, used or not).
+
+    Raises
+    ------
+    MeshError
+        No such file, not readable, of an unknown ending, damaged, cut short, without faces, with faces that refer to
+        vertices that are missing, NaN or infinite, or without any face of some area. The message names the file.
+    OptionError
+        `up` is neither "z" nor "y".
+
+    Notes
+    -----
+    All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Memory is bounded
+    by a small multiple of the file's size, whatever its header says. The readers are this package's own, since what is
+    needed is positions and faces alone: in the file's order, concave polygons cut rightly, damage reported.
+    """
+    path = Path(path)
+    if up is not None and up not in UP:
+        raise OptionError(f"up must be one of {', '.join(UP)}; got {up!r}.")
+    suffix = path.suffix.lower()
+    try:
+        if suffix not in SUFFIXES:
+            raise MeshError(
+                f"a mesh file must end in one of {', '.join(SUFFIXES)}; this ends in {suffix!r}. Convert it."
+            )
+        data = _read_bytes(path)
+        try:
+            polygons = read_gltf(data, path.parent) if suffix in _GLTF else _READERS[suffix](data)
+            return _finished(polygons, path.stem if name is None else name, up or ("y" if suffix in _GLTF else "z"))
+        except MeshError as error:
+            raise MeshError(f"{error}{_hint(data, suffix)}") from None
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+
+
+def _read_bytes(path: Path) -> bytes:
+    if path.is_dir():
+        raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
+    if not path.exists():
+        raise MeshError("there is no such file. Check the path.")
+    if not path.is_file():
+        raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"it must be readable; reading says: {error.strerror}. Check its permissions.") from None
+    if not data:
+        raise MeshError("it must hold a mesh; it is empty, 0 bytes. Copy it again.")
+    return data
+
+
+def _finished(polygons: Polygons, name: str, up: str) -> Mesh:
+    """Cut into triangles, turn z up, clean."""
+    if not (polygons.counts >= 3).any():
+        raise MeshError(
+            f"a mesh must have faces; the file has {len(polygons.vertices):,} vertices and no face of three corners. "
+            "Is it a point cloud, a wireframe or empty?"
+        )
+    n_vertices = len(polygons.vertices)
+    polygons = polygons.without_unusable_vertices()
+    triangles, polygon_ids = polygons.triangles()
+    dropped = {
+        "too_few_corners": int((polygons.counts < 3).sum()),
+        "unusable_vertices": n_vertices - len(polygons.vertices),
+    }
+    vertices = polygons.vertices
+    if up == "y":
+        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
+    ids = polygon_ids.astype(np.int32)
+    mesh = Mesh(vertices, triangles.astype(np.int32), name, ids, {reason: n for reason, n in dropped.items() if n})
+    with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
+        return mesh.cleaned()
+
+
+def _hint(data: bytes, suffix: str) -> str:
+    """Say so when a file that could not be read looks like one of another format."""
+    start = data[:4096]
+    for other, beginning in _BEGINNINGS.items():
+        if beginning.match(start):
+            return "" if other == suffix else f" Its content looks like {other}: rename it?"
+    return ""

@@ -1,0 +1,135 @@
+"""The Object File Format (OFF), read as ModelNet and others really write it."""
+
+import re
+from itertools import islice
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes.polygons import Ints, Polygons
+from zbuf_occlude.meshes.text import Lines, runs, tidy
+
+# [ST][C][N][4][n]OFF; ModelNet40 glues the number of vertices to it: "OFF3514 3546 0"
+_HEADER = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?=[\s\d]|$)")
+_EXTRAS = {1: 2, 2: 4, 3: 3}  # group of _HEADER -> further numbers of a vertex: texture, colour, normal
+
+
+def read_off(data: bytes) -> Polygons:
+    """Read an OFF file.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+
+    Returns
+    -------
+    Polygons
+        Of any number of corners, in the order of the file.
+
+    Raises
+    ------
+    MeshError
+        Not an OFF file, cut short, damaged, or declaring more than it holds.
+
+    Notes
+    -----
+    Tolerated: counts glued to the header, no header, no count of edges, comments and blank lines anywhere, any line
+    ends, records broken over lines, the headers COFF, NOFF, CNOFF and STOFF, and colours or other numbers after the
+    coordinates of a vertex or the indices of a face, which are ignored. Not read: binary files and other dimensions.
+
+    A file whose lines are its records, as almost all are, is read by lines, which is how the numbers after a face
+    can be told from the next face; what follows the last record is ignored. Any other file is read as one stream of
+    numbers, in which a face has nothing after its indices. Nothing is allocated by what the counts say before they
+    were compared with the numbers that the file holds.
+    """
+    text = tidy(data)
+    header = _HEADER.match(text)
+    if header is None and not re.match(rb"\s*\d", text):
+        raise MeshError("an OFF file must begin with OFF; this one does not. Is it of another format, or damaged?")
+    extras = 0
+    if header is not None:
+        if header[4] or header[5]:
+            raise MeshError("an OFF file must hold points of three coordinates; this one has others. Convert it.")
+        text = text[header.end() :]
+        if text.lstrip().startswith(b"BINARY"):
+            raise MeshError("an OFF file must be text; this one is binary. Convert it.")
+        extras = sum(extra for group, extra in _EXTRAS.items() if header[group])
+    n_vertices, n_faces, text = _counts(text)
+    lines = Lines(text)
+    if 3 * n_vertices + n_faces > lines.n_tokens:
+        raise MeshError(
+            f"an OFF file must hold what it declares; it declares {n_vertices:,} vertices and {n_faces:,} faces, "
+            f"but only {lines.n_tokens:,} numbers follow. Is it damaged or cut short?"
+        )
+    polygons = _by_lines(lines, n_vertices, n_faces)
+    return polygons if polygons is not None else _as_stream(lines.numbers(), n_vertices, n_faces, 3 + extras)
+
+
+def _counts(text: bytes) -> tuple[int, int, bytes]:
+    """Numbers of vertices and faces, and the text after the counts; the number of edges may be missing."""
+    tokens = list(islice(re.finditer(rb"\S+", text), 4))
+    if len(tokens) < 2 or not all(re.fullmatch(rb"\d{1,18}", token[0]) for token in tokens[:2]):
+        found = b" ".join(token[0][:20] for token in tokens[:3]).decode("latin-1") or "nothing"
+        raise MeshError(f"an OFF file must begin with its numbers of vertices and faces; it has {found!r}.")
+    line = [text.count(b"\n", 0, token.start()) for token in tokens] + [-1, -2]
+    # the third number is of edges, unless the counts end their line and a record of several numbers follows
+    edges_missing = line[0] == line[1] != line[2] and line[2] == line[3]
+    last = tokens[1] if edges_missing or len(tokens) == 2 else tokens[2]
+    return int(tokens[0][0]), int(tokens[1][0]), text[last.end() :]
+
+
+def _by_lines(lines: Lines, n_vertices: int, n_faces: int) -> Polygons | None:
+    """Read one record a line, or return None when the lines are not the records."""
+    n_lines = n_vertices + n_faces
+    if len(lines) < n_lines or (lines.counts[:n_vertices] < 3).any():
+        return None
+    numbers = lines.numbers(n_lines)
+    first = lines.first[n_vertices:n_lines]
+    declared = numbers[first]
+    if not ((declared >= 0) & (declared < lines.counts[n_vertices:n_lines]) & (declared == np.floor(declared))).all():
+        return None
+    counts = declared.astype(np.int64)
+    vertices = numbers[lines.first[:n_vertices, None] + np.arange(3)]
+    return Polygons(vertices, numbers[runs(first + 1, counts)], counts)
+
+
+def _as_stream(numbers: FloatArray, n_vertices: int, n_faces: int, width: int) -> Polygons:
+    """Read records of numbers, wherever lines end; `width` numbers make a vertex."""
+    table, rest = numbers[: n_vertices * width], numbers[n_vertices * width :]
+    if len(table) < n_vertices * width:
+        raise MeshError(
+            f"an OFF file must hold the {n_vertices:,} vertices that it declares; it ends after "
+            f"{len(table) // width:,}. Is it damaged or cut short?"
+        )
+    starts, counts = _walk(rest, n_faces)
+    return Polygons(table.reshape(-1, width)[:, :3], rest[runs(starts, counts)], counts)
+
+
+def _walk(numbers: FloatArray, n_faces: int) -> tuple[Ints, Ints]:
+    """Starts and numbers of corners of the faces, each `n, index 1, ..., index n`, that fill `numbers`."""
+    if len(numbers) == 4 * n_faces and (numbers[::4] == 3).all():
+        return np.arange(n_faces) * 4 + 1, np.full(n_faces, 3)
+    starts, counts = np.empty(n_faces, dtype=np.int64), np.empty(n_faces, dtype=np.int64)
+    values = numbers.tolist()
+    position = 0
+    for face in range(n_faces):  # where a face begins is only known once the one before it is read
+        if position >= len(values):
+            raise MeshError(f"an OFF file must hold the {n_faces:,} faces that it declares; it ends after {face:,}.")
+        count = values[position]
+        if not (count >= 0 and count == count // 1):
+            raise MeshError(f"face {face} must begin with its number of corners; it begins with {count:g}.")
+        if count > len(values) - position - 1:
+            raise MeshError(
+                f"face {face} must have the {count:g} corners that it declares; the file ends before. Is it damaged "
+                "or cut short?"
+            )
+        starts[face], counts[face] = position + 1, count
+        position += 1 + int(count)
+    if position < len(values):
+        raise MeshError(
+            f"an OFF file must end after the {n_faces:,} faces that it declares, or have one record a line; "
+            f"{len(values) - position:,} numbers are left over. Is it damaged?"
+        )
+    return starts, counts
