@@ -1,0 +1,39 @@
+"""Entry point of ``zbuf-occlude`` and ``python -m zbuf_occlude``: the only place that turns errors into exit codes."""
+
+import sys
+
+import click
+
+from zbuf_occlude.cli import group
+from zbuf_occlude.errors import OccludeError, OptionError
+
+FAILED, USAGE, INTERRUPTED = 1, 2, 130
+
+
+def main() -> None:
+    """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    try:
+        code = group.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("error: interrupted; what was finished is kept, and the same command resumes.", err=True)
+        code = INTERRUPTED
+    except OptionError as error:
+        click.echo(f"error: {error}", err=True)
+        code = USAGE
+    except OccludeError as error:
+        click.echo(f"error: {error}", err=True)
+        code = FAILED
+    except BrokenPipeError:  # the reader of our standard output went away
+        sys.stderr.close()
+        code = FAILED
+    except OSError as error:  # a full disk, a folder that must not be written
+        click.echo(f"error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", err=True)
+        code = FAILED
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""The command line: one command a file, imported when it is called or asked for help."""
+
+from importlib import import_module
+
+import click
+
+COMMANDS = {
+    "generate": "Make a dataset of occluded point clouds.",
+    "visible": "Write the occluded cloud that one camera sees of one mesh.",
+    "depth": "Write the depth buffer of one mesh as an image or array.",
+    "compare": "Measure methods against the exact judge and each other: rows, report, the paper's Table 1.",
+    "report": "Write the report of a comparison again from its rows.",
+    "figure": "Draw one of the paper's figures of any mesh.",
+    "methods": "List the methods of hidden-surface removal, and what they need.",
+    "doctor": "Say what works on this machine, and the command that would fix what does not.",
+}
+"""Name and one line of each command; the module of the same name holds it as `command`."""
+
+
+class LazyGroup(click.Group):
+    """A group that lists its commands without importing them."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """Import the command's module and return the command."""
+        if name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"zbuf_occlude.cli.{name}").command
+        return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands from the table."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="zbuf-occlude")
+def group() -> None:
+    """Complete triangle meshes in, occluded point clouds out.
+
+    Start with `zbuf-occlude generate`: without arguments it makes a dataset of the built-in shapes in ./occluded.
+    Angles are in degrees, distances in multiples of the object's longest side.
+    """

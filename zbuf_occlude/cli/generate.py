@@ -1,0 +1,173 @@
+"""`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
+
+import os
+import shutil
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.cli.options import method_options, parse_settings, up_option
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.generate import CONTACT_SHEET, MANIFEST, generate
+from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.farm.local import Limits, run_shards
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.views import SPECS
+from zbuf_occlude.visibility import find_method
+
+SOME_FAILED = 3
+LIMIT = "A mesh that takes more is a failure, not the end of the run."
+
+
+@click.command()
+@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("occluded"), show_default=True, help="Folder.")
+@method_options()
+@click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {SPECS}.")
+@click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
+@click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
+@click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
+@click.option("--sample-size", type=click.IntRange(1), default=2048, show_default=True, help="Points of each cloud.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
+@click.option(
+    "--scale",
+    type=click.Choice(SCALES),
+    default="cloud",
+    show_default=True,
+    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); mesh: as in the file.",
+)
+@click.option(
+    "--frame",
+    type=click.Choice(FRAMES),
+    default="object",
+    show_default=True,
+    help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
+)
+@up_option
+@click.option(
+    "--workers", type=click.IntRange(1), default=os.cpu_count() or 1, show_default="cores", help="Worker processes."
+)
+@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
+@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
+@click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
+@click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
+@click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
+def command(
+    meshes: tuple[Path, ...],
+    out: Path,
+    method: str,
+    settings: tuple[str, ...],
+    limit: int | None,
+    up: str | None,
+    workers: int,
+    mesh_seconds: float,
+    mesh_gigabytes: float,
+    require_gpu: bool,
+    overwrite: bool,
+    dry_run: bool,
+    **recipe: Any,
+) -> None:
+    """Make a dataset of occluded point clouds.
+
+    MESH_OR_DIR: mesh files (OFF, OBJ, PLY, STL, glTF), folders of them, class folders, or ModelNet's
+    CLASS/{train,test}/*.off. Without any, the built-in shapes: eight classes of 75 objects.
+
+    \b
+    Writes into --out:
+      ply_data_{train,val,test}N.h5   clouds in the PointNet layout: data, label, and view, pose, scale, ids
+      manifest.json                   options, versions, counts, failures, and the measured error
+      contact_sheet.png               some clouds, from a fixed viewpoint and from their camera's
+
+    The same command again resumes. Exit code 3: done, but some meshes failed (named here and in the manifest).
+
+    \b
+    Examples:
+      zbuf-occlude generate
+      zbuf-occlude generate ModelNet40 --views paper100 --out modelnet40-occluded
+      zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
+    """
+    points, density = recipe.pop("points"), recipe.pop("density")
+    if points is not None and density is not None:
+        raise click.UsageError("--points and --density exclude each other; give one of them.")
+    plan = Plan(
+        collect(meshes, up, limit),
+        Recipe(
+            method=method,
+            method_options=parse_settings(method, settings),
+            n_points=None if density is not None else points or 20_000,
+            density=density,
+            **recipe,
+        ),
+    )
+    if dry_run:
+        click.echo(describe(plan, out))
+        return
+    if require_gpu:
+        refuse_software(method)
+    run = partial(run_shards, n_workers=workers, limits=Limits(mesh_seconds, mesh_gigabytes))
+    with tqdm(total=plan.n_clouds, unit=" clouds", desc="generate", smoothing=0.05) as bar:
+        document = generate(plan, out, run=run, overwrite=overwrite, progress=bar.update)
+    click.echo(summary(document, out))
+    if document["failures"]:
+        raise SystemExit(SOME_FAILED)
+
+
+def refuse_software(method: str) -> None:
+    """Raise GlError when the method would be rendered in software."""
+    if find_method(method).needs_gl:
+        from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+        with GlContext.open() as gl:
+            if gl.is_software:
+                raise GlError(
+                    f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
+                    "See `zbuf-occlude doctor`, or leave --require-gpu out."
+                )
+
+
+def collect(paths: tuple[Path, ...], up: str | None, limit: int | None) -> MeshCollection:
+    """Return the meshes that a person named, classes and splits interleaved, at most `limit` of them."""
+    if paths:
+        meshes = MeshCollection.from_paths(paths, up=up)
+    else:
+        from zbuf_occlude.meshes import shapes  # late: only needed without files
+
+        meshes = shapes.collection()
+    meshes = meshes.interleaved()
+    return meshes if limit is None else meshes.limit(limit)
+
+
+def describe(plan: Plan, out: Path) -> str:
+    """Say what a plan would make."""
+    megabytes = plan.n_clouds * record_type(plan.recipe.sample_size).itemsize / 1e6
+    free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
+    return (
+        f"{len(plan.meshes)} meshes x {len(plan.views)} views x {plan.recipe.variations} variations = "
+        f"{plan.n_clouds} clouds of {plan.recipe.sample_size} points in {len(plan.shards)} shards, "
+        f"by {plan.recipe.method}\n"
+        f"into {out}: about {megabytes:.0f} MB, twice that while working ({free:.0f} MB free)\n"
+        f"fingerprint {plan.fingerprint}"
+    )
+
+
+def summary(document: dict[str, Any], out: Path) -> str:
+    """Say what was made, how wrong it is, and where it is."""
+    counts, error = document["counts"], document["error"]
+    lines = [
+        f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
+        f"{len(document['classes'])} classes, by {document['options']['method']} on {document['renderer']}",
+        f"measured against the oracle on {error['n_checked']} pairs of view and point: "
+        f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden",
+        f"data      {out}/ply_data_*.h5 ({', '.join(f'{k}: {len(v)}' for k, v in document['files'].items())} files)",
+        f"manifest  {out / MANIFEST}",
+        f"picture   {out / CONTACT_SHEET}",
+    ]
+    if document["failures"]:
+        lines.append(f"{len(document['failures'])} meshes failed:")
+        lines += [f"  {key}: {reason}" for key, reason in document["failures"].items()]
+    return "\n".join(lines)

@@ -1,0 +1,32 @@
+"""Files that are either whole or not there: written under a temporary name, synced, renamed."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+
+def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
+    """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(temporary, "wb") as file:
+            fill(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write plain data as indented JSON."""
+    text = json.dumps(document, indent=2, sort_keys=True) + "\n"
+    write(path, lambda file: file.write(text.encode()))
+
+
+def write_lines(path: Path, lines: list[str]) -> None:
+    """Write a text file of one entry a line."""
+    text = "".join(line + "\n" for line in lines)
+    write(path, lambda file: file.write(text.encode()))

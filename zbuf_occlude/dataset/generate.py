@@ -1,0 +1,158 @@
+"""Generate a dataset in a folder: plan, shards, final files, picture, manifest. The same call again resumes."""
+
+import json
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.hdf5 import write_dataset
+from zbuf_occlude.dataset.manifest import manifest
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.shard import FOLDER, read_sidecar, run_shard
+from zbuf_occlude.dataset.sheet import write_contact_sheet
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.visibility import find_method
+
+PLAN, MANIFEST, CONTACT_SHEET = "plan.json", "manifest.json", "contact_sheet.png"
+
+Run = Callable[[Plan, list[int], Path, Callable[[int], None]], None]
+"""Makes shards of a plan in a folder, telling each that is done: `run_here`, or an engine of the farm."""
+
+
+def generate(
+    plan: Plan,
+    out: Path,
+    *,
+    run: Run | None = None,
+    overwrite: bool = False,
+    progress: Callable[[int], None] = lambda clouds: None,
+) -> dict[str, Any]:
+    """Make the dataset of a plan in a folder.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+        Made when missing. A folder with the same plan is resumed: shards that are done are not made again.
+    run : callable, optional
+        The engine; `run_here`, in this process, by default.
+    overwrite : bool
+        Remove a dataset that is in the folder first (nothing else in it is touched).
+    progress : callable
+        Told the number of clouds planned in a shard when the shard is done.
+
+    Returns
+    -------
+    dict
+        The manifest.
+
+    Raises
+    ------
+    DatasetError
+        The folder holds another plan's dataset, or files that are not a dataset; no mesh could be used.
+    GlError
+        The method needs GL and there is none.
+    """
+    began = time.perf_counter()
+    if overwrite:
+        remove(out)
+    claim(plan, out)
+    finished = out / MANIFEST
+    if finished.exists():
+        progress(plan.n_clouds)
+        done: dict[str, Any] = json.loads(finished.read_text())
+        return done
+    make_shards(plan, out, run or run_here, progress)
+    return merge(plan, out, {"making": time.perf_counter() - began})
+
+
+def make_shards(plan: Plan, out: Path, run: Run, progress: Callable[[int], None]) -> None:
+    """Make the shards that are not done, by an engine."""
+
+    def done(shard: int) -> None:
+        progress(len(plan.shards[shard]) * plan.clouds_a_mesh)
+
+    missing = []
+    for shard in range(len(plan.shards)):
+        if read_sidecar(out, shard, plan.fingerprint) is None:
+            missing.append(shard)
+        else:
+            done(shard)
+    if missing:
+        run(plan, missing, out, done)
+
+
+def run_here(plan: Plan, shards: list[int], out: Path, done: Callable[[int], None]) -> None:
+    """Make shards in this process, one after the other; opens, and closes, a GL context when the method needs one."""
+    with ExitStack() as stack:
+        gl = None
+        if find_method(plan.recipe.method).needs_gl:
+            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+            gl = stack.enter_context(GlContext.open())
+        for shard in shards:
+            run_shard(plan, shard, out, gl)
+            done(shard)
+
+
+def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
+    """Write the final files, the picture and the manifest from finished shards; then remove the shards.
+
+    Raises
+    ------
+    DatasetError
+        A shard is missing, or none has a cloud.
+    """
+    began = time.perf_counter()
+    sidecars = []
+    for shard in range(len(plan.shards)):
+        sidecar = read_sidecar(out, shard, plan.fingerprint)
+        if sidecar is None:
+            raise DatasetError(f"all {len(plan.shards)} shards must be done; shard {shard} is not. Run it first.")
+        sidecars.append(sidecar)
+    if not any(sidecar["n_clouds"] for sidecar in sidecars):
+        reasons = [reason for sidecar in sidecars for reason in sidecar["failures"].values()]
+        raise DatasetError(
+            f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: "
+            f"{reasons[0] if reasons else 'its views see nothing'}"
+        )
+    files, n_clouds = write_dataset(plan, out)
+    write_contact_sheet(out / CONTACT_SHEET, out, files, plan.classes)
+    document = manifest(plan, sidecars, files, n_clouds, {**seconds, "writing": time.perf_counter() - began})
+    atomic.write_json(out / MANIFEST, document)
+    shutil.rmtree(out / FOLDER)
+    return document
+
+
+def claim(plan: Plan, out: Path) -> None:
+    """Make the folder this plan's, or find that it is already."""
+    path = out / PLAN
+    if path.exists():
+        try:
+            found = json.loads(path.read_text())["fingerprint"]
+        except (ValueError, KeyError, TypeError):
+            found = "unreadable"
+        if found != plan.fingerprint:
+            raise DatasetError(
+                f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {found}. "
+                "Choose another folder, or --overwrite."
+            )
+    elif out.is_dir() and any(out.iterdir()):
+        raise DatasetError(f"{out} must be empty or hold a dataset; it has other files. Choose another folder.")
+    if not path.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        atomic.write_json(path, {"fingerprint": plan.fingerprint, **plan.document})
+
+
+def remove(out: Path) -> None:
+    """Remove a dataset, and only what a dataset consists of, from a folder."""
+    if not (out / PLAN).exists():
+        return
+    shutil.rmtree(out / FOLDER, ignore_errors=True)
+    names = [MANIFEST, CONTACT_SHEET, "shape_names.txt", "mesh_keys.txt", PLAN]
+    for path in [*out.glob("ply_data_*.h5"), *out.glob("*_files.txt"), *(out / name for name in names)]:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,156 @@
+"""The plan of a dataset: which meshes, views and variations, cut into shards. Pure: the same input, the same plan."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.views import PAPER_DISTANCE, Views
+from zbuf_occlude.views import parse as parse_views
+
+SCALES = ("cloud", "mesh")
+FRAMES = ("object", "camera")
+CLOUDS_A_SHARD = 500
+"""A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that decides the numbers in a dataset, apart from the meshes.
+
+    Parameters
+    ----------
+    method : str
+        Name in the table of methods.
+    method_options : mapping
+        The method's own options.
+    views : str
+        A specification of `zbuf_occlude.views.parse`.
+    distance : float
+        Of the camera, in longest sides of the object (the paper's 4.1: 4).
+    n_points : int or None
+        Points sampled on each object before HSR; exactly one of `n_points` and `density` is given.
+    density : float or None
+        Points per area, the object's longest side taken as 1 (the paper's Algorithm 1).
+    variations : int
+        Independent samplings of each object (the paper's 4.1: 10).
+    sample_size : int
+        Points of each cloud written.
+    scale : str
+        "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "mesh": the object's coordinates.
+    frame : str
+        "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+    seed : int
+
+    Raises
+    ------
+    OptionError
+        A value out of range or not one of those there are.
+    """
+
+    method: str = "depth_buffer"
+    method_options: Mapping[str, Any] | None = None
+    views: str = "modelnet8"
+    distance: float = PAPER_DISTANCE
+    n_points: int | None = 20_000
+    density: float | None = None
+    variations: int = 1
+    sample_size: int = 2048
+    scale: str = "cloud"
+    frame: str = "object"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if (self.n_points is None) == (self.density is None):
+            raise OptionError(f"give points or density, not both; got {self.n_points} and {self.density}.")
+        for name, value in (
+            ("points", self.n_points),
+            ("density", self.density),
+            ("variations", self.variations),
+            ("sample size", self.sample_size),
+            ("distance", self.distance),
+        ):
+            if value is not None and not (value > 0 and np.isfinite(value)):
+                raise OptionError(f"{name} must be positive; got {value}.")
+        for name, word, known in (("scale", self.scale, SCALES), ("frame", self.frame, FRAMES)):
+            if word not in known:
+                raise OptionError(f"{name} must be one of {', '.join(known)}; got {word!r}.")
+        if self.seed < 0:
+            raise OptionError(f"seed must not be negative; got {self.seed}.")
+        object.__setattr__(self, "method_options", dict(self.method_options or {}))
+
+    def make_views(self) -> Views:
+        """Return the camera positions, distances in longest sides, about the origin."""
+        return parse_views(self.views, distance=self.distance, seed=self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Meshes x views x variations, cut into shards; a shard is a run of neighbouring meshes.
+
+    Parameters
+    ----------
+    meshes : MeshCollection
+        In the order in which they are worked on.
+    recipe : Recipe
+    """
+
+    meshes: MeshCollection
+    recipe: Recipe
+
+    @property
+    def classes(self) -> list[str]:
+        """Names of the classes; the index in here is the label of a cloud."""
+        return self.meshes.classes
+
+    @cached_property
+    def views(self) -> Views:
+        """The camera positions, distances in longest sides."""
+        return self.recipe.make_views()
+
+    @property
+    def clouds_a_mesh(self) -> int:
+        """Clouds made of each mesh."""
+        return len(self.views) * self.recipe.variations
+
+    @property
+    def n_clouds(self) -> int:
+        """Clouds in the whole dataset when every mesh succeeds and sees something from everywhere."""
+        return len(self.meshes) * self.clouds_a_mesh
+
+    @cached_property
+    def shards(self) -> list[range]:
+        """Mesh indices of each shard. Does not depend on the number of workers."""
+        step = max(1, CLOUDS_A_SHARD // self.clouds_a_mesh)
+        return [range(i, min(i + step, len(self.meshes))) for i in range(0, len(self.meshes), step)]
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
+        return {
+            "recipe": asdict(self.recipe),
+            "views": np.stack([self.views.azimuth, self.views.elevation, self.views.distance], axis=1).tolist(),
+            "classes": self.classes,
+            "meshes": [[entry.key, entry.label, entry.split] for entry in self.meshes],
+            "clouds_a_shard": CLOUDS_A_SHARD,
+        }
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A hash of `document`: two runs with one fingerprint make the same dataset."""
+        return hashlib.sha256(json.dumps(self.document, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:
+    """Return the seed of a mesh's draws, from its key: never from worker, shard or order.
+
+    `path` tells the draws of a mesh apart: (variation,) for its points, (variation, view) for a cloud's subset.
+    """
+    digest = hashlib.sha256(key.encode()).digest()
+    return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little"), *path])
