@@ -1,0 +1,138 @@
+"""`zbuf-occlude compare`: how wrong, how fast, when to use which; rows.jsonl and a report."""
+
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.cli.generate import collect
+from zbuf_occlude.cli.options import parse_settings, up_option
+from zbuf_occlude.cli.report import summary
+from zbuf_occlude.compare.presets import PRESETS, of_meshes, preset
+from zbuf_occlude.compare.question import MOST_VIEWS
+from zbuf_occlude.compare.report import write_report
+from zbuf_occlude.compare.run import Case, run
+from zbuf_occlude.compare.subjects import Subject, default_subjects
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.views import SPECS
+from zbuf_occlude.views import parse as parse_views
+
+BUILT_IN_MESHES = 8
+SOME_FAILED = 3
+
+
+@click.command()
+@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of rows and report.")
+@click.option(
+    "--method",
+    "methods",
+    metavar="NAME[:KEY=VALUE,...]",
+    multiple=True,
+    help="A method and its options, e.g. occupancy_grid:n=64; repeatable.  [default: all, with a sweep of options]",
+)
+@click.option(
+    "--preset",
+    "presets",
+    type=click.Choice(PRESETS),
+    multiple=True,
+    help="The paper's Table 1A or 1B, or time against numbers of points and faces; repeatable, beside MESH_OR_DIR.",
+)
+@click.option(
+    "--modelnet",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="ModelNet40's folder, for the paper's objects; built-in shapes stand in for those it lacks.",
+)
+@click.option("--views", default="paper100", show_default=True, help=f"Camera positions: {SPECS}.")
+@click.option(
+    "--most-views",
+    type=click.IntRange(1),
+    default=MOST_VIEWS,
+    show_default=True,
+    help="Of the views take every m-th, so that at most so many are asked and judged.",
+)
+@click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
+@click.option(
+    "--judge-points",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Of them the first N are judged.  [default: as many as half a minute a mesh allows]",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.01),
+    default=3.0,
+    show_default=True,
+    help="Timed calls of each row together; a slow method gets fewer views or points, and its row says how many.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
+@up_option
+def command(
+    meshes: tuple[Path, ...],
+    out: Path,
+    methods: tuple[str, ...],
+    presets: tuple[str, ...],
+    modelnet: Path | None,
+    views: str,
+    most_views: int,
+    points: int,
+    judge_points: int | None,
+    seconds: float,
+    seed: int,
+    limit: int | None,
+    up: str | None,
+) -> None:
+    """Compare methods of hidden-surface removal with the exact judge and with each other.
+
+    MESH_OR_DIR: as for `generate`. Without any, and without a preset, one built-in shape of each class.
+
+    \b
+    Writes into --out:
+      rows.jsonl               a row for each mesh and method: errors, times, memory, versions
+      report.html, report.md   the answer, tables, plots, and the worst views in 3D
+      *.png                    the plots
+
+    The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed.
+
+    \b
+    Examples:
+      zbuf-occlude compare ModelNet40/chair --limit 5 --out comparison
+      zbuf-occlude compare chair.off --method exact --method depth_buffer:resolution=1024 --out comparison
+      zbuf-occlude compare --preset table1a --preset table1b --modelnet ModelNet40 --out tables
+    """
+    subjects = [parse_subject(text) for text in methods] or default_subjects()
+    cases: list[Case] = []
+    if meshes or not presets:
+        collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES)
+        parsed = parse_views(views, seed=seed)
+        cases += of_meshes(collection, subjects, parsed, n_points=points, seed=seed, most_views=most_views)
+    for name in presets:
+        cases += preset(name, root=modelnet, seed=seed)
+    total = sum(len(case.subjects) for case in cases)
+    with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
+
+        def progress(text: str) -> None:
+            bar.set_postfix_str(text, refresh=False)
+            bar.update()
+
+        tally = run(cases, out, budget=seconds, judge_points=judge_points, progress=progress)
+    written = write_report(out)
+    click.echo(summary(out))
+    click.echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
+    if tally.failed:
+        raise SystemExit(SOME_FAILED)
+
+
+def parse_subject(text: str) -> Subject:
+    """Read ``NAME[:KEY=VALUE,...]``.
+
+    Raises
+    ------
+    OptionError
+        No such method or option.
+    """
+    name, colon, settings = text.partition(":")
+    if colon and not settings:
+        raise OptionError(f"--method must be NAME or NAME:KEY=VALUE,...; got {text!r}.")
+    return Subject(name, parse_settings(name, tuple(settings.split(","))) if settings else {})

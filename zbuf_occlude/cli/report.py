@@ -1,0 +1,30 @@
+"""`zbuf-occlude report`: write the report of a comparison's folder again, from its rows."""
+
+from pathlib import Path
+
+import click
+
+from zbuf_occlude.compare.report import write_report
+from zbuf_occlude.compare.store import Store
+from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
+def command(folder: Path) -> None:
+    """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
+    written = write_report(folder)
+    click.echo(summary(folder))
+    click.echo(f"report: {written[0]}")
+
+
+def summary(folder: Path) -> str:
+    """Return the first screen's table as text; empty when the rows have no meshes."""
+    ranking = standings(row for row in Store(folder).rows().values() if row["suite"] == "meshes")
+    if not ranking:
+        return "no meshes were compared; the report has the presets' tables"
+    lines = [f"{'method':44} {'wrong':>9} {'ms a view':>10}"]
+    for one in representatives(ranking):
+        time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
+        lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>10}")
+    return "\n".join(lines)

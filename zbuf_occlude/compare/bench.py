@@ -1,0 +1,134 @@
+"""The bench: a process of its own in which subjects run, so that a crash or a hang costs one row and nothing more."""
+
+import multiprocessing
+import signal
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, Self
+
+from zbuf_occlude.compare.measure import Measurement, measure
+from zbuf_occlude.compare.question import Question
+from zbuf_occlude.errors import OccludeError
+from zbuf_occlude.visibility import find_method
+
+
+class SubjectFailed(Exception):  # noqa: N818  (not an error of ours: a result, and a row)
+    """A subject raised, died or took too long; the message is the reason."""
+
+
+class Bench:
+    """Runs measurements in one spawned process, which is replaced when it dies or hangs.
+
+    Parameters
+    ----------
+    budget : float
+        Seconds of timed calls for each measurement.
+    limit : float
+        Seconds after which a measurement is given up.
+
+    Notes
+    -----
+    One measurement at a time: nothing else of ours runs meanwhile. The process is spawned, never forked, and owns the
+    only GL context.
+    """
+
+    def __init__(self, budget: float, limit: float) -> None:
+        self._budget, self._limit = budget, limit
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._question: Question | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            assert self._pipe is not None
+            self._pipe.close()  # the process ends when it reads the end of the pipe
+            self._process.join(5.0)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process = self._pipe = self._question = None
+
+    def measure(self, question: Question, method: str, options: dict[str, Any]) -> Measurement:
+        """Measure a method on a question.
+
+        Raises
+        ------
+        SubjectFailed
+            With the reason.
+        """
+        pipe = self._open()
+        if question is not self._question:
+            pipe.send(question)
+            self._question = question
+        pipe.send((method, options, self._budget))
+        try:
+            if not pipe.poll(self._limit):
+                self._kill()
+                raise SubjectFailed(f"took more than {self._limit:g} s and was given up")
+            answer: Measurement | str = pipe.recv()
+        except (EOFError, ConnectionResetError):
+            self._process.join()
+            code = self._process.exitcode
+            self._kill()
+            raise SubjectFailed(_death(code)) from None
+        if isinstance(answer, str):
+            raise SubjectFailed(answer)
+        return answer
+
+    def _open(self) -> Connection:
+        if self._pipe is None:
+            context = multiprocessing.get_context("spawn")
+            self._pipe, theirs = context.Pipe()
+            self._process = context.Process(target=serve, args=(theirs,), name="zbuf-occlude bench")
+            self._process.start()
+            theirs.close()
+        return self._pipe
+
+    def _kill(self) -> None:
+        self._process.kill()
+        self.close()
+
+
+def serve(pipe: Connection) -> None:
+    """Answer measurements until the pipe ends; the main function of the bench's process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command decides when to stop
+    question: Question | None = None
+    gl: Any = None
+    try:
+        while True:
+            message = pipe.recv()
+            if isinstance(message, Question):
+                question = message
+                continue
+            method, options, budget = message
+            assert question is not None
+            try:
+                if find_method(method).needs_gl and gl is None:
+                    from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+                    gl = GlContext.open()
+                pipe.send(measure(question, method, options, budget, gl))
+            except OccludeError as error:
+                pipe.send(str(error))
+            except Exception as error:  # a subject may fail in any way; that is a row
+                pipe.send(f"{type(error).__name__}: {error}")
+    except EOFError:
+        pass
+    finally:
+        if gl is not None:
+            gl.close()
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"its process was killed by {signal.Signals(-code).name}"
+    return f"its process ended with exit code {code}"

@@ -1,0 +1,189 @@
+"""Measure one method on one question: build time, time a view, memory, and the mask. Runs in the bench's process."""
+
+import statistics
+import time
+import warnings
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.compare.question import Question
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+ENOUGH_SECONDS, ENOUGH_REPEATS, FEWEST_REPEATS = 0.5, 7, 3
+"""The call is repeated until it has run so long or so often; the median counts."""
+PROBE_POINTS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What one method did with one question.
+
+    Parameters
+    ----------
+    mask : (k', n') bool
+        The answer to the views and points that the time allowed.
+    view_ids : (k',) int
+        Which of the question's eyes were asked; the points are the question's first n'.
+    build_seconds, seconds_per_view, cpu_seconds_per_view : float
+        Wall clock of `prepare`; wall clock and processor time (all cores) of `visible` divided by the views in it.
+    repeats : int
+    peak_memory : int or None
+        Bytes by which the process grew at most, from before `prepare` on; None where the system does not say.
+    renderer : str
+    tests_per_view : float or None
+        Pairs of point and face tested, for methods that count them.
+    warnings : list of str
+    """
+
+    mask: BoolArray
+    view_ids: Any
+    build_seconds: float
+    seconds_per_view: float
+    cpu_seconds_per_view: float
+    repeats: int
+    peak_memory: int | None
+    renderer: str
+    tests_per_view: float | None
+    warnings: list[str] = field(default_factory=list)
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a row says: everything but the mask."""
+        facts = {name: value for name, value in asdict(self).items() if name not in ("mask", "view_ids")}
+        n = self.mask.shape[1]
+        return facts | {
+            "n_views": self.mask.shape[0],
+            "n_points": n,
+            "points_per_second": n / self.seconds_per_view if self.seconds_per_view > 0 else None,
+        }
+
+
+def measure(question: Question, method: str, options: dict[str, Any], budget: float, gl: Any) -> Measurement:
+    """Prepare a method, ask it, and take the time.
+
+    Parameters
+    ----------
+    question : Question
+    method : str
+    options : dict
+    budget : float
+        Seconds that all timed calls together should take. Where all views would take longer fewer are asked, where
+        one view would, fewer points.
+    gl : GlContext or None
+        For methods that need GL.
+
+    Notes
+    -----
+    The method runs on a cube first, so that neither compiling nor importing is timed; then once on a growing part of
+    the question, which says how much of it the budget allows.
+    """
+    warm(method, options, gl)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        before = _resident()
+        _forget_peak()
+        start = time.perf_counter()
+        with prepare(question.mesh, method, gl=gl, **options) as occluder:
+            build = time.perf_counter() - start
+            view_ids, n = affordable(occluder, question, budget)
+            points, eyes = question.points.select(np.arange(n)), question.views.eyes[view_ids]
+            mask, wall, cpu = timed(occluder, points, eyes, budget)
+            tests = getattr(occluder, "n_tests", None)
+            return Measurement(
+                mask=mask,
+                view_ids=view_ids,
+                build_seconds=build,
+                seconds_per_view=statistics.median(wall) / len(eyes),
+                cpu_seconds_per_view=statistics.median(cpu) / len(eyes),
+                repeats=len(wall),
+                peak_memory=max(0, _peak() - before) if _peak() else None,
+                renderer=occluder.renderer,
+                tests_per_view=None if tests is None else float(np.mean(tests)),
+                warnings=sorted({str(w.message) for w in caught if issubclass(w.category, UserWarning)}),
+            )
+
+
+def timed(
+    occluder: Occluder, points: SurfacePoints, eyes: Any, budget: float
+) -> tuple[BoolArray, list[float], list[float]]:
+    """Ask again and again; return the answer and the wall and processor seconds of each call."""
+    wall: list[float] = []
+    cpu: list[float] = []
+    while True:
+        start, start_cpu = time.perf_counter(), time.process_time()
+        mask = occluder.visible(points, eyes)
+        wall.append(time.perf_counter() - start)
+        cpu.append(time.process_time() - start_cpu)
+        if sum(wall) + wall[-1] > budget or len(wall) >= ENOUGH_REPEATS:
+            return mask, wall, cpu
+        if len(wall) >= FEWEST_REPEATS and sum(wall) > ENOUGH_SECONDS:
+            return mask, wall, cpu
+
+
+def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[Any, int]:
+    """Return which views and how many points may be asked, so that one call stays within a third of the budget."""
+    n_all, n_views = len(question.points), len(question.views)
+    allowed = budget / FEWEST_REPEATS
+    n = min(PROBE_POINTS, n_all)
+    occluder.visible(question.points.select(np.arange(n)), question.views.eyes[:1])  # what is made at the first call
+    while True:
+        points = question.points.select(np.arange(n))
+        start = time.perf_counter()
+        occluder.visible(points, question.views.eyes[:1])
+        seconds = time.perf_counter() - start
+        larger = min(10 * n, n_all)
+        if n == n_all or seconds * larger / n > allowed:
+            break
+        n = larger
+    if n < n_all:
+        return np.array([n_views // 2]), max(n, int(n * allowed / seconds))
+    k = int(np.clip(allowed / seconds, 1, n_views))
+    return np.unique(np.linspace(0, n_views - 1, k).round().astype(int)), n
+
+
+def warm(method: str, options: dict[str, Any], gl: Any) -> None:
+    """Run the method on a cube, so that what happens only once has happened."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    cube = Mesh(corners, np.array(faces), name="cube")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with prepare(cube, method, gl=gl, **options) as occluder:
+            points = sample_surface(cube, n_points=200)
+            eyes = np.array([[4.0, 1.0, 2.0], [-1.0, 4.0, 3.0]])
+            occluder.visible(points, eyes)
+
+
+def _status(name: str) -> int:
+    """A field of the process's status in bytes; 0 where the system has none."""
+    try:
+        with open("/proc/self/status") as file:
+            for line in file:
+                if line.startswith(name):
+                    return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    return 0
+
+
+def _resident() -> int:
+    return _status("VmRSS")
+
+
+def _peak() -> int:
+    return _status("VmHWM")
+
+
+def _forget_peak() -> None:
+    """Let the peak start again from what is resident now; where that is not allowed peaks only grow."""
+    try:
+        with open("/proc/self/clear_refs", "w") as file:
+            file.write("5")
+    except OSError:
+        pass

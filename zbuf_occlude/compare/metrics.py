@@ -1,0 +1,131 @@
+"""What a wrong answer costs: pure functions of a method's mask, the judge's and where the pairs lie."""
+
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.sampling import SurfacePoints
+
+SILHOUETTE_EDGES = (0.125, 0.25, 0.5, 1.0, 2.0)
+"""Upper ends of the bins of distance from the nearest silhouette, in footprints; a last bin has no upper end."""
+INCIDENCE_EDGES = (15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 90.0)
+"""Upper ends of the bins of the angle of incidence, in degrees."""
+FOOTPRINTS = 512
+"""So many footprints are a diagonal: one is what a pixel of a 512 x 512 image around the mesh covers at the target."""
+
+TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
+"""The four outcomes of a pair of view and point, as stored for the worst views."""
+
+
+def outcomes(answer: BoolArray, truth: BoolArray) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """Return which of the four outcomes each pair is; uint8 of the masks' shape."""
+    codes = np.where(truth, np.where(answer, TRUE_VISIBLE, FALSE_HIDDEN), np.where(answer, FALSE_VISIBLE, TRUE_HIDDEN))
+    return codes.astype(np.uint8)
+
+
+def count_errors(answer: BoolArray, truth: BoolArray, where: BoolArray | None = None) -> dict[str, int]:
+    """Count pairs and errors, `where` given only among those pairs.
+
+    Returns
+    -------
+    dict
+        n, false_visible, false_hidden.
+    """
+    where = np.ones_like(truth) if where is None else where
+    return {
+        "n": int(where.sum()),
+        "false_visible": int((answer & ~truth & where).sum()),
+        "false_hidden": int((~answer & truth & where).sum()),
+    }
+
+
+def as_fractions(counts: dict[str, int]) -> dict[str, float]:
+    """Turn counts of `count_errors` into n, agreement, false_visible, false_hidden as fractions of n (0 of none)."""
+    n = max(counts["n"], 1)
+    wrong = counts["false_visible"] + counts["false_hidden"]
+    return {
+        "n": counts["n"],
+        "agreement": 1.0 - wrong / n,
+        "false_visible": counts["false_visible"] / n,
+        "false_hidden": counts["false_hidden"] / n,
+    }
+
+
+def count_by_bin(
+    answer: BoolArray, truth: BoolArray, values: FloatArray, edges: tuple[float, ...]
+) -> list[dict[str, Any]]:
+    """Count errors by the bin that each pair's value falls in.
+
+    Parameters
+    ----------
+    answer, truth : (k, n) bool
+    values : (k, n) float
+    edges : tuple of float
+        Upper ends, increasing; what lies above the last goes into one more bin if there is any.
+
+    Returns
+    -------
+    list of dict
+        upto (None for the last, open bin) and the counts of `count_errors`.
+    """
+    which = np.searchsorted(edges, values, side="left")
+    bins: list[dict[str, Any]] = [
+        {"upto": upto, **count_errors(answer, truth, which == i)} for i, upto in enumerate((*edges, None))
+    ]
+    return bins if bins[-1]["n"] else bins[:-1]
+
+
+def incidence_degrees(points: SurfacePoints, eyes: FloatArray) -> FloatArray:
+    """Return the angle between each line of sight and the point's normal, of either sign: 0 head on, 90 grazing.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        n points with unit normals.
+    eyes : (k, 3) float
+        World space.
+
+    Returns
+    -------
+    (k, n) float64, degrees in [0, 90].
+    """
+    towards = eyes[:, None] - points.positions[None]
+    length = np.maximum(np.linalg.norm(towards, axis=2), np.finfo(np.float64).tiny)
+    cosine = np.abs(np.einsum("knx,nx->kn", towards, points.normals)) / length
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0))))
+
+
+def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float | None:
+    """Return the Chamfer distance between the clouds that two masks cut out of one set of points.
+
+    Parameters
+    ----------
+    positions : (n, 3) float
+    answer, truth : (n,) bool
+
+    Returns
+    -------
+    float or None
+        Mean distance from each cloud's points to the other's nearest, both directions added; in the positions' units.
+        None where one of the clouds is empty and the other is not.
+
+    Notes
+    -----
+    Points in both clouds have distance 0, so only the disagreements are searched: O(wrong x n).
+    """
+    if not answer.any() or not truth.any():
+        return 0.0 if answer.any() == truth.any() else None
+    extra = _to_nearest(positions[answer & ~truth], positions[truth]).sum() / answer.sum()
+    lost = _to_nearest(positions[truth & ~answer], positions[answer]).sum() / truth.sum()
+    return float(extra + lost)
+
+
+def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
+    """Distance of each position to the nearest point of a cloud; blocks keep the memory small."""
+    nearest = np.empty(len(positions))
+    for start in range(0, len(positions), 256):
+        block = positions[start : start + 256]
+        squared = ((block[:, None] - cloud[None]) ** 2).sum(axis=2)
+        nearest[start : start + 256] = np.sqrt(squared.min(axis=1))
+    return nearest

@@ -1,0 +1,163 @@
+"""What `compare` compares: meshes that were named, the paper's Table 1A and 1B, and the growth of cost."""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.compare.paper import GRIDS, MODIFIED, TABLE_1A, TABLE_1B, PaperObject
+from zbuf_occlude.compare.question import Question, ask, ask_vertices
+from zbuf_occlude.compare.run import Case
+from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.object_space.division import divide_faces
+from zbuf_occlude.views import Views, paper100
+from zbuf_occlude.visibility import METHODS
+
+PRESETS = ("table1a", "table1b", "scaling")
+TABLE_VIEWS = 5
+"""Views of the presets: every 20th of the paper's 100."""
+STAND_INS = 8
+"""So many built-in shapes of a class are looked at for one of like size."""
+IMAGE_SPACE = ("depth_buffer:resolution=512", "pyrender", "exact", "exact_gl", "embree")
+SCALING = ("exact_hsr", "vertex_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_removal")
+POINT_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
+FACE_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000)
+SWEEP_FACES, SWEEP_POINTS = 3_000, 5_000
+"""What stays as it is while the other number grows."""
+
+
+def of_meshes(
+    meshes: MeshCollection, subjects: Sequence[Subject], views: Views, *, n_points: int, seed: int, most_views: int
+) -> list[Case]:
+    """Return a case for each mesh."""
+
+    def question(entry: MeshEntry) -> Question:
+        return ask(entry.key, entry.load(), views, n_points=n_points, seed=seed, most_views=most_views)
+
+    return [Case("meshes", _short(entry.key), partial(question, entry), subjects) for entry in meshes]
+
+
+def preset(name: str, *, root: Path | None, seed: int) -> list[Case]:
+    """Return the cases of a preset.
+
+    Parameters
+    ----------
+    name : str
+        One of `PRESETS`.
+    root : Path, optional
+        ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes, divided
+        to as many faces, stand in for the others.
+    seed : int
+
+    Raises
+    ------
+    OptionError
+        No such preset.
+    """
+    if name == "table1a":
+        return table_1a(root, seed)
+    if name == "table1b":
+        return table_1b(root, seed)
+    if name == "scaling":
+        return scaling(seed)
+    raise OptionError(f"preset must be one of {', '.join(PRESETS)}; got {name!r}.")
+
+
+def table_1a(root: Path | None, seed: int) -> list[Case]:
+    """Vertices against faces: the paper's methods keep or drop faces, image space is asked about the vertices."""
+    cases = []
+    views = paper100()
+    for paper in TABLE_1A:
+        find, what = mesh_of(paper, root)
+
+        def sampled(find: Callable[[], Mesh] = find, key: str = paper.file) -> Question:
+            return ask(key, find(), views, n_points=2_000, seed=seed, most_views=TABLE_VIEWS)
+
+        def vertices(find: Callable[[], Mesh] = find, key: str = paper.file) -> Question:
+            return ask_vertices(key, find(), views, most_views=TABLE_VIEWS)
+
+        facts = {"object": paper.label, "stand_in": what, "vertices": len(find().vertices)}
+        cases.append(Case("table1a", paper.label, sampled, chosen(["vertex_hsr", MODIFIED]), facts=facts))
+        cases.append(Case("table1a", paper.label, vertices, chosen(IMAGE_SPACE), facts=facts))
+    return cases
+
+
+def table_1b(root: Path | None, seed: int) -> list[Case]:
+    """Sampled points: exact HSR, grids, image space."""
+    cases = []
+    views = paper100()
+    for paper, n_points in TABLE_1B:
+        find, what = mesh_of(paper, root)
+
+        def question(find: Callable[[], Mesh] = find, key: str = paper.file, n: int = n_points) -> Question:
+            return ask(key, find(), views, n_points=n, seed=seed, most_views=TABLE_VIEWS)
+
+        facts = {"object": paper.label, "stand_in": what}
+        subjects = chosen(["exact_hsr", *GRIDS, *IMAGE_SPACE])
+        cases.append(Case("table1b", f"{paper.label}, {n_points:,}", question, subjects, facts=facts))
+    return cases
+
+
+def scaling(seed: int) -> list[Case]:
+    """Time alone against the number of points, and against the number of faces of one shape divided ever finer."""
+    subjects = chosen(SCALING)
+    sizes = [("points", SWEEP_FACES, n) for n in POINT_SWEEP] + [("faces", f, SWEEP_POINTS) for f in FACE_SWEEP]
+    cases = []
+    for sweep, n_faces, n_points in sizes:
+
+        def question(n_faces: int = n_faces, n_points: int = n_points) -> Question:
+            mesh = divided(stand_in("chair", 0), n_faces)
+            return ask(f"chair/{n_faces}", mesh, paper100(), n_points=n_points, seed=seed, most_views=TABLE_VIEWS)
+
+        label = f"{n_points:,} points, about {n_faces:,} faces"
+        cases.append(Case("scaling", label, question, subjects, judged=False, facts={"sweep": sweep}))
+    return cases
+
+
+def chosen(labels: Iterable[str]) -> list[Subject]:
+    """Return the subjects of labels, as far as their methods are in the table."""
+    names = {method.name for method in METHODS}
+    return [subject_of(label) for label in labels if label.partition(":")[0] in names]
+
+
+def subject_of(label: str) -> Subject:
+    """Return the subject of a label of this module: ``name:key=int,...``."""
+    method, _, text = label.partition(":")
+    options: dict[str, Any] = {}
+    for pair in filter(None, text.split(",")):
+        key, _, value = pair.partition("=")
+        options[key] = int(value)
+    return Subject(method, options)
+
+
+def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], str]:
+    """Return how to load an object of the paper, and what it is: the file, or what stands in for it."""
+    if root is not None:
+        found = sorted(root.rglob(f"{paper.file}.off"))
+        if found:
+            return (lambda: load_mesh(found[0])), f"{paper.file}.off"
+    mesh = divided(stand_in(paper.kind, paper.faces), paper.faces)
+    return (lambda: mesh), f"built-in {paper.kind}, divided to {len(mesh.faces):,} faces"
+
+
+@cache
+def stand_in(kind: str, n_faces: int) -> Mesh:
+    """Return the built-in shape of a class with the most faces up to `n_faces`, else the one with the fewest."""
+    entries = [entry for entry in shapes.collection() if entry.label == kind][:STAND_INS]
+    meshes = sorted((entry.load() for entry in entries), key=lambda mesh: len(mesh.faces))
+    return next((mesh for mesh in reversed(meshes) if len(mesh.faces) <= n_faces), meshes[0])
+
+
+def divided(mesh: Mesh, n_faces: int) -> Mesh:
+    """Return a mesh with its large faces divided until it has close to, and at most, `n_faces`."""
+    return divide_faces(mesh, 1e-12, n_faces).mesh if len(mesh.faces) < n_faces else mesh
+
+
+def _short(key: str) -> str:
+    """A mesh's key without its ending and split: ``chair/train/chair_0003.off`` is ``chair_0003``."""
+    return Path(key).stem
