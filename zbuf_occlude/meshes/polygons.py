@@ -1,6 +1,7 @@
 """Polygons: what every reader of a mesh format returns, and how they become triangles, concave ones too."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import mapbox_earcut
 import numpy as np
@@ -38,7 +39,7 @@ class Polygons:
     """
 
     vertices: FloatArray
-    corners: Ints
+    corners: NDArray[Any]
     counts: Ints
 
     def __post_init__(self) -> None:
@@ -56,9 +57,7 @@ class Polygons:
                 f"it refers to {corners[first]:.15g}. Is the file damaged or cut short?"
             )
         corners = corners.astype(np.int64)
-        with np.errstate(invalid="ignore"):
-            usable = (np.abs(vertices) <= LARGEST).all(axis=1)
-        unusable = ~usable[corners]
+        unusable = ~_usable(vertices)[corners]
         if unusable.any():
             first = int(np.flatnonzero(unusable)[0])
             vertex = int(corners[first])
@@ -78,8 +77,7 @@ class Polygons:
 
     def without_unusable_vertices(self) -> "Polygons":
         """Return the same without the vertices that are NaN, infinite or too large; no polygon uses one."""
-        with np.errstate(invalid="ignore"):
-            usable = (np.abs(self.vertices) <= LARGEST).all(axis=1)
+        usable = _usable(self.vertices)
         if usable.all():
             return self
         renumbered = np.cumsum(usable) - 1
@@ -169,6 +167,10 @@ def _fan(polygons: Ints) -> Ints:
     """Triangles (p, n - 2, 3) around the first corner of each polygon (p, n)."""
     hub = np.broadcast_to(polygons[:, :1], polygons[:, 1:-1].shape)
     return np.stack([hub, polygons[:, 1:-1], polygons[:, 2:]], axis=2)
+
+
+def _usable(vertices: FloatArray) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(vertices) <= LARGEST).all(axis=1))  # NaN is not
 
 
 def _polygon_of(corner: int, counts: Ints) -> int:

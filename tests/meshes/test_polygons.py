@@ -1,0 +1,145 @@
+"""Polygons to triangles: area, orientation and coverage against a polygon's own formulas."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zbuf_occlude import MeshError
+from zbuf_occlude.meshes.polygons import Polygons
+
+ARROW = [[0, 0], [4, 0], [4, 4], [2, 1], [0, 4]]  # concave at its fourth corner
+DART = [[0, 0], [1, 3], [0, 1], [-1, 3]]  # a quadrilateral, concave at its third corner
+COMB = [[0, 0], [7, 0], [7, 5], [6, 5], [6, 1], [5, 1], [5, 5], [4, 5], [4, 1], [3, 1], [3, 5], [2, 5], [2, 1], [0, 1]]
+
+
+def rotation(seed: int) -> np.ndarray:
+    return np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+
+
+def in_space(polygon: np.ndarray, seed: int) -> np.ndarray:
+    flat = np.column_stack([polygon, np.full(len(polygon), 0.7)])
+    return flat @ rotation(seed).T + [3, -2, 1]
+
+
+def shoelace(polygon: np.ndarray) -> float:
+    x, y = np.asarray(polygon, dtype=float).T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def areas_and_normals(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return np.linalg.norm(normals, axis=1) / 2, normals
+
+
+def cut(polygon: np.ndarray) -> np.ndarray:
+    n = len(polygon)
+    return Polygons(polygon, np.arange(n), np.array([n])).triangles()[0]
+
+
+def assert_tiles(polygon: list[list[float]] | np.ndarray, seed: int) -> None:
+    """The triangles turn the way the polygon does and have its area: then they cover it, once."""
+    flat = np.asarray(polygon, dtype=float)
+    vertices = in_space(flat, seed)
+    triangles = cut(vertices)
+    areas, normals = areas_and_normals(vertices, triangles)
+    area = shoelace(flat)
+    assert areas.sum() == pytest.approx(abs(area), rel=1e-9)
+    real = areas > 1e-12 * abs(area)
+    up = np.sign(area) * np.linalg.det(rotation(seed)) * rotation(seed)[:, 2]
+    sides = normals[real] @ up
+    assert (sides > 0).all() or (sides < 0).all()
+
+
+@pytest.mark.parametrize("shape", [ARROW, DART, COMB], ids=["arrow", "dart", "comb"])
+@pytest.mark.parametrize("reverse", [False, True], ids=["left", "right"])
+def test_concave_polygons_are_tiled_from_whatever_corner_they_begin(shape: list[list[float]], reverse: bool) -> None:
+    for first in range(len(shape)):
+        turned = np.roll(np.array(shape, dtype=float)[:: -1 if reverse else 1], -first, axis=0)
+        assert_tiles(turned, seed=first)
+
+
+@given(
+    radii=st.lists(st.floats(0.05, 1), min_size=4, max_size=40),
+    seed=st.integers(0, 10),
+    scale=st.sampled_from([1e-6, 1.0, 1e6]),
+)
+@settings(max_examples=60, deadline=None)
+def test_any_star_shaped_polygon_is_tiled(radii: list[float], seed: int, scale: float) -> None:
+    angles = np.arange(len(radii)) * 2 * np.pi / len(radii)
+    polygon = np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None] * scale
+    assert_tiles(polygon, seed)
+
+
+def test_triangles_follow_the_order_of_the_polygons() -> None:
+    vertices = np.array([*[[x, y, 0] for x, y in COMB], [9, 9, 9]], dtype=float)
+    counts = np.array([3, 14, 2, 4, 3, 1, 0])
+    corners = np.concatenate([[0, 1, 2], np.arange(14), [0, 1], [0, 1, 2, 3], [0, 2, 14], [5]])
+    triangles, polygon_ids = Polygons(vertices, corners, counts).triangles()
+    assert polygon_ids.tolist() == [0] + [1] * 12 + [3] * 2 + [4]
+    assert triangles[0].tolist() == [0, 1, 2]
+    assert triangles[-1].tolist() == [0, 2, 14]
+    assert set(triangles[1:13].flat) == set(range(14))
+
+
+def test_only_triangles_stay_as_they_are() -> None:
+    triangles, polygon_ids = Polygons(np.eye(3), np.array([0, 1, 2, 2, 1, 0]), np.array([3, 3])).triangles()
+    assert triangles.tolist() == [[0, 1, 2], [2, 1, 0]]
+    assert polygon_ids.tolist() == [0, 1]
+
+
+def test_a_convex_polygon_is_fanned_from_its_first_corner() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    assert cut(square).tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_corners_on_a_straight_edge_leave_no_gap() -> None:
+    # without the corner at (2, 0), a crack would open to a neighbour that has it
+    assert set(cut(in_space(np.array([*ARROW[:1], [2, 0], *ARROW[1:]], dtype=float), 3)).flat) == set(range(6))
+
+
+def test_a_folded_polygon_uses_all_its_corners() -> None:
+    # a square with an upright triangle on one side, as one face: no plane shows all of it
+    folded = np.array([[-5, 0, 5], [5, 0, 5], [5, 0, -5], [-5, 0, -5], [0, 5, -5.0]])
+    triangles = cut(folded)
+    assert len(triangles) == 3
+    assert set(triangles.flat) == set(range(5))
+
+
+def test_polygons_that_have_no_area_do_no_harm() -> None:
+    line = np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3], [1, 1, 1.0]])
+    point = np.zeros((6, 3))
+    bow_tie = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0.0]])
+    for polygon in (line, point, bow_tie):
+        triangles = cut(polygon)
+        assert set(triangles.flat) <= set(range(len(polygon)))
+        assert len(triangles) == len(polygon) - 2
+
+
+def test_unused_vertices_that_are_not_finite_can_be_taken_out() -> None:
+    vertices = np.array([[np.nan, 0, 0], [0, 0, 0], [1, 0, 0], [0, np.inf, 0], [0, 1, 0], [2, 2, 2]])
+    kept = Polygons(vertices, np.array([1, 2, 4]), np.array([3])).without_unusable_vertices()
+    assert kept.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 2, 2]]
+    assert kept.corners.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([0, 1, 3], "face 1 must refer to the 3 vertices by 0 to 2; it refers to 3"),
+        ([0, 1, -1], "it refers to -1"),
+        ([0, 1, 1.5], r"it refers to 1\.5"),
+        ([0, 1, np.nan], "it refers to nan"),
+        ([0, 1, 1e300], r"it refers to 1e\+300"),
+    ],
+)
+def test_bad_indices_name_their_face(corners: list[float], message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        Polygons(np.eye(3), np.array([0, 1, 2, *corners]), np.array([3, 3]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e80])
+def test_used_vertices_that_are_not_finite_are_named(value: float) -> None:
+    with pytest.raises(MeshError, match=r"vertex 2 must be finite and below 1e\+70, for face 0 uses it; it is \[0"):
+        Polygons(np.array([[0, 0, 0], [1, 0, 0], [0, 0, value]]), np.arange(3), np.array([3]))
