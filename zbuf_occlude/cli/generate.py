@@ -2,11 +2,13 @@
 
 import os
 import shutil
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from tqdm import tqdm
 
 from zbuf_occlude.cli.options import method_options, parse_settings, up_option
@@ -15,9 +17,11 @@ from zbuf_occlude.dataset.generate import CONTACT_SHEET, MANIFEST, generate
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm.local import Limits, run_shards
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import SPECS
-from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visibility import find_method, prepare
 
 SOME_FAILED = 3
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
@@ -107,8 +111,7 @@ def command(
     if dry_run:
         click.echo(describe(plan, out))
         return
-    if require_gpu:
-        refuse_software(method)
+    rehearse(plan.recipe, require_gpu)
     run = partial(run_shards, n_workers=workers, limits=Limits(mesh_seconds, mesh_gigabytes))
     with tqdm(total=plan.n_clouds, unit=" clouds", desc="generate", smoothing=0.05) as bar:
         document = generate(plan, out, run=run, overwrite=overwrite, progress=bar.update)
@@ -117,17 +120,28 @@ def command(
         raise SystemExit(SOME_FAILED)
 
 
-def refuse_software(method: str) -> None:
-    """Raise GlError when the method would be rendered in software."""
-    if find_method(method).needs_gl:
-        from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+def rehearse(recipe: Recipe, require_gpu: bool) -> None:
+    """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
 
-        with GlContext.open() as gl:
-            if gl.is_software:
+    Raises
+    ------
+    OptionError, UnavailableError, GlError
+        What any mesh would have met; also a software renderer when a GPU is required.
+    """
+    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
+    with ExitStack() as stack:
+        gl = None
+        if find_method(recipe.method).needs_gl:
+            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+            gl = stack.enter_context(GlContext.open())
+            if require_gpu and gl.is_software:
                 raise GlError(
                     f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
                     "See `zbuf-occlude doctor`, or leave --require-gpu out."
                 )
+        occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
+        occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
 def collect(paths: tuple[Path, ...], up: str | None, limit: int | None) -> MeshCollection:
@@ -157,13 +171,13 @@ def describe(plan: Plan, out: Path) -> str:
 
 def summary(document: dict[str, Any], out: Path) -> str:
     """Say what was made, how wrong it is, and where it is."""
-    counts, error = document["counts"], document["error"]
+    counts, error, files = document["counts"], document["error"], document["files"]
     lines = [
         f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
         f"{len(document['classes'])} classes, by {document['options']['method']} on {document['renderer']}",
         f"measured against the oracle on {error['n_checked']} pairs of view and point: "
         f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden",
-        f"data      {out}/ply_data_*.h5 ({', '.join(f'{k}: {len(v)}' for k, v in document['files'].items())} files)",
+        f"data      {out}/ply_data_*.h5 ({', '.join(f'{s}: {len(files[s])}' for s in SPLITS if s in files)} files)",
         f"manifest  {out / MANIFEST}",
         f"picture   {out / CONTACT_SHEET}",
     ]

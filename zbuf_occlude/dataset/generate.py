@@ -136,16 +136,18 @@ def claim(plan: Plan, out: Path) -> None:
             found = json.loads(path.read_text())["fingerprint"]
         except (ValueError, KeyError, TypeError):
             found = "unreadable"
-        if found != plan.fingerprint:
+        if found == plan.fingerprint:
+            return
+        if (out / MANIFEST).exists() or any((out / FOLDER).glob("*.json")):
             raise DatasetError(
                 f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {found}. "
                 "Choose another folder, or --overwrite."
             )
+        remove(out)  # nothing of that plan was finished
     elif out.is_dir() and any(out.iterdir()):
         raise DatasetError(f"{out} must be empty or hold a dataset; it has other files. Choose another folder.")
-    if not path.exists():
-        out.mkdir(parents=True, exist_ok=True)
-        atomic.write_json(path, {"fingerprint": plan.fingerprint, **plan.document})
+    out.mkdir(parents=True, exist_ok=True)
+    atomic.write_json(path, {"fingerprint": plan.fingerprint, **plan.document})
 
 
 def remove(out: Path) -> None:

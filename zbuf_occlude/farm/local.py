@@ -145,7 +145,7 @@ def _listen(worker: _Worker, book: _Book, done: Callable[[int], None]) -> bool:
             raise DatasetError(f"workers must get an OpenGL context; {BREAKS} in a row did not: {value}")
         worker.mesh_id = None  # not the mesh's fault
     else:
-        raise DatasetError(f"the run stopped; what was finished is kept, and the same command resumes: {value}")
+        raise DatasetError(f"{value}. What was finished is kept, and the same command resumes.")
     return True
 
 

@@ -1,0 +1,61 @@
+"""Run the command line in this process, as its entry point does."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zbuf_occlude.__main__ import main
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs ``zbuf-occlude`` with its arguments."""
+
+    def call(*arguments: object) -> Outcome:
+        monkeypatch.setattr("sys.argv", ["zbuf-occlude", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as leaving:
+            main()
+        captured = capfd.readouterr()
+        return Outcome(int(leaving.value.code or 0), captured.out, captured.err)
+
+    return call
+
+
+def write_off(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
+    """Write a mesh as OFF, making the folders above it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
+    lines += [" ".join(map(repr, map(float, v))) for v in vertices]
+    lines += ["3 " + " ".join(map(str, f)) for f in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def modelnet(tmp_path: Path) -> Path:
+    """A small folder in ModelNet's layout: two classes, train and test, two objects each."""
+    from trimesh.creation import box, icosphere
+
+    root = tmp_path / "meshes"
+    for number in range(2):
+        for split in ("train", "test"):
+            ball, brick = icosphere(subdivisions=2, radius=3 + number), box((1, 2 + number, 5))
+            write_off(root / "ball" / split / f"ball_{number}.off", ball.vertices, ball.faces)
+            write_off(root / "brick" / split / f"brick_{number}.off", brick.vertices, brick.faces)
+    return root

@@ -1,0 +1,177 @@
+"""`generate` end to end: layout, truth of the clouds, manifest, resuming, failures, errors."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude import load_mesh, prepare
+from zbuf_occlude.sampling import SurfacePoints
+
+SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
+
+
+def pointnet_load(out: Path, split: str) -> tuple[np.ndarray, np.ndarray]:
+    """Load as PointNet's own loaders do: a list of files, `data` and `label` of each."""
+    names = [line.rstrip() for line in (out / f"{split}_files.txt").open()]
+    files = [h5py.File(out / name) for name in names]
+    return np.concatenate([f["data"][:] for f in files]), np.concatenate([f["label"][:] for f in files])
+
+
+def manifest(out: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((out / "manifest.json").read_text())
+    return document
+
+
+def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    outcome = run("generate", modelnet, "--out", out, *SMALL)
+    assert outcome.code == 0, outcome.err
+    for name in ("manifest.json", "contact_sheet.png", "ply_data_*.h5"):
+        assert str(out / name) in outcome.out
+    assert "generate: 100%" in outcome.err
+
+    data, label = pointnet_load(out, "train")
+    assert (data.shape, data.dtype) == ((16, 64, 3), np.dtype("f4"))
+    assert (label.shape, label.dtype) == ((16, 1), np.dtype("i8"))
+    assert (out / "shape_names.txt").read_text().split() == ["ball", "brick"]
+    assert set(label[:8].ravel()) == {0, 1}, "classes must be mixed within a file"
+    assert np.allclose(np.ptp(data, axis=1).max(axis=1), 1, atol=1e-6), "longest side 1"
+    # an occluded ball is a cap: seen from 4 diameters only (1 - 1/8) / 2 of its area
+    balls = h5py.File(out / "ply_data_train0.h5")["visible_fraction"][:][label[:, 0] == 0]
+    assert abs(balls.mean() - (1 - 1 / 8) / 2) < 0.02
+
+    document = manifest(out)
+    assert document["counts"]["clouds"] == 32
+    assert document["counts"]["clouds_by_split"] == {"train": 16, "test": 16}
+    assert document["error"] == {"false_visible": 0.0, "false_hidden": 0.0, "n_checked": 8 * 4 * 64}
+    assert document["renderer"] == "none"
+    assert {"seed", "options", "versions", "failures", "seconds"} <= set(document)
+    assert not (out / "shards").exists()
+
+
+def test_every_point_written_is_visible_by_the_definition(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run("generate", modelnet, "--out", out, *SMALL, "--scale", "mesh")
+    keys = (out / "mesh_keys.txt").read_text().splitlines()
+    with h5py.File(out / "ply_data_test0.h5") as h5:
+        for data, face_ids, pose, mesh_id in zip(h5["data"], h5["face_ids"], h5["pose"], h5["mesh_id"], strict=True):
+            mesh = load_mesh(modelnet / keys[mesh_id])
+            points = SurfacePoints(data, face_ids, np.zeros_like(data))
+            eye = -pose[:3, :3].T @ pose[:3, 3]
+            with prepare(mesh, "oracle", contact=1e-4) as oracle:  # data is float32
+                assert oracle.visible(points, eye[None]).all()
+
+
+def test_same_seed_same_bytes_whatever_the_workers(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    for name, extra in (("one", ()), ("two", ("--workers", 2)), ("other", ("--seed", 1))):
+        assert run("generate", modelnet, "--out", tmp_path / name, *SMALL, *extra).code == 0
+    one, two, other = ((tmp_path / name / "ply_data_train0.h5").read_bytes() for name in ("one", "two", "other"))
+    assert one == two
+    assert one != other
+
+
+def test_the_same_command_again_makes_nothing_new(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    first = run("generate", modelnet, "--out", out, *SMALL)
+    stamp = (out / "ply_data_train0.h5").stat().st_mtime_ns
+    again = run("generate", modelnet, "--out", out, *SMALL)
+    assert (again.code, again.out) == (0, first.out)
+    assert (out / "ply_data_train0.h5").stat().st_mtime_ns == stamp
+
+
+def test_another_plan_in_the_folder_is_an_error_not_a_merge(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run("generate", modelnet, "--out", out, *SMALL)
+    outcome = run("generate", modelnet, "--out", out, *SMALL, "--seed", 9)
+    assert outcome.code == 1
+    assert "must be empty or hold this same plan" in outcome.err
+    assert "--overwrite" in outcome.err
+    assert run("generate", modelnet, "--out", out, *SMALL, "--seed", 9, "--overwrite").code == 0
+    assert manifest(out)["seed"] == 9
+
+
+def test_a_folder_with_other_files_is_left_alone(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("years of work")
+    for extra in ((), ("--overwrite",)):
+        outcome = run("generate", modelnet, "--out", out, *SMALL, *extra)
+        assert outcome.code == 1
+        assert "it has other files. Choose another folder." in outcome.err
+    assert [path.name for path in out.iterdir()] == ["thesis.tex"]
+
+
+def test_bad_meshes_are_named_and_the_rest_is_made(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    (modelnet / "brick" / "train" / "broken_7.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
+    (modelnet / "ball" / "test" / "empty_8.off").write_text("")
+    out = tmp_path / "out"
+    outcome = run("generate", modelnet, "--out", out, *SMALL)
+    assert outcome.code == 3
+    assert "2 meshes failed" in outcome.out
+    assert "broken_7.off" in outcome.out
+    assert set(manifest(out)["failures"]) == {"brick/train/broken_7.off", "ball/test/empty_8.off"}
+    assert manifest(out)["counts"]["clouds"] == 32
+
+
+def test_nothing_but_bad_meshes_is_a_failure(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "bad.off").write_text("OFF\n")
+    outcome = run("generate", tmp_path / "bad.off", "--out", tmp_path / "out", *SMALL)
+    assert outcome.code == 1
+    assert "error: at least one mesh must give a cloud; none of 1 did" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_fewer_points_than_asked_are_repeated_and_counted(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = [*SMALL, "--points", 100, "--limit", 2]
+    assert run("generate", modelnet, "--out", out, *arguments).code == 0
+    document = manifest(out)
+    assert document["counts"]["clouds_with_repeated_points"] == 8
+    assert document["counts"]["meshes"] == 2
+
+
+def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = [a for a in SMALL if a not in ("--points", 600)]
+    assert run("generate", modelnet / "ball", "--out", out, *arguments, "--density", 500).code == 0
+    with h5py.File(out / "ply_data_train0.h5") as h5:
+        n_points = h5["n_visible"][:] / h5["visible_fraction"][:]
+    assert np.allclose(n_points, 500 * np.pi, rtol=0.04)  # the area of a ball of diameter 1
+
+
+def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
+    assert outcome.code == 0
+    assert "8 meshes x 4 views x 1 variations = 32 clouds" in outcome.out
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--views", "spiral"), "error: views must be paper100, modelnet8, ring:N@EL"),
+        (("--set", "resolution"), "error: --set must be given KEY=VALUE; got 'resolution'"),
+        (("--set", "colour=red"), "error: method 'oracle' must be given one of its options contact; got 'colour'"),
+        (("--set", "contact=5"), "error: contact must lie in [0, 1)"),
+        (("--density", "-1"), "error: density must be positive; got -1"),
+        (("--points", "7", "--density", "2"), "exclude each other"),
+        (("--method", "magic"), "is not one of"),
+    ],
+)
+def test_usage_errors(run: Run, modelnet: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    small = [a for a in SMALL if not ("--density" in arguments and a in ("--points", 600))]
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *small, *arguments)
+    assert outcome.code == 2, outcome
+    assert message in outcome.err.replace("Error:", "error:")
+    assert "Traceback" not in outcome.err
+
+
+def test_no_such_mesh(run: Run, tmp_path: Path) -> None:
+    outcome = run("generate", tmp_path / "nowhere", "--out", tmp_path / "out", *SMALL)
+    assert outcome.code == 1
+    assert "there is no such file or folder" in outcome.err

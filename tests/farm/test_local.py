@@ -1,0 +1,198 @@
+"""The local engine: dead, hanging and swelling workers, a broken plan, a dead parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trimesh.creation import icosphere
+
+from zbuf_occlude import DatasetError, Mesh, MeshError
+from zbuf_occlude.dataset import generate as dataset
+from zbuf_occlude.dataset.generate import make_shards, run_here
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.shard import read_sidecar, records_path, run_shard
+from zbuf_occlude.farm import local
+from zbuf_occlude.farm.local import Limits, run_shards
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+RECIPE = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)
+AMPLE = Limits(seconds=60, gigabytes=8)
+
+
+def ball(number: int) -> Mesh:
+    return Mesh.from_trimesh(icosphere(subdivisions=1, radius=1 + number), name=f"ball_{number}")
+
+
+def suicide(number: int) -> Mesh:
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def hang(number: int) -> Mesh:
+    threading.Event().wait()
+    raise AssertionError
+
+
+def swell(number: int) -> Mesh:
+    kept = np.ones(200_000_000)  # 1.6 GB, touched
+    threading.Event().wait()
+    return Mesh(kept[:9].reshape(3, 3), np.array([[0, 1, 2]]))
+
+
+def plan_of(*loads: object) -> Plan:
+    """Two meshes a shard, made by these functions of their number."""
+    entries = [MeshEntry(f"m{i}", "ball", "train", partial(f, i)) for i, f in enumerate(loads)]  # type: ignore[arg-type]
+    return Plan(MeshCollection(entries), RECIPE)
+
+
+def contents(plan: Plan, out: Path) -> list[bytes]:
+    return [records_path(out, shard).read_bytes() for shard in range(len(plan.shards))]
+
+
+def failures(plan: Plan, out: Path) -> dict[str, str]:
+    sidecars = [read_sidecar(out, shard, plan.fingerprint) for shard in range(len(plan.shards))]
+    return {key: why for sidecar in sidecars if sidecar for key, why in sidecar["failures"].items()}
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    (tmp_path / "out").mkdir()
+    return tmp_path / "out"
+
+
+def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> None:
+    make_shards(plan, out, partial(run_shards, n_workers=n_workers, limits=limits), lambda clouds: None)
+
+
+def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
+    plan = plan_of(*[ball] * 6)
+    assert len(plan.shards) == 3
+    run(plan, out)
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    make_shards(plan, alone, run_here, lambda clouds: None)
+    assert contents(plan, out) == contents(plan, alone)
+
+
+def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of(*[ball] * 12)
+    killed = []
+    spawn = local._spawn
+
+    def spawn_and_doom(*arguments: object) -> object:
+        worker = spawn(*arguments)  # type: ignore[arg-type]
+        if len(killed) < 4:
+            killed.append(worker.process.pid)
+            # while it starts, or somewhere in its work
+            threading.Timer(0.4 + 0.4 * len(killed), partial(os.kill, worker.process.pid, signal.SIGKILL)).start()
+        return worker
+
+    monkeypatch.setattr(local, "_spawn", spawn_and_doom)
+    run(plan, out)
+    assert len(killed) == 4
+    assert failures(plan, out) == {}
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    make_shards(plan, alone, run_here, lambda clouds: None)
+    assert contents(plan, out) == contents(plan, alone)
+
+
+def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "DEATHS_A_MESH", 2)
+    plan = plan_of(ball, suicide, ball, ball)
+    run(plan, out)
+    assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}
+    assert np.load(records_path(out, 0))["mesh_id"].tolist() == [0] * 250
+
+
+def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path) -> None:
+    plan = plan_of(ball, hang, swell, ball)
+    run(plan, out, Limits(seconds=4, gigabytes=1.2))
+    assert failures(plan, out) == {
+        "m1": "a mesh may take 4 seconds; this one took longer. Raise --mesh-seconds.",
+        "m2": "a mesh may take 1.2 GB of memory; this one took more. Raise --mesh-gigabytes.",
+    }
+
+
+def test_a_full_disk_ends_the_run_and_keeps_what_is_done(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of(ball, ball, ball)
+    run_shard(plan, 0, out, None)
+    before = records_path(out, 0).read_bytes()
+    # a folder where the second shard's records belong: writing them fails as a full disk does
+    records_path(out, 1).mkdir()
+    with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
+        run(plan, out)
+    records_path(out, 1).rmdir()
+    run(plan, out)
+    assert records_path(out, 0).read_bytes() == before
+    assert not list(out.rglob("*.part"))
+
+
+def test_nothing_half_written_is_taken_for_done(out: Path) -> None:
+    plan = plan_of(ball, ball, ball)
+    run_shard(plan, 0, out, None)
+    records_path(out, 1).write_bytes(b"half a file, and no sidecar")
+    assert read_sidecar(out, 1, plan.fingerprint) is None
+    with pytest.raises(DatasetError, match="all 2 shards must be done; shard 1 is not"):
+        dataset.merge(plan, out, {})
+    run(plan, out)
+    assert len(np.load(records_path(out, 1))) == 250
+
+
+def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
+    plan = plan_of(ball)
+    run_shard(plan, 0, out, None)
+    with pytest.raises(DatasetError, match="must belong to plan"):
+        read_sidecar(out, 0, "another")
+
+
+def test_workers_end_with_their_parent(tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from tests.farm.test_local import *\n"
+        "if __name__ == '__main__':\n"
+        "    out = Path(sys.argv[1]); out.mkdir()\n"
+        "    spawn = local._spawn\n"
+        "    def tell(*a):\n"
+        "        worker = spawn(*a); print(worker.process.pid, flush=True); return worker\n"
+        "    local._spawn = tell\n"
+        "    run(plan_of(hang, hang, hang), out)\n"
+    )
+    parent_file = tmp_path / "parent.py"
+    parent_file.write_text(script)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    parent = subprocess.Popen(
+        [sys.executable, str(parent_file), str(tmp_path / "out")], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert parent.stdout is not None
+    workers = [int(parent.stdout.readline()) for _ in range(2)]
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + 20
+    while any(Path(f"/proc/{pid}").exists() and _state(pid) not in "ZX" for pid in workers):
+        assert time.monotonic() < deadline, "the workers outlived their parent"
+        threading.Event().wait(0.1)
+    parent.stdout.close()
+
+
+def _state(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except (OSError, IndexError):
+        return "X"
+
+
+def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:
+    plan = plan_of(ball, _bad, ball)
+    run(plan, out)
+    assert failures(plan, out) == {"m1": "m1 is bad"}
+
+
+def _bad(number: int) -> Mesh:
+    raise MeshError(f"m{number} is bad")
