@@ -22,7 +22,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_mesh_quantization")
 """Extensions that a file may require without that positions or faces were hidden from a reader that ignores them."""
 
-_REPEATED = 10_000_000
+_REPEATED = 6_000_000
 """Corners that a scene may have beyond what its bytes can hold, by referring to the same data again and again."""
 
 
@@ -130,7 +130,9 @@ class _Scene:
     def _spend(self, n_corners: int) -> None:
         """Keep memory bounded before it is taken: a small file can refer to the same data without end."""
         self._n_corners += n_corners
-        if self._n_corners > 6 * self._n_bytes + _REPEATED:  # a byte holds one index at most: of a strip, three corners
+        if (
+            self._n_corners > 3 * self._n_bytes + _REPEATED
+        ):  # a byte holds one index at most, an index of a strip 3 corners
             raise MeshError(f"a scene must not repeat its data to {self._n_corners:,} corners and more. Split it.")
 
     def _placements(self) -> Iterator[tuple[int, FloatArray]]:
@@ -174,7 +176,7 @@ class _Scene:
                         f"mesh {mesh_id} must refer to its {len(held)} vertices by 0 to {len(held) - 1}; "
                         f"it refers to {order.max()}. Is the file damaged?"
                     )
-                self._spend(3 * len(order))
+                self._spend(len(order) if mode == _TRIANGLES else 3 * len(order))
                 used, corners = np.unique(_assembled(order, mode), return_inverse=True)
                 parts.append((held[used], corners))
             self._meshes[mesh_id] = _joined(parts)

@@ -1,0 +1,294 @@
+"""glTF scenes against trimesh, and what the standard says where trimesh does not read it."""
+
+import base64
+import copy
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from zbuf_occlude import MeshError, load_mesh
+from zbuf_occlude.meshes.gltf import read_gltf
+
+HERE = Path("nowhere")
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2, 1]], dtype="<f4")
+Document = dict[str, Any]
+
+
+def scene() -> trimesh.Scene:
+    """Two shapes, one shown twice and nested, with rotations and scales."""
+    built = trimesh.Scene()
+    box, ball = trimesh.creation.box((1, 2, 3)), trimesh.creation.icosphere(subdivisions=1)
+    turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [4, 5, 6])
+    squeeze = np.diag([1.0, -2.0, 0.5, 1.0])
+    built.add_geometry(box, node_name="first", geom_name="box", transform=turn)
+    built.add_geometry(ball, node_name="second", geom_name="ball", parent_node_name="first", transform=squeeze)
+    built.graph.update("third", "second", matrix=turn, geometry="box")
+    return built
+
+
+def as_document(positions: np.ndarray = CORNERS, indices: np.ndarray | None = None, **primitive: Any) -> Document:
+    """The least document that shows one primitive, its buffer inside."""
+    blob = positions.tobytes()
+    document: Document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, **primitive}]}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(blob)}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": len(positions)}],
+    }
+    if indices is not None:
+        kinds = {"uint8": 5121, "uint16": 5123, "uint32": 5125}
+        document["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": indices.nbytes})
+        document["accessors"].append(
+            {"bufferView": 1, "componentType": kinds[indices.dtype.name], "type": "SCALAR", "count": len(indices)}
+        )
+        document["meshes"][0]["primitives"][0]["indices"] = 1
+        blob += indices.tobytes()
+    document["buffers"] = [{"byteLength": len(blob), "uri": data_uri(blob)}]
+    return document
+
+
+def data_uri(blob: bytes) -> str:
+    return "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+
+
+def read(document: Document, folder: Path = HERE) -> np.ndarray:
+    polygons = read_gltf(json.dumps(document).encode(), folder)
+    return polygons.vertices[polygons.corners].reshape(-1, 3, 3)
+
+
+def glb(document: Document, blob: bytes) -> bytes:
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    blob += bytes(-len(blob) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+
+
+def test_a_scene_is_flattened_as_trimesh_does_it() -> None:
+    polygons = read_gltf(scene().export(file_type="glb"), HERE)
+    expected = scene().to_mesh().triangles
+    found = polygons.vertices[polygons.corners].reshape(-1, 3, 3)
+    assert found.shape == expected.shape == (12 + 80 + 12, 3, 3)
+    # the same triangles, whatever their order and their first corner (trimesh turns those of a mirrored node over)
+    near = np.abs(found.mean(axis=1)[:, None] - expected.mean(axis=1)).max(axis=2).argmin(axis=1)
+    assert sorted(near) == list(range(len(expected)))
+    assert np.allclose(np.sort(found, axis=1), np.sort(expected[near], axis=1), atol=1e-4)
+
+
+def test_gltf_with_buffers_beside_it_is_the_same(tmp_path: Path) -> None:
+    files = scene().export(file_type="gltf")
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    polygons = read_gltf((tmp_path / "model.gltf").read_bytes(), tmp_path)
+    packed = read_gltf(scene().export(file_type="glb"), HERE)
+    assert polygons.vertices.tobytes() == packed.vertices.tobytes()
+    assert polygons.corners.tobytes() == packed.corners.tobytes()
+
+
+def test_gltf_has_y_up_and_other_formats_z(tmp_path: Path) -> None:
+    tower = trimesh.creation.box((1, 10, 2))  # ten high where y is up
+    tower.apply_translation([0, 5, 0.5])
+    for ending in ("glb", "ply"):
+        tower.export(tmp_path / f"tower.{ending}")
+    assert np.allclose(load_mesh(tmp_path / "tower.glb").bounds, [[-0.5, -1.5, 0], [0.5, 0.5, 10]])
+    assert np.allclose(load_mesh(tmp_path / "tower.glb", up="z").bounds, [[-0.5, 0, -0.5], [0.5, 10, 1.5]])
+    assert np.allclose(load_mesh(tmp_path / "tower.ply").bounds, [[-0.5, 0, -0.5], [0.5, 10, 1.5]])
+    assert np.allclose(load_mesh(tmp_path / "tower.ply", up="y").bounds, [[-0.5, -1.5, 0], [0.5, 0.5, 10]])
+
+
+def test_turning_up_is_a_rotation_not_a_mirror(tmp_path: Path) -> None:
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "ball.ply")
+    turned, straight = (load_mesh(tmp_path / "ball.ply", up=up) for up in ("y", "z"))
+    rotation = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert np.linalg.det(rotation) == 1
+    assert np.array_equal(turned.vertices, straight.vertices @ rotation.T)
+
+
+@pytest.mark.parametrize(
+    ("mode", "order", "expected"),
+    [
+        (4, [0, 1, 2, 2, 1, 3], [[0, 1, 2], [2, 1, 3]]),
+        (5, [0, 1, 2, 3, 4], [[0, 1, 2], [1, 2, 3], [2, 3, 4]]),
+        (6, [0, 1, 3, 4, 2], [[0, 1, 3], [0, 3, 4], [0, 4, 2]]),
+    ],
+    ids=["triangles", "strip", "fan"],
+)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.uint32])
+def test_primitives(mode: int, order: list[int], expected: list[list[int]], dtype: type) -> None:
+    found = read(as_document(indices=np.array(order, dtype=dtype), mode=mode))
+    assert found.tolist() == CORNERS[np.array(expected)].tolist()
+    if order == sorted(order):
+        assert read(as_document(mode=mode)).tolist() == found.tolist()  # without indices: vertices in their order
+
+
+def test_points_and_lines_are_left_out() -> None:
+    document = as_document()
+    primitive = document["meshes"][0]["primitives"][0]
+    document["meshes"][0]["primitives"] = [{**primitive, "mode": mode} for mode in (0, 1, 2, 3, 6)]
+    assert len(read(document)) == 3
+
+
+def test_transforms_of_nodes() -> None:
+    document = as_document(CORNERS[:3])
+    half = 2**-0.5  # a quarter turn about z
+    document["nodes"] = [
+        {"mesh": 0, "translation": [10, 0, 0], "rotation": [0, 0, half, half], "scale": [2, 3, 4], "children": [1]},
+        {"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1]},
+        {"mesh": 0},  # not in the scene
+    ]
+    outer = [[10, 0, 0], [10, 2, 0], [7, 0, 0]]
+    inner = [[10, 0, 20], [10, 2, 20], [7, 0, 20]]
+    assert np.allclose(read(document), [outer, inner])
+    del document["scenes"], document["scene"]
+    assert np.allclose(read(document), [outer, inner, CORNERS[:3]])
+
+
+def test_sparse_accessors() -> None:
+    where, values = np.array([1, 4], dtype="<u2"), np.array([[7, 7, 7], [8, 8, 8]], dtype="<f4")
+    document = as_document(mode=6)
+    blob = CORNERS.tobytes() + where.tobytes() + values.tobytes()
+    document["buffers"][0]["uri"] = data_uri(blob)
+    document["bufferViews"] += [
+        {"buffer": 0, "byteOffset": CORNERS.nbytes, "byteLength": 4},
+        {"buffer": 0, "byteOffset": CORNERS.nbytes + 4, "byteLength": 24},
+    ]
+    document["accessors"][0]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": 1, "componentType": 5123},
+        "values": {"bufferView": 2},
+    }
+    changed = CORNERS.copy()
+    changed[where] = values
+    expected = changed[[[0, 1, 2], [0, 2, 3], [0, 3, 4]]]
+    assert read(document).tolist() == expected.tolist()
+    del document["accessors"][0]["bufferView"]  # then all others are zero
+    changed[[0, 2, 3]] = 0
+    assert read(document).tolist() == changed[[[0, 1, 2], [0, 2, 3], [0, 3, 4]]].tolist()
+
+
+def test_quantized_and_interleaved_positions() -> None:
+    rows = np.zeros(3, dtype=[("position", "<i2", 3), ("pad", "<u2"), ("other", "<f4", 2)])
+    rows["position"] = [[32767, 0, -32768], [0, 32767, 0], [-32767, 0, 0]]
+    document = as_document(CORNERS[:3])
+    document["buffers"][0] = {"uri": data_uri(rows.tobytes()), "byteLength": rows.nbytes}
+    document["bufferViews"][0] = {"buffer": 0, "byteLength": rows.nbytes, "byteStride": 16}
+    document["accessors"][0] |= {"componentType": 5122, "normalized": True}
+    document["extensionsRequired"] = ["KHR_mesh_quantization"]
+    assert read(document).tolist() == [[[1, 0, -1], [0, 1, 0], [-1, 0, 0]]]
+    del document["accessors"][0]["normalized"]
+    assert read(document).tolist() == [rows["position"].tolist()]
+
+
+def test_buffers_in_files_with_odd_names(tmp_path: Path) -> None:
+    document = as_document(CORNERS[:3])
+    (tmp_path / "my mesh.bin").write_bytes(CORNERS.tobytes())
+    document["buffers"][0]["uri"] = "my%20mesh.bin"
+    assert read(document, tmp_path).tolist() == [CORNERS[:3].tolist()]
+
+
+def broken(**changes: Any) -> Document:
+    """The least document with values replaced: keys are paths, their steps joined by `__`."""
+    document = copy.deepcopy(as_document(CORNERS[:3], np.array([0, 1, 2], dtype=np.uint8)))
+    for path, value in changes.items():
+        *steps, last = (int(step) if step.isdecimal() else step for step in path.split("__"))
+        target: Any = document
+        for step in steps:
+            target = target[step]
+        target[last] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        (broken(asset={"version": "1.0"}), "must be of version 2; it is of version 1.0"),
+        (
+            broken(extensionsRequired=["KHR_materials_unlit", "KHR_draco_mesh_compression"]),
+            "readable without extensions; it requires KHR_draco_mesh_compression. Export it plainly",
+        ),
+        (broken(accessors__0__count=353535235358), r"4,242,422,824,296 bytes are wanted of a view of 36"),
+        (broken(accessors__0__count=10**30), "must be whole numbers from 0"),
+        (broken(accessors__0__count=-1), "must be whole numbers from 0; one is '-1'"),
+        (broken(accessors__0__count="3"), "must be whole numbers from 0; one is '3'"),
+        (broken(accessors__0__type="MAT4"), "accessor 0 must be of type VEC3; it is of 'MAT4'"),
+        (broken(accessors__0__componentType=1), "structure is broken .KeyError: 1."),
+        (broken(accessors__1__componentType=5126), "indices of glTF must be unsigned integers"),
+        (broken(accessors__0={"componentType": 5126, "type": "VEC3", "count": 3}), "must have data.*compressed"),
+        (
+            broken(accessors__0={"componentType": 5126, "type": "VEC3", "count": 10**12, "sparse": {"count": 1}}),
+            "must not be almost empty; 1 of 1,000,000,000,000 are given",
+        ),
+        (broken(bufferViews__0__byteLength=99), "in a buffer of 39. Is it damaged"),
+        (broken(bufferViews__0__byteStride=4), "must hold what it declares"),
+        (broken(bufferViews__0__byteOffset=1 << 59), "must hold what it declares"),
+        (broken(buffers__0__uri="data:;base64,@"), "must be base64; it is not"),
+        (broken(buffers__0__uri="missing.bin"), "must be a file beside it; there is no 'missing.bin'"),
+        (broken(buffers__0__uri="/dev/zero"), "must lie beside it; it is at '/dev/zero'"),
+        (broken(buffers__0__uri="http://x/y.bin"), "must lie beside it"),
+        (broken(buffers__0={}), "buffer 0 of glTF must have data; it has none"),
+        (broken(nodes__0__children=[0]), "must form a tree; node 0 is met twice"),
+        (broken(nodes__0__children=[7]), "structure is broken .IndexError"),
+        (broken(nodes__0__children=[-1]), "must be whole numbers from 0"),
+        (broken(nodes__0__matrix=[1, 2]), "structure is broken .ValueError"),
+        (broken(nodes__0__mesh={}), "structure is broken .TypeError"),
+        (broken(nodes__0__scale=[1e300, 1, 1]), "must be finite and below"),
+        (broken(nodes={}), "structure is broken|must"),
+        (broken(meshes=[[]]), "structure is broken .TypeError"),
+        ({"asset": []}, "structure is broken .AttributeError"),
+        (broken(accessors__1__count=2, meshes__0__primitives__0__attributes={}), None),
+    ],
+)
+def test_broken_documents_are_refused_in_words(document: Document, message: str | None) -> None:
+    if message is None:
+        assert len(read(document)) == 0
+        return
+    with pytest.raises(MeshError, match=message):
+        read(document)
+
+
+def test_indices_beyond_the_vertices_are_refused() -> None:
+    with pytest.raises(MeshError, match="mesh 0 must refer to its 3 vertices by 0 to 2; it refers to 9"):
+        read(as_document(CORNERS[:3], np.array([0, 1, 9], dtype=np.uint8)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:15], "two headers of 20 bytes; it ends before"),
+        (lambda data: data[:-4], r"must have the [\d,]+ bytes that it declares; it has [\d,]+. Is it cut short"),
+        (lambda data: data.replace(b"glTF\2", b"glTF\1"), "must be of version 2; it is of version 1"),
+        (lambda data: data[:12] + b"\xff\xff\xff\x7f" + data[16:], "chunks of a GLB file must lie within it"),
+        (lambda data: data.replace(b"JSON", b"NOSJ"), "structure is broken .KeyError"),
+        (lambda data: data.replace(b'{"asset"', b'{"asset}'), "must be JSON"),
+    ],
+)
+def test_damaged_glb_is_refused_in_words(change: Any, message: str) -> None:
+    document = as_document(CORNERS[:3])
+    del document["buffers"][0]["uri"]
+    data = glb(document, CORNERS.tobytes())
+    assert len(read_gltf(data, HERE).counts) == 1
+    with pytest.raises(MeshError, match=message):
+        read_gltf(change(data), HERE)
+
+
+@pytest.mark.parametrize("text", [b"", b"[]", b"{", b"\xff\xfe", b"[" * 100_000, b'{"asset": {"version": []}}'])
+def test_text_that_is_no_gltf_is_refused(text: bytes) -> None:
+    with pytest.raises(MeshError):
+        read_gltf(text, HERE)
+
+
+def test_a_small_file_cannot_grow_without_end() -> None:
+    many = 3 * 10**5
+    document = as_document(np.zeros((many, 3), dtype="<f4"))
+    document["nodes"] = [{"mesh": 0}] * 100
+    document["scenes"] = [{"nodes": list(range(100))}]
+    with pytest.raises(MeshError, match="must not repeat its data to"):
+        read(document)
