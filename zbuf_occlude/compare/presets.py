@@ -1,5 +1,6 @@
 """What `compare` compares: meshes that were named, the paper's Table 1A and 1B, and the growth of cost."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -39,7 +40,11 @@ def of_meshes(
     def question(entry: MeshEntry) -> Question:
         return ask(entry.key, entry.load(), views, n_points=n_points, seed=seed, most_views=most_views)
 
-    return [Case("meshes", _short(entry.key), partial(question, entry), subjects) for entry in meshes]
+    short = Counter(Path(entry.key).stem for entry in meshes)
+    labels = [stem if short[stem := Path(entry.key).stem] == 1 else entry.key for entry in meshes]
+    return [
+        Case("meshes", label, partial(question, entry), subjects) for label, entry in zip(labels, meshes, strict=True)
+    ]
 
 
 def preset(name: str, *, root: Path | None, seed: int) -> list[Case]:
@@ -156,8 +161,3 @@ def stand_in(kind: str, n_faces: int) -> Mesh:
 def divided(mesh: Mesh, n_faces: int) -> Mesh:
     """Return a mesh with its large faces divided until it has close to, and at most, `n_faces`."""
     return divide_faces(mesh, 1e-12, n_faces).mesh if len(mesh.faces) < n_faces else mesh
-
-
-def _short(key: str) -> str:
-    """A mesh's key without its ending and split: ``chair/train/chair_0003.off`` is ``chair_0003``."""
-    return Path(key).stem

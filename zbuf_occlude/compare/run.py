@@ -89,7 +89,7 @@ def run(
 
     Notes
     -----
-    Rows of failures are made again: the cause may be gone.
+    A row is made again when the question or the versions have changed, or when it failed: the cause may be gone.
     """
     store, judge = Store(out), Judge(out / "judge", judge_points)
     known = store.rows()
@@ -100,7 +100,7 @@ def run(
                 question = case.make()
             except OccludeError as error:
                 for subject in case.subjects:
-                    row = {"key": f"{case.suite}/{case.label}/{subject.label}", **_heading(case, subject)}
+                    row = {"key": "", **_heading(case, subject)}
                     store.append(row | {"status": "failed", "reason": str(error)})
                     tally.failed += 1
                     progress(case.label)
@@ -108,7 +108,8 @@ def run(
             for subject in case.subjects:
                 progress(f"{case.label} · {subject.label}")
                 key = row_key(question, subject.method, dict(subject.options), case.suite)
-                if known.get(key, {}).get("status") == "ok":
+                before = known.get((case.suite, case.label, subject.label), {})
+                if before.get("key") == key and before["status"] == "ok" and before["versions"] == versions():
                     tally.found += 1
                     continue
                 row = {"key": key, **_heading(case, subject), **question.describe()}

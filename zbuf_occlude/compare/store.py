@@ -20,7 +20,7 @@ class Store:
     Parameters
     ----------
     folder : Path
-        ``rows.jsonl``: one JSON object a line; of several with one key the last counts.
+        ``rows.jsonl``: one JSON object a line; of several of one suite, case and subject the last counts.
         ``questions/FINGERPRINT.npz``: positions (n, 3) float32, normals (n, 3) float32, eyes (k, 3), centre, longest.
         ``worst/KEY.npz``: outcomes (n',) uint8 of the question's first n' points in the row's worst view.
     """
@@ -28,8 +28,8 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def rows(self) -> dict[str, dict[str, Any]]:
-        """Read the rows by key. A last line that was cut off by a crash is left out.
+    def rows(self) -> dict[tuple[str, str, str], dict[str, Any]]:
+        """Read the rows by suite, case and subject. A last line that was cut off by a crash is left out.
 
         Raises
         ------
@@ -37,7 +37,7 @@ class Store:
             A line that is not a row.
         """
         path = self.folder / ROWS
-        rows: dict[str, dict[str, Any]] = {}
+        rows: dict[tuple[str, str, str], dict[str, Any]] = {}
         if not path.exists():
             return rows
         lines = path.read_text(encoding="utf-8").split("\n")
@@ -46,7 +46,7 @@ class Store:
                 continue
             try:
                 row = json.loads(line)
-                rows[row["key"]] = row
+                rows[row["suite"], row["case"], row["subject"]] = row
             except (ValueError, KeyError, TypeError) as error:
                 if number == len(lines):  # no newline after it: its writing was cut off
                     continue
