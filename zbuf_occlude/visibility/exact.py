@@ -1,12 +1,14 @@
-"""`exact`: image space made exact on the CPU. The same answers as the oracle outside the boundary band, fast."""
+"""`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
 
+import numba
 import numpy as np
-from numba import njit, prange
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.image_space.clusters import make_clusters
-from zbuf_occlude.image_space.decide import line_is_blocked
+from zbuf_occlude.image_space.frames import make_frames
+from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
+from zbuf_occlude.image_space.scene import make_scene
+from zbuf_occlude.image_space.search import find_visible
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
@@ -20,45 +22,24 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
 
 
 class Exact(Occluder):
-    """Faces in clusters, lines of sight tested against the clusters whose boxes they meet."""
+    """Packets of points against clusters of faces, both projected; float32 where its sign is certain, float64 else."""
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
         super().__init__(mesh)
-        self.contact = contact * mesh.diagonal
-        self._clusters = make_clusters(mesh)
+        self._scene = make_scene(mesh, contact * mesh.diagonal)
+        face_ids = self._scene.face_ids.reshape(-1)
+        self._rows = np.full(len(mesh.faces) + 1, -1, dtype=np.int32)
+        used = np.flatnonzero(face_ids >= 0)
+        self._rows[face_ids[used]] = used
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-        c = self._clusters
-        reach = np.abs(eyes).max() + np.abs(points.positions).max() + np.abs(self.mesh.bounds).max()
-        return _visible(
-            points.positions,
-            points.face_ids,
-            eyes,
-            c.face_ids,
-            c.lower,
-            c.upper,
-            self.mesh.corners,
-            self.contact,
-            1e-12 * reach,
-        )
-
-
-@njit(parallel=True, cache=True)
-def _visible(
-    positions: FloatArray,
-    own: IntArray,
-    eyes: FloatArray,
-    face_ids: IntArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    corners: FloatArray,
-    contact: float,
-    margin: float,
-) -> BoolArray:
-    answer = np.ones((len(eyes), len(positions)), dtype=np.bool_)
-    for i in prange(len(positions)):
-        point = (positions[i, 0], positions[i, 1], positions[i, 2])
-        for j in range(len(eyes)):
-            eye = (eyes[j, 0], eyes[j, 1], eyes[j, 2])
-            answer[j, i] = not line_is_blocked(eye, point, own[i], face_ids, lower, upper, corners, contact, margin)
-    return answer
+        scene = self._scene
+        if len(scene.used) == 0:
+            return np.ones((len(eyes), len(points)), dtype=bool)
+        packets = make_packets(points, scene, self._rows)
+        farthest = np.linalg.norm((points.positions - scene.centre) * scene.scale, axis=1).max()
+        frames = make_frames((eyes - scene.centre) * scene.scale, max(1.0, farthest))
+        n_threads = numba.get_num_threads()
+        n_chunks = packets.coordinates.shape[1] // (CHUNK * PACKET)
+        n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_chunks, 4 * n_threads)
+        return find_visible(scene, packets, frames, n_blocks, min(n_threads, len(eyes) * n_blocks))

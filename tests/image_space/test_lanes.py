@@ -1,0 +1,130 @@
+"""Every operation on 16 lanes against its plain twin in NumPy, NaN, infinity and minus zero included."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from zbuf_occlude.image_space import lanes
+from zbuf_occlude.image_space.lanes import load, store
+
+RNG = np.random.default_rng(0)
+SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 3e-39], dtype=np.float32)
+A = np.concatenate([RNG.normal(size=24).astype(np.float32), np.repeat(SPECIAL, 8)])
+B = np.concatenate([RNG.normal(size=24).astype(np.float32), np.tile(SPECIAL, 8)])
+STARTS = range(0, len(A) - 15, 5)  # not aligned to anything
+
+
+def bits(bools: np.ndarray) -> int:
+    return sum(1 << i for i in range(16) if bools[i])
+
+
+@njit
+def add(a, b):
+    return a + b
+
+
+@njit
+def subtract(a, b):
+    return a - b
+
+
+@njit
+def multiply(a, b):
+    return a * b
+
+
+def on_vectors(operation):
+    """Compile a kernel that applies a function of two vectors to the 16 numbers at an index."""
+
+    @njit
+    def kernel(a, b, out, i):
+        store(out, i, operation(load(a, i), load(b, i)))
+
+    def call(a, b, i):
+        out = np.zeros(len(a), dtype=np.float32)
+        kernel(a, b, out, i)
+        assert not out[:i].any()
+        assert not out[i + 16 :].any()
+        return out[i : i + 16]
+
+    return call
+
+
+def on_masks(operation):
+    @njit
+    def kernel(a, b, i):
+        return operation(load(a, i), load(b, i))
+
+    return kernel
+
+
+@pytest.mark.parametrize(
+    ("operation", "twin"),
+    [
+        (add, np.add),
+        (subtract, np.subtract),
+        (multiply, np.multiply),
+        (lanes.divide, np.divide),
+        (lanes.minimum, lambda a, b: np.where(a < b, a, b)),
+        (lanes.maximum, lambda a, b: np.where(a > b, a, b)),
+    ],
+    ids=["add", "subtract", "multiply", "divide", "minimum", "maximum"],
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_two_vectors_to_one(operation, twin) -> None:
+    kernel = on_vectors(operation)
+    for i in STARTS:
+        np.testing.assert_array_equal(kernel(A, B, i), twin(A, B)[i : i + 16])
+
+
+@pytest.mark.parametrize(
+    ("operation", "twin"),
+    [(lanes.greater, lambda a, b: a > b), (lanes.not_less, lambda a, b: ~(a < b))],
+    ids=["greater", "not_less"],
+)
+def test_two_vectors_to_a_mask(operation, twin) -> None:
+    kernel = on_masks(operation)
+    for i in STARTS:
+        assert kernel(A, B, i) == bits(twin(A, B)[i : i + 16])
+
+
+def test_muladd_rounds_once_or_twice() -> None:
+    @njit
+    def kernel(a, b, c, out):
+        store(out, 0, lanes.muladd(load(a, 0), load(b, 0), load(c, 0)))
+
+    a, b, c = (RNG.normal(size=16).astype(np.float32) for _ in range(3))
+    out = np.empty(16, dtype=np.float32)
+    kernel(a, b, c, out)
+    once = (a.astype(np.float64) * b + c).astype(np.float32)
+    assert ((out == once) | (out == a * b + c)).all()
+
+
+def test_one_vector() -> None:
+    @njit
+    def kernel(a, out):
+        v = load(a, 0)
+        store(out, 0, lanes.absolute(v))
+        store(out, 16, lanes.splat(a[3]))
+        return lanes.lowest(v), lanes.highest(v)
+
+    for _ in range(20):
+        a = RNG.normal(size=16).astype(np.float32)
+        out = np.empty(32, dtype=np.float32)
+        assert kernel(a, out) == (a.min(), a.max())
+        np.testing.assert_array_equal(out, np.concatenate([np.abs(a), np.full(16, a[3])]))
+
+
+def test_masks() -> None:
+    @njit
+    def kernel(mask, a, b, ids, value, out):
+        store(out, 0, lanes.select(mask, load(a, 0), load(b, 0)))
+        return lanes.first_lane(mask), lanes.count_lanes(mask), lanes.equal(ids, 2, value)
+
+    out = np.empty(16, dtype=np.float32)
+    for bools in RNG.random((20, 16)) < 0.4:
+        bools[int(RNG.integers(16))] = True
+        ids = RNG.integers(-1, 3, 18).astype(np.int32)
+        first, count, same = kernel(bits(bools), A, B, ids, -1, out)
+        assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(ids[2:] == -1))
+        np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
