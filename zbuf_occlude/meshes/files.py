@@ -91,16 +91,16 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
 
 
 def _read_bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
-    if not path.exists():
-        raise MeshError("there is no such file. Check the path.")
-    if not path.is_file():
-        raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
     try:
+        if path.is_dir():
+            raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
+        if not path.exists():
+            raise MeshError("there is no such file. Check the path.")
+        if not path.is_file():
+            raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
         data = path.read_bytes()
     except OSError as error:
-        raise MeshError(f"it must be readable; reading says: {error.strerror}. Check its permissions.") from None
+        raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
     if not data:
         raise MeshError("it must hold a mesh; it is empty, 0 bytes. Copy it again.")
     return data

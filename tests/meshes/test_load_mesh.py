@@ -1,0 +1,198 @@
+"""load_mesh as a person meets it: what loads, what is said when a file does not, and what a mesh then knows."""
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import zbuf_occlude as zo
+from zbuf_occlude import MeshError, OptionError, load_mesh
+
+DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+HARD = DATA / "hard"
+needs_data = pytest.mark.skipif(not HARD.is_dir(), reason=f"{HARD} is not there; set ZBUF_OCCLUDE_DATA")
+
+LOADS = {
+    # file: faces, area, why it loads so
+    "busted.STL": (3878, None, "binary; its holes and crossings are the owner's affair, not a reason to refuse"),
+    "comments.off": (12, 32.0, "comments after the header and within lines, colours after faces"),
+    "nancolor.obj": (12, 6.0, "the colour of a vertex is NaN, which nobody asked for; all positions are fine"),
+    "negative_indices.obj": (12, 24.0, "negative indices are legal; six quadrilaterals become twelve triangles"),
+    "origin_inside.STL": (28, None, "binary, though its header begins with 'solid'"),
+    "polygonfaces.obj": (
+        3,
+        None,
+        "one polygon of five corners, spelt 1// 2//; it is folded, all five corners are in use",
+    ),
+    "two_objects.obj": (16, 6.0 + 1.5 + 3**0.5 / 2, "both objects, as one mesh"),
+    "whitespace.off": (12, 32.0, "blanks before the header, counts glued to it, a comment after them"),
+}
+
+REFUSED = {
+    # file: words of the message, why nothing else can be done
+    "empty.stl": ("0 vertices and no face", "a solid without facets"),
+    "obj_empty.obj": ("0 vertices and no face", "comments alone"),
+    "obj_points.obj": ("8 vertices and no face.*point cloud", "points have no surface to sample"),
+    "obj_wireframe.obj": ("8 vertices and no face.*wireframe", "lines hide nothing and have no surface"),
+    "ply_empty_ascii.ply": ("0 vertices and no face", "both elements are declared with no rows"),
+    "ply_empty_bin.ply": ("0 vertices and no face", "both elements are declared with no rows"),
+    "ply_empty_header.ply": ("must have the elements vertex and face", "a header that declares nothing"),
+    "ply_points_ascii.ply": ("8 vertices and no face.*point cloud", "points have no surface to sample"),
+    "ply_points_bin.ply": ("8 vertices and no face.*point cloud", "points have no surface to sample"),
+    "points_ascii.ply": ("must have the elements vertex and face.*point cloud", "no faces are declared"),
+}
+
+
+@needs_data
+def test_every_hard_file_has_its_decision() -> None:
+    assert {file.name for file in HARD.iterdir()} == set(LOADS) | set(REFUSED)
+
+
+@needs_data
+@pytest.mark.parametrize(("name", "n_faces", "area"), [(name, *facts[:2]) for name, facts in LOADS.items()])
+def test_hard_files_load_as_a_person_would_expect(name: str, n_faces: int, area: float | None) -> None:
+    mesh = load_mesh(HARD / name)
+    assert len(mesh.faces) == n_faces
+    assert mesh.name == Path(name).stem
+    assert mesh.dropped == {"degenerate": 0, "duplicate": 0}
+    if area is not None:
+        assert mesh.areas.sum() == pytest.approx(area, rel=1e-5)
+    if not name.startswith(("negative", "polygon")):  # the two that trimesh does not read as they are meant
+        peer = trimesh.load_mesh(HARD / name, process=False)
+        assert mesh.areas.sum() == pytest.approx(peer.area, rel=1e-6)
+
+
+@needs_data
+@pytest.mark.parametrize(("name", "message"), [(name, facts[0]) for name, facts in REFUSED.items()])
+def test_hard_files_without_a_surface_are_refused_in_one_line(name: str, message: str) -> None:
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(HARD / name)
+    assert str(caught.value).startswith(str(HARD / name))
+    assert "\n" not in str(caught.value)
+
+
+@needs_data
+@pytest.mark.parametrize("path", sorted(DATA.glob("modelnet/*/*/*.off")), ids=lambda path: path.stem)
+def test_modelnet_files_are_what_trimesh_reads(path: Path) -> None:
+    mesh = load_mesh(path)
+    peer = trimesh.load_mesh(path, process=False)
+    assert np.array_equal(mesh.vertices, peer.vertices)
+    assert np.array_equal(mesh.faces, peer.faces[mesh.source_face_ids])
+    assert len(mesh.faces) + mesh.dropped["degenerate"] + mesh.dropped["duplicate"] == len(peer.faces)
+
+
+def write(folder: Path, name: str, text: str | bytes) -> Path:
+    (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return folder / name
+
+
+def test_source_face_ids_lead_to_the_polygons_of_the_file(tmp_path: Path) -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nf 1 2\nf 1 2 3 4\nf 1 1 2\nf 3 2 1\nf 1 2 5\nf 4 5 1 2 3\n"
+    mesh = load_mesh(write(tmp_path, "a.obj", text))
+    assert mesh.source_face_ids is not None
+    # 0 is a line; 2 has no area; 3 is a triangle that the quadrilateral 1 has too
+    assert mesh.source_face_ids.tolist()[:3] == [1, 1, 4]
+    assert set(mesh.source_face_ids[3:].tolist()) == {5}
+    assert mesh.dropped["too_few_corners"] == 1
+    assert mesh.dropped["degenerate"] == 1
+    assert mesh.dropped["duplicate"] >= 1
+    assert len(mesh.vertices) == 5
+
+
+def test_vertices_that_no_face_uses_may_be_anything(tmp_path: Path) -> None:
+    text = "OFF 6 1 0\nnan nan nan\n0 0 0\n1 0 0\ninf 0 0\n0 1 0\n9 9 9\n3 1 2 4\n"
+    mesh = load_mesh(write(tmp_path, "a.off", text))
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9]]
+    assert mesh.dropped == {"unusable_vertices": 2, "degenerate": 0, "duplicate": 0}
+    with pytest.raises(MeshError, match=r"vertex 0 must be finite and below .*, for face 0 uses it; it is .nan"):
+        load_mesh(write(tmp_path, "b.off", text.replace("3 1 2 4", "3 1 2 0")))
+
+
+TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+@pytest.mark.parametrize("name", ["a.off", "a.OFF", "a b.c.Off"])
+def test_the_ending_decides_whatever_its_case(tmp_path: Path, name: str) -> None:
+    mesh = load_mesh(write(tmp_path, name, TRIANGLE))
+    assert mesh.name == name[:-4]
+    assert load_mesh(str(tmp_path / name), name="chair/train/a.off").name == "chair/train/a.off"
+
+
+def fifo(folder: Path) -> Path:
+    os.mkfifo(folder / "pipe.off")
+    return folder / "pipe.off"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda folder: folder / "none.off", "there is no such file. Check the path"),
+        (lambda folder: folder / ("x" * 300 + ".off"), "there is no such file|reading says: File name too long"),
+        (lambda folder: folder / "a\0.off", "there is no such file"),
+        (lambda folder: folder, "must end in one of .off, .obj, .ply, .stl, .glb, .gltf; this ends in ''"),
+        (lambda folder: write(folder, "a.dae", TRIANGLE), "must end in one of .*; this ends in '.dae'. Convert it"),
+        (lambda folder: write(folder, "empty.obj", ""), "must hold a mesh; it is empty, 0 bytes"),
+        (fifo, "it is a device or a pipe"),
+        (
+            lambda folder: write(folder, "flat.off", TRIANGLE.replace("0 1 0\n3", "2 0 0\n3")),
+            "must have faces of some area",
+        ),
+        (lambda folder: write(folder, "a.ply", TRIANGLE), r"line 'ply'.* Its content looks like \.off: rename it\?"),
+        (lambda folder: write(folder, "a.obj", TRIANGLE), r"no face of three corners.* looks like \.off: rename it\?"),
+        (
+            lambda folder: write(folder, "a.stl", b"ply\nformat ascii 1.0\n"),
+            r"84 bytes.* looks like \.ply: rename it\?",
+        ),
+        (lambda folder: write(folder, "a.off", "# x\nv 1 2 3\nv 1 2 3\nf 1 2 1"), r"looks like \.obj: rename it\?"),
+        (lambda folder: write(folder, "a.gltf", "solid x\nfacet normal 0 0 1\n"), r"JSON.* looks like \.stl: rename"),
+        (lambda folder: write(folder, "a.off", b'{"asset": {}}'), r"begin with OFF.* looks like \.gltf: rename it\?"),
+        (lambda folder: write(folder, "a.off", b"glTF\2\0\0\0"), r"NUL bytes.* looks like \.glb: rename it\?"),
+    ],
+)
+def test_one_line_names_the_file_and_says_what_to_do(
+    tmp_path: Path, make: Callable[[Path], Path], message: str
+) -> None:
+    path = make(tmp_path)
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).count(str(path)) == 1
+    assert "\n" not in str(caught.value)
+    assert caught.value.__suppress_context__  # no traceback of another kind behind it
+
+
+def test_a_folder_with_a_meshs_ending(tmp_path: Path) -> None:
+    (tmp_path / "a.off").mkdir()
+    with pytest.raises(MeshError, match=r"must be a file; it is a folder\. Use MeshCollection\.from_paths"):
+        load_mesh(tmp_path / "a.off")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
+    path = write(tmp_path, "a.off", TRIANGLE)
+    path.chmod(stat.S_IWUSR)
+    with pytest.raises(MeshError, match="must be readable; reading says: Permission denied"):
+        load_mesh(path)
+
+
+def test_a_file_that_fails_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    path = write(tmp_path, "a.off", TRIANGLE)
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    with pytest.raises(MeshError, match="must be readable; reading says: Input/output error"):
+        load_mesh(path)
+
+
+def test_up_is_checked_first(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="up must be one of z, y; got 'x'"):
+        load_mesh(tmp_path / "none.off", up="x")
+
+
+def test_load_mesh_is_public() -> None:
+    assert zo.load_mesh is load_mesh
