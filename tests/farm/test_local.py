@@ -18,8 +18,9 @@ from zbuf_occlude.dataset import generate as dataset
 from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import read_sidecar, records_path, run_shard
-from zbuf_occlude.farm import local
-from zbuf_occlude.farm.local import Limits, run_shards
+from zbuf_occlude.farm import local, supervisor
+from zbuf_occlude.farm.local import run_shards
+from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 RECIPE = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)
@@ -84,17 +85,16 @@ def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
 def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = plan_of(*[ball] * 12)
     killed = []
-    spawn = local._spawn
 
-    def spawn_and_doom(*arguments: object) -> object:
-        worker = spawn(*arguments)  # type: ignore[arg-type]
-        if len(killed) < 4:
-            killed.append(worker.process.pid)
-            # while it starts, or somewhere in its work
-            threading.Timer(0.4 + 0.4 * len(killed), partial(os.kill, worker.process.pid, signal.SIGKILL)).start()
-        return worker
+    class Doomed(local.LocalWorker):
+        def __init__(self, *arguments: object) -> None:
+            super().__init__(*arguments)  # type: ignore[arg-type]
+            if len(killed) < 4:
+                killed.append(self.process.pid)
+                # while it starts, or somewhere in its work
+                threading.Timer(0.4 + 0.4 * len(killed), partial(os.kill, self.process.pid, signal.SIGKILL)).start()
 
-    monkeypatch.setattr(local, "_spawn", spawn_and_doom)
+    monkeypatch.setattr(local, "LocalWorker", Doomed)
     run(plan, out)
     assert len(killed) == 4
     assert failures(plan, out) == {}
@@ -105,7 +105,7 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
 
 
 def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local, "DEATHS_A_MESH", 2)
+    monkeypatch.setattr(supervisor, "DEATHS_A_MESH", 2)
     plan = plan_of(ball, suicide, ball, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}
@@ -158,10 +158,10 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
         "import sys; from pathlib import Path; from tests.farm.test_local import *\n"
         "if __name__ == '__main__':\n"
         "    out = Path(sys.argv[1]); out.mkdir()\n"
-        "    spawn = local._spawn\n"
-        "    def tell(*a):\n"
-        "        worker = spawn(*a); print(worker.process.pid, flush=True); return worker\n"
-        "    local._spawn = tell\n"
+        "    class Telling(local.LocalWorker):\n"
+        "        def __init__(self, *a):\n"
+        "            super().__init__(*a); print(self.process.pid, flush=True)\n"
+        "    local.LocalWorker = Telling\n"
         "    run(plan_of(hang, hang, hang), out)\n"
     )
     parent_file = tmp_path / "parent.py"

@@ -16,7 +16,8 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import CONTACT_SHEET, MANIFEST, generate
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.farm.local import Limits, run_shards
+from zbuf_occlude.farm.local import run_shards
+from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.sampling import sample_surface

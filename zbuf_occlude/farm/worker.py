@@ -16,11 +16,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def serve(connection: Connection, plan: Plan, out: Path, device_index: int | None, parent: int) -> None:
-    """Run in the child: answer (shard, lost) requests until None comes.
-
-    Messages sent: ("mesh", mesh_id) before each mesh, ("done", shard), and as the last word before leaving
-    ("broken", reason) for a context that was lost or ("failed", reason) for what no other worker would do better.
-    """
+    """Run in the child: answer (shard, lost) requests until None comes, with messages as `supervisor.Message` says."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt means
     _die_with_parent(parent)
     gl: Any = None

@@ -1,0 +1,200 @@
+"""The supervisor: hands shards to workers, and expects them to die, hang and swell. Knows no engine."""
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from zbuf_occlude.errors import DatasetError
+
+DEATHS_A_MESH = 5
+"""A mesh at which so many workers have died is given up; below that the death may have had another cause."""
+BREAKS = 5
+"""So many workers in a row may lose, or never get, their GL context before the run gives up."""
+SHARDS_A_WORKER = 200
+"""A worker is replaced after so many shards: drivers leak."""
+GRACE = 0.5
+"""Seconds between two looks at the workers' time and memory."""
+
+Message = tuple[Literal["mesh", "done", "broken", "failed"], int | str]
+"""("mesh", mesh_id) before each mesh, ("done", shard); as the last word before leaving ("broken", reason) when the GL
+context was lost or never came, or ("failed", reason) for what no other worker would do better."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one mesh may take before its worker is killed and the mesh counted as failed.
+
+    Parameters
+    ----------
+    seconds : float
+        Wall-clock time for one mesh, all its views and variations.
+    gigabytes : float
+        Resident memory of the worker process while it is at the mesh.
+    """
+
+    seconds: float = 600.0
+    gigabytes: float = 8.0
+
+
+class Worker(Protocol):
+    """A process somewhere that makes shards, as an engine offers it."""
+
+    def assign(self, shard: int, lost: dict[int, str]) -> None:
+        """Have it make a shard; meshes in `lost` are failures with their reasons. Never raises: death is told later."""
+
+    def listen(self) -> list[Message]:
+        """Return what it said since the last call, without waiting."""
+
+    def ending(self) -> str:
+        """Say how it ended; empty while it lives."""
+
+    def gigabytes(self) -> float:
+        """Return its resident memory."""
+
+    def kill(self) -> None:
+        """End it now."""
+
+    def dismiss(self) -> None:
+        """Let it go when it is at rest."""
+
+
+@dataclass
+class _Seat:
+    """A worker, and what it is at."""
+
+    worker: Worker
+    shard: int | None = None
+    mesh_id: int | None = None
+    mesh_began: float = 0.0
+    n_done: int = 0
+
+
+@dataclass
+class _Book:
+    """What is remembered about shards and meshes."""
+
+    queue: deque[int]
+    left: set[int]
+    deaths: Counter[int] = field(default_factory=Counter)
+    lost: dict[int, str] = field(default_factory=dict)
+    n_broken: int = 0
+
+
+def supervise(
+    shards: list[int],
+    done: Callable[[int], None],
+    *,
+    hire: Callable[[int], Worker],
+    wait: Callable[[list[Worker], float], None],
+    n_workers: int,
+    limits: Limits,
+) -> None:
+    """Make shards by workers until each is done.
+
+    Parameters
+    ----------
+    shards : list of int
+        Indices into ``plan.shards`` that are not done.
+    done : callable
+        Told each shard when it is done.
+    hire : callable
+        Starts a worker for a seat (0 to n_workers - 1).
+    wait : callable
+        Returns when one of the workers has something to say, or after so many seconds.
+    n_workers : int
+    limits : Limits
+
+    Raises
+    ------
+    DatasetError
+        Something that would happen to any worker: a full disk, no GL context. What is done stays done.
+
+    Notes
+    -----
+    A worker that dies is replaced and its shard made again; a mesh at which `DEATHS_A_MESH` workers died, or that
+    exceeds the limits, becomes a failure in the shard's sidecar. What a shard holds depends on the plan alone, never on
+    the worker that made it, so any number of deaths leaves the same bytes.
+    """
+    book = _Book(deque(shards), set(shards))
+    seats: dict[int, _Seat] = {}
+    try:
+        while book.left:
+            for number in range(min(n_workers, len(book.left))):
+                if number not in seats:
+                    seats[number] = _Seat(hire(number))
+                _assign(seats[number], book)
+            wait([seat.worker for seat in seats.values()], GRACE)
+            for number, seat in list(seats.items()):
+                if _look_after(seat, book, limits, done):
+                    del seats[number]
+    finally:
+        for seat in seats.values():
+            if seat.shard is None:
+                seat.worker.dismiss()
+            else:
+                seat.worker.kill()
+
+
+def _assign(seat: _Seat, book: _Book) -> None:
+    if seat.shard is None and book.queue:
+        seat.shard, seat.mesh_id = book.queue.popleft(), None
+        seat.worker.assign(seat.shard, dict(book.lost))
+
+
+def _look_after(seat: _Seat, book: _Book, limits: Limits, done: Callable[[int], None]) -> bool:
+    """Take in what a worker says and how it is; True when its seat is free again."""
+    ending = seat.worker.ending()  # asked first: what it said before it ended is heard all the same
+    for message in seat.worker.listen():
+        _hear(seat, book, message, done)
+    if ending:
+        _bury(seat, book, f"{ending} at it, {DEATHS_A_MESH} times", at_once=False)
+        return True
+    if reason := _excess(seat, limits):
+        seat.worker.kill()
+        _bury(seat, book, reason, at_once=True)
+        return True
+    if seat.n_done >= SHARDS_A_WORKER and seat.shard is None:
+        seat.worker.dismiss()
+        return True
+    return False
+
+
+def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None]) -> None:
+    kind, value = message
+    if kind == "mesh" and isinstance(value, int):
+        seat.mesh_id, seat.mesh_began = value, time.monotonic()
+    elif kind == "done" and isinstance(value, int):
+        book.left.discard(value)
+        book.n_broken = 0
+        seat.shard, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
+        done(value)
+    elif kind == "broken":
+        book.n_broken += 1
+        if book.n_broken >= BREAKS:
+            raise DatasetError(f"workers must get an OpenGL context; {BREAKS} in a row did not: {value}")
+        seat.mesh_id = None  # not the mesh's fault
+    else:
+        raise DatasetError(f"{value}. What was finished is kept, and the same command resumes.")
+
+
+def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool) -> None:
+    """Put a dead worker's shard back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths."""
+    if seat.mesh_id is not None:
+        book.deaths[seat.mesh_id] += 1
+        if at_once or book.deaths[seat.mesh_id] >= DEATHS_A_MESH:
+            book.lost[seat.mesh_id] = reason
+    if seat.shard is not None:
+        book.queue.appendleft(seat.shard)
+
+
+def _excess(seat: _Seat, limits: Limits) -> str:
+    """Say which limit a worker's mesh has exceeded; empty when none."""
+    if seat.mesh_id is None:
+        return ""
+    if time.monotonic() - seat.mesh_began > limits.seconds:
+        return f"a mesh may take {limits.seconds:g} seconds; this one took longer. Raise --mesh-seconds."
+    if seat.worker.gigabytes() > limits.gigabytes:
+        return f"a mesh may take {limits.gigabytes:g} GB of memory; this one took more. Raise --mesh-gigabytes."
+    return ""
