@@ -20,6 +20,13 @@ METHODS: tuple[Method, ...] = (
         exact=True,
     ),
     Method(
+        "exact_gl",
+        "image space made exact on the GPU: an irregular z-buffer in compute shaders, equal to the oracle",
+        "zbuf_occlude.visibility.exact_gl:prepare",
+        exact=True,
+        needs_gl=True,
+    ),
+    Method(
         "embree",
         "ray casting with Intel Embree, float32: an independent check and the peer to beat",
         "zbuf_occlude.visibility.embree:prepare",

@@ -1,0 +1,204 @@
+"""`exact_gl` equals the oracle on every pair of eye and point, whatever the mesh and wherever the eye."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import zbuf_occlude as zo
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.gl import buffers, exact_pass
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.visibility import exact_gl, oracle
+
+
+def mesh_of(corners: np.ndarray) -> zo.Mesh:
+    """A mesh of separate triangles, (f, 3, 3), not cleaned."""
+    return zo.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def grid(height: Callable[[np.ndarray, np.ndarray], np.ndarray], n: int) -> np.ndarray:
+    """Triangles of a height field over the unit square, (2 n n, 3, 3)."""
+    x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    p = np.stack([x, y, height(x, y)], axis=-1)
+    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
+    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
+
+
+def soup(n: int, size: float) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return rng.random((n, 1, 3)) + rng.normal(scale=size, size=(n, 3, 3))
+
+
+def needles() -> np.ndarray:
+    """From 1e-7 to 1e-2 wide."""
+    rng = np.random.default_rng(2)
+    along = rng.normal(size=(400, 1, 3)) * rng.random((400, 3, 1))
+    return rng.random((400, 1, 3)) + along + rng.normal(size=(400, 3, 3)) * 10.0 ** rng.uniform(-7, -2, (400, 1, 1))
+
+
+def cylinder(sections: int) -> np.ndarray:
+    angle = np.linspace(0, 2 * np.pi, sections, endpoint=False)
+    low = np.stack([np.cos(angle), np.sin(angle), np.full(sections, -1.0)], axis=1)
+    high = low + [0, 0, 2]
+    side = [
+        np.stack([low, np.roll(low, -1, 0), high], 1),
+        np.stack([high, np.roll(low, -1, 0), np.roll(high, -1, 0)], 1),
+    ]
+    return np.concatenate(side)
+
+
+def sphere(n: int) -> np.ndarray:
+    """A sphere of 12 n n faces: a cube's grids, blown up."""
+    flat = grid(lambda x, y: np.ones_like(x), n) * [2, 2, 1] - [1, 1, 0]
+    cube = np.concatenate([np.roll(flat * [1, 1, sign], turn, axis=-1) for turn in range(3) for sign in (1, -1)])
+    return cube / np.linalg.norm(cube, axis=-1, keepdims=True)
+
+
+def plates() -> np.ndarray:
+    """Three boxes of 1 : 1000."""
+    flat = grid(lambda x, y: np.zeros_like(x), 1)
+    return np.concatenate([flat + [0, 0, z] for z in (0.0, 1e-3, 0.3, 0.301, 0.8, 0.801)])
+
+
+def duplicates() -> np.ndarray:
+    """Every face three times: as it is, the other way round, and a hair away."""
+    once = soup(60, 0.3)
+    return np.concatenate([once, once[:, ::-1], once + 1e-9])
+
+
+def one_huge_many_tiny() -> np.ndarray:
+    return np.concatenate([[[[-40.0, -40, 0.5], [40, -40, 0.5], [0, 60, 0.5]]], soup(3000, 2e-3)])
+
+
+MESHES: dict[str, Callable[[], np.ndarray]] = {
+    "one face": lambda: soup(1, 1.0),
+    "soup": lambda: soup(300, 0.1),
+    "needles": needles,
+    "cylinder of 3,000 sections": lambda: cylinder(3000),
+    "sphere of 82k faces": lambda: sphere(83),
+    "plates": plates,
+    "duplicates": duplicates,
+    "one huge face, many tiny": one_huge_many_tiny,
+    "waves": lambda: grid(lambda x, y: 0.05 * np.sin(30 * x) * np.sin(30 * y), 40),
+}
+
+
+def eyes_of(mesh: zo.Mesh, points: zo.SurfacePoints) -> np.ndarray:
+    """Far, at the paper's distance, inside the bounding sphere, in the plane of faces, and a hair off the surface."""
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(8, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    distances = np.array([2.0, 2.5, 30.0, 1e4, 1e9, 0.1, 0.3, 0.0])
+    around = mesh.centre + mesh.diagonal * distances[:, None] * directions
+    axis = mesh.centre + mesh.diagonal * np.array([[0.0, 0.0, 2.0], [2.0, 0.0, 0.0]])
+    near = points.positions[:3] + mesh.diagonal * np.array([[1e-2], [1e-4], [1e-6]]) * directions[:3]
+    return np.concatenate([around, axis, near])
+
+
+def differing(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, gl: GlContext) -> int:
+    """How many pairs differ from the oracle: in the band too, because what is in doubt is decided by its formula."""
+    with oracle.prepare(mesh) as judge, exact_gl.prepare(mesh, gl=gl) as occluder:
+        return int((judge.visible(points, eyes) != occluder.visible(points, eyes)).sum())
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_equals_the_oracle(name: str, gl: GlContext) -> None:
+    mesh = mesh_of(MESHES[name]())
+    points = zo.sample_surface(mesh, n_points=250 if len(mesh.faces) > 20_000 else 1000, seed=1)
+    assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
+
+
+def test_free_points_anywhere(gl: GlContext) -> None:
+    mesh = mesh_of(soup(200, 0.2))
+    rng = np.random.default_rng(5)
+    near, far = rng.normal(size=(300, 3)), rng.normal(size=(100, 3)) * 10.0 ** rng.uniform(1, 12, (100, 1))
+    points = zo.SurfacePoints.free(np.concatenate([near, far, mesh.vertices[:200]]))
+    assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
+
+
+def test_a_point_is_not_hidden_by_its_own_face_wherever_it_lies(gl: GlContext) -> None:
+    mesh = mesh_of(sphere(4))
+    points = zo.sample_surface(mesh, n_points=500, seed=1)
+    shuffled = zo.SurfacePoints(points.positions * 0.5, points.face_ids[::-1].copy(), points.normals)
+    assert differing(mesh, shuffled, eyes_of(mesh, points), gl) == 0
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    corners=arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3), st.just(3)), elements=st.integers(-3, 3)),
+    eyes=arrays(np.float64, (4, 3), elements=st.integers(-6, 6)),
+    places=arrays(np.float64, (40, 3), elements=st.integers(-3, 3)),
+)
+def test_small_integers(corners: np.ndarray, eyes: np.ndarray, places: np.ndarray, gl: GlContext) -> None:
+    """Degenerate faces, lines through edges and vertices, eyes in planes, eyes on points."""
+    mesh = mesh_of(corners)
+    assert differing(mesh, zo.SurfacePoints.free(places), eyes, gl) == 0
+
+
+@pytest.mark.parametrize("exponent", [-200, -10, 1, 10, 200])
+def test_scaling_by_powers_of_two_changes_no_answer(exponent: int, gl: GlContext) -> None:
+    mesh = mesh_of(soup(300, 0.1))
+    points = zo.sample_surface(mesh, n_points=2000, seed=1)
+    eyes, scale = eyes_of(mesh, points), 2.0**exponent
+    with exact_gl.prepare(mesh, gl=gl) as one, exact_gl.prepare(mesh.transformed(scale), gl=gl) as other:
+        assert (one.visible(points, eyes) == other.visible(points.transformed(scale), eyes * scale)).all()
+
+
+def test_splitting_changes_no_answer(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces, points and answers over the driver's limit of a storage block go in parts."""
+    mesh = mesh_of(soup(700, 0.1))
+    points = zo.sample_surface(mesh, n_points=1500, seed=1)
+    eyes = eyes_of(mesh, points)
+    with exact_gl.prepare(mesh, gl=gl) as whole:
+        want = whole.visible(points, eyes)
+    monkeypatch.setattr(exact_pass, "block_limit", lambda ctx: 20_000)
+    monkeypatch.setattr(exact_pass, "_ANSWER_BYTES", 400)
+    with exact_gl.prepare(mesh, gl=gl) as split:
+        assert (split.visible(points, eyes) == want).all()
+
+
+@pytest.mark.parametrize("budget", [1, 40])
+def test_cutting_work_changes_no_answer(budget: int, gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work groups that give up at once, and that give up in the middle."""
+    mesh = mesh_of(soup(700, 0.1))
+    points = zo.sample_surface(mesh, n_points=500, seed=1)
+    monkeypatch.setattr(exact_pass, "BUDGET", budget)
+    assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
+
+
+def test_parts_are_few_and_cover_all() -> None:
+    assert [(p.start, p.stop) for p in buffers.parts(10, 4)] == [(0, 4), (4, 8), (8, 10)]
+    assert [(p.start, p.stop) for p in buffers.parts(4, 4)] == [(0, 4)]
+
+
+def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:
+    mesh = mesh_of(sphere(6))
+    points = zo.sample_surface(mesh, n_points=300, seed=1)
+    eyes = eyes_of(mesh, points)
+    with exact_gl.prepare(mesh, gl=gl) as occluder:
+        together = occluder.visible(points, eyes)
+        for eye, row in zip(eyes, together, strict=True):
+            assert (occluder.visible(points, eye[None])[0] == row).all()
+
+
+def test_visible_fraction_of_a_sphere(gl: GlContext) -> None:
+    """(1 - r / d) / 2 of the area, in closed form."""
+    mesh = mesh_of(sphere(40))
+    points = zo.sample_surface(mesh, n_points=20_000, seed=1)
+    with exact_gl.prepare(mesh, gl=gl) as occluder:
+        visible = occluder.visible(points, [[4.0, 0.0, 0.0]])
+    assert visible.mean() == pytest.approx((1 - 1 / 4) / 2, abs=0.012)  # 3.5 standard deviations of 20,000 draws
+
+
+def test_the_renderer_is_named(gl: GlContext) -> None:
+    with exact_gl.prepare(mesh_of(soup(1, 1.0)), gl=gl) as occluder:
+        assert occluder.renderer == gl.renderer
+
+
+def test_contact_out_of_range(gl: GlContext) -> None:
+    with pytest.raises(OptionError, match=r"contact must lie in \[0, 1\), a fraction of the mesh's diagonal; got 2"):
+        exact_gl.prepare(mesh_of(soup(1, 1.0)), gl=gl, contact=2.0)

@@ -1,0 +1,155 @@
+"""What the irregular z-buffer needs of a mesh, of points and of eyes, as arrays for the GPU."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.gl.morton import morton_order
+
+WIDTH = 8
+"""Children of an inner box."""
+
+LEAF = 16
+"""Faces of a cluster."""
+
+NONE = np.uint32(0xFFFFFFFF)
+
+EXACT_POINT = np.dtype([("position", "<f8", 3), ("order", "<u4"), ("unused", "<u4")])
+EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)])
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The mesh's own space: centred, and scaled by a power of two so that the diagonal is in [1/2, 1).
+
+    A power of two makes the scaling exact, so masks do not change when everything is scaled by one.
+    """
+
+    centre: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, centre: FloatArray, diagonal: float) -> "Unit":
+        """Return the unit of a mesh by its box."""
+        return cls(centre, float(np.ldexp(1.0, -int(np.frexp(diagonal)[1]))) if diagonal > 0.0 else 1.0)
+
+    def to(self, positions: FloatArray) -> FloatArray:
+        """World to unit space, (..., 3) float64."""
+        return (positions - self.centre) * self.scale
+
+
+@dataclass(frozen=True)
+class FaceArrays:
+    """Faces in Morton order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
+
+    Attributes
+    ----------
+    face_ids : (f,) int
+        The mesh's face at each place.
+    faces : (f, 16) float32
+        Corner a, edges ab and ac, normal, edge bc, one unused; unit space. Edges and normals are rounded from
+        float64 differences, so small faces keep their precision.
+    corners : (f, 9) float64
+        World space, as the mesh has them.
+    boxes : (boxes, 8) float32
+        Centre and half size, each padded to 4; the root first.
+    level_start, level_size : (levels,) int
+        Child j of box i of level l is box i WIDTH + j of level l + 1; the last level's are the clusters.
+    """
+
+    face_ids: NDArray[np.int64]
+    faces: NDArray[np.float32]
+    corners: FloatArray
+    boxes: NDArray[np.float32]
+    level_start: list[int]
+    level_size: list[int]
+
+
+def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
+    """Arrange faces given by their corners (f, 3, 3), world space."""
+    order = morton_order(corners.mean(axis=1))
+    corners = corners[order]
+    local = unit.to(corners)
+    a, b, c = local[:, 0], local[:, 1], local[:, 2]
+    faces = np.zeros((len(corners), 16), dtype=np.float32)
+    faces[:, 0:3], faces[:, 3:6], faces[:, 6:9] = a, b - a, c - a
+    faces[:, 9:12], faces[:, 12:15] = np.cross(b - a, c - a), c - b
+    low, high = local.min(axis=1), local.max(axis=1)
+    levels = []
+    step = LEAF
+    while True:
+        starts = np.arange(0, len(low), step)
+        low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        levels.insert(0, (low, high))
+        step = WIDTH
+        if len(levels) > 1 and len(low) == 1:
+            break
+    sizes = [len(low) for low, _ in levels]
+    boxes = np.zeros((sum(sizes), 8), dtype=np.float32)
+    boxes[:, 0:3] = np.concatenate([(low + high) / 2.0 for low, high in levels])
+    boxes[:, 4:7] = np.concatenate([(high - low) / 2.0 for low, high in levels])
+    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, [0, *np.cumsum(sizes[:-1]).tolist()], sizes)
+
+
+@dataclass(frozen=True)
+class PointArrays:
+    """Points in packets of neighbours.
+
+    Attributes
+    ----------
+    order : (packets * size,) uint32
+        The question's point at each place; `NONE` pads the last packet.
+    points : (packets * size, 4) uint32
+        Bits of the float32 offset from the packet's centre, and the own face's place (`NONE`: free).
+    exact_points : (packets * size,) EXACT_POINT
+        World positions in float64, and `order`.
+    packets : (packets, 8) float32
+        Centre and radius, half size; unit space.
+    """
+
+    n_packets: int
+    points: NDArray[np.uint32]
+    exact_points: NDArray[Any]
+    packets: NDArray[np.float32]
+
+
+def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit: Unit) -> PointArrays:
+    """Arrange n points into packets of `size`; own_places (n,): the own face's place among FaceArrays, -1 for none."""
+    n = len(positions)
+    n_packets = -(-n // size)
+    order = np.empty(n_packets * size, dtype=np.int64)
+    order[:n] = morton_order(positions)
+    order[n:] = order[n - 1]
+    exact_points = np.zeros(len(order), dtype=EXACT_POINT)
+    exact_points["position"] = positions[order]
+    exact_points["order"] = order
+    exact_points["order"][n:] = NONE
+    local = unit.to(exact_points["position"]).reshape(n_packets, size, 3)
+    low, high = local.min(axis=1), local.max(axis=1)
+    centre = ((low + high) / 2.0).astype(np.float32)
+    local -= centre[:, None]
+    offsets = local.astype(np.float32)
+    packets = np.zeros((n_packets, 8), dtype=np.float32)
+    packets[:, :3] = centre
+    # a hair more than the largest, for the rounding to float32
+    packets[:, 3] = np.sqrt((local**2).sum(axis=2).max(axis=1)) * (1.0 + 1e-6)
+    packets[:, 4:7] = np.abs(local).max(axis=1) * (1.0 + 1e-6)
+    points = np.empty((len(order), 4), dtype=np.uint32)
+    points[:, :3] = offsets.reshape(-1, 3).view(np.uint32)
+    points[:, 3] = own_places[order].astype(np.uint32)
+    return PointArrays(n_packets, points, exact_points, packets)
+
+
+def arrange_eyes(eyes: FloatArray, unit: Unit) -> NDArray[Any]:
+    """Eyes (k, 3), world space, as EYE records: as they are, and in unit space times a power of two g; g last."""
+    local = unit.to(eyes)
+    exponent = -np.frexp(1.0 + 2.0 * np.abs(local).max(axis=1))[1]
+    records = np.zeros(len(eyes), dtype=EYE)
+    records["position"] = eyes
+    records["scaled"][:, :3] = np.ldexp(local, exponent[:, None])
+    # float32 has no smaller ones, and beyond 2^100 the mesh's size is below an eye's rounding
+    records["scaled"][:, 3] = np.ldexp(1.0, np.maximum(exponent, -100))
+    return records

@@ -1,0 +1,201 @@
+"""The irregular z-buffer as a compute pass: visible or not, exactly, for packets of points and many eyes at once."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.exact_data import LEAF, WIDTH, Unit, arrange_eyes, arrange_faces, arrange_points
+from zbuf_occlude.gl.shaders import compile_program
+
+MAX_LEVELS = 9
+"""Of the tree of boxes: enough for 16 * 8^8 faces, far more than a storage block holds."""
+
+BUDGET = 6000
+"""Steps after which a work group gives up; llvmpipe allows 65,535 iterations, of which a step may take eight."""
+
+_FACE_BYTES, _POINT_BYTES = 72, 32
+"""The largest record of a face, and of a point, in one buffer."""
+
+_MAX_GROUPS = 65535
+"""What every driver allows of work groups along an axis."""
+
+_ANSWER_BYTES = 1 << 26
+"""Most answer bits (in bytes) that one dispatch may produce."""
+
+_BINDINGS = 10
+
+
+@dataclass(frozen=True)
+class _FacePart:
+    """Faces that fit into one storage block, with their tree."""
+
+    first: int
+    n_faces: int
+    level_start: list[int]
+    level_size: list[int]
+    buffers: Buffers
+
+
+class ExactPass:
+    """A mesh on the GPU, ready to be asked.
+
+    Parameters
+    ----------
+    gl : GlContext
+    corners : (f, 3, 3) float64
+        World space.
+    centre, diagonal
+        Of the mesh's bounding box.
+    contact : float
+        In world units.
+
+    Notes
+    -----
+    GPU memory: 140 bytes a face; 48 bytes a point and 1/4 byte a point and eye while it answers, of the latter
+    two at most 2^22 points and 2^29 answers at once.
+    """
+
+    def __init__(self, gl: GlContext, corners: FloatArray, centre: FloatArray, diagonal: float, contact: float) -> None:
+        self._ctx = gl.ctx
+        available = int(gl.ctx.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
+        if available < _BINDINGS:
+            raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
+        self._unit = Unit.of(centre, diagonal)
+        # a GPU wants one warp to a group; llvmpipe one vector, and many points to make up for its slow shared memory
+        threads, per_thread, triangles = (8, 8, 56) if gl.is_software else (32, 2, 16)
+        self._packet = threads * per_thread
+        opened = max(threads // WIDTH, 1)
+        constants = {
+            "THREADS": threads,
+            "PER_THREAD": per_thread,
+            "TRIANGLES": triangles,
+            "WIDTH": WIDTH,
+            "LEAF": LEAF,
+            "BUDGET": BUDGET,
+            "MAX_LEVELS": MAX_LEVELS,
+            # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
+            "STACK": MAX_LEVELS * opened * (WIDTH + 1),
+        }
+        self._program: Any = compile_program(gl.ctx, "exact.comp", constants=constants)
+        self._program["contact"].value = contact * self._unit.scale
+        self._program["contact64"].value = contact
+        limit = block_limit(gl.ctx)
+        self._most_points = min(limit // _POINT_BYTES, _MAX_GROUPS * self._packet) // self._packet * self._packet
+        self._places = np.empty(len(corners), dtype=np.int32)
+        self._face_parts = []
+        for part in parts(len(corners), limit // _FACE_BYTES):
+            arrays = arrange_faces(corners[part], self._unit)
+            self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
+            buffers = Buffers(gl.ctx, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
+            self._face_parts.append(
+                _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
+            )
+
+    def visible(self, positions: FloatArray, face_ids: IntArray, eyes: FloatArray) -> BoolArray:
+        """Answer which points each eye sees.
+
+        Parameters
+        ----------
+        positions : (n, 3) float64
+            World space.
+        face_ids : (n,) int
+            Own faces, -1 for none.
+        eyes : (k, 3) float64
+            World space.
+
+        Returns
+        -------
+        (k, n) bool
+        """
+        own = np.where(face_ids >= 0, self._places[face_ids], -1)
+        answer = np.empty((len(eyes), len(positions)), dtype=np.bool_)
+        with Buffers(self._ctx, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
+            eye_buffer.bind(eyes=6)
+            for part in parts(len(positions), self._most_points):
+                arrays = arrange_points(positions[part], own[part], self._packet, self._unit)
+                with Buffers(self._ctx, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets) as b:
+                    b.bind(points=3, exact=4, packets=5)
+                    self._answer(arrays.n_packets, answer[:, part])
+        return answer
+
+    def _answer(self, n_packets: int, answer: BoolArray) -> None:
+        """Answer for the points bound, into (k, n)."""
+        k, n = answer.shape
+        words = -(-n // 32)
+        most = max(1, min(_ANSWER_BYTES // (4 * words), _MAX_GROUPS, k))
+        self._program["n_packets"].value = n_packets
+        self._program["words"].value = words
+        bits = np.zeros((most, words), dtype=np.uint32)
+        unfinished = np.zeros((1 + most * n_packets, 2), dtype=np.uint32)
+        with Buffers(self._ctx, bits=bits, unfinished=unfinished) as buffer:
+            buffer.bind(bits=7, unfinished=9)
+            for first in range(0, k, most):
+                last = min(first + most, k)
+                buffer.clear("bits")
+                self._program["first_eye"].value = first
+                for part in self._face_parts:
+                    self._ask(part, buffer, n_packets, last - first)
+                buffer.read_into("bits", bits)
+                np.invert(bits, out=bits)
+                unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=1, count=n, bitorder="little")
+                answer[first:last] = unpacked.view(np.bool_)
+
+    def _ask(self, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
+        """Let every packet and eye test a part of the faces; what is too much for one work group is cut smaller."""
+        part.buffers.bind(faces=0, corners=1, boxes=2)
+        self._program["first_face"].value = part.first
+        self._program["n_faces"].value = part.n_faces
+        self._program["n_levels"].value = len(part.level_size)
+        self._program["level_start"].value = _padded(part.level_start)
+        self._program["level_size"].value = _padded(part.level_size)
+        self._program["n_tasks"].value = 0
+        largest = n_packets * n_eyes
+        tasks = self._run(answers, n_packets, n_eyes)
+        while len(tasks):
+            tasks = _cut(tasks, part.level_size)
+            left = []
+            for some in parts(len(tasks), largest):
+                with Buffers(self._ctx, tasks=tasks[some]) as task_buffer:
+                    task_buffer.bind(tasks=8)
+                    n_tasks = some.stop - some.start
+                    self._program["n_tasks"].value = n_tasks
+                    columns = min(n_tasks, _MAX_GROUPS)
+                    left.append(self._run(answers, columns, -(-n_tasks // columns)))
+            tasks = np.concatenate(left)
+
+    def _run(self, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
+        """Dispatch, and return the tasks left unfinished: (tasks, 2), pair of eye and packet, box."""
+        answers.write("unfinished", np.zeros(2, dtype=np.uint32))
+        self._program.run(columns, rows)
+        self._ctx.memory_barrier()
+        count = np.zeros(2, dtype=np.uint32)
+        answers.read_into("unfinished", count)
+        tasks = np.empty((int(count[0]), 2), dtype=np.uint32)
+        if len(tasks):
+            answers.read_into("unfinished", tasks, offset=count.nbytes)
+        return tasks
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in self._face_parts:
+            part.buffers.release()
+        self._program.release()
+
+
+def _padded(values: list[int]) -> tuple[int, ...]:
+    return (*values, *[0] * (MAX_LEVELS - len(values)))
+
+
+def _cut(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:
+    """Replace each task by the tasks of its box's children."""
+    level = (tasks[:, 1] >> 28) + 1
+    nodes = (tasks[:, 1] & 0x0FFFFFFF)[:, None] * WIDTH + np.arange(WIDTH, dtype=np.uint32)
+    exists = nodes < np.asarray(level_size, dtype=np.uint32)[level][:, None]
+    pairs = np.broadcast_to(tasks[:, :1], nodes.shape)
+    return np.stack([pairs[exists], (level[:, None] << 28 | nodes)[exists]], axis=1).astype(np.uint32)
