@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
-from scenes import sphere
 
+from tests.scenes import sphere
 from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.planes import FacePlanes
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import SQUARE, soup, stacked
 
 import zbuf_occlude as zo
+from tests.scenes import SQUARE, soup, stacked
 from zbuf_occlude.object_space.division import Division, divide_faces
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zbuf_occlude.object_space.occupancy import OWN_SURFACE, OccupancyGrid
+from zbuf_occlude.object_space.occupancy import OccupancyGrid
 
 CUBE = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
@@ -15,9 +15,8 @@ def grid_with(n: int, cells: list[tuple[int, int, int]]) -> OccupancyGrid:
     return OccupancyGrid(CUBE, n, (np.asarray(cells).reshape(-1, 3) + 0.5) / n)
 
 
-def occluded(grid: OccupancyGrid, cell: tuple[int, int, int], eye: object, on_surface: bool = True) -> bool:
-    eye = np.asarray(eye, dtype=np.float64)
-    return bool(grid.occluded_cells(np.array([cell], dtype=np.int32), np.array([on_surface]), eye)[0])
+def occluded(grid: OccupancyGrid, cell: tuple[int, int, int], eye: object) -> bool:
+    return bool(grid.occluded_cells(np.array([cell], dtype=np.int32), np.asarray(eye, dtype=np.float64))[0])
 
 
 def test_cells_of_positions() -> None:
@@ -33,25 +32,21 @@ def test_cells_of_positions() -> None:
     assert grid.contains(np.array([[4.0, 3, 2.5], [4.01, 1, 1], [0, -1, -1.5]])).tolist() == [True, False, True]
 
 
-def test_a_cell_beyond_a_gap_occludes() -> None:
+def test_an_occupied_cell_on_the_line_occludes() -> None:
     eye = (10.0, 0.55, 0.55)
-    assert occluded(grid_with(10, [(2, 5, 5), (7, 5, 5)]), (2, 5, 5), eye)
-    assert not occluded(grid_with(10, [(2, 5, 5), (7, 5, 5)]), (7, 5, 5), eye)
-    assert not occluded(grid_with(10, [(2, 5, 5), (7, 6, 5)]), (2, 5, 5), eye)
-    assert occluded(grid_with(10, [(2, 5, 5), (4, 5, 5)]), (2, 5, 5), eye)  # one empty cell is enough
+    for own in ([], [(2, 5, 5)]):  # whether the cell itself is occupied does not matter
+        assert occluded(grid_with(10, [*own, (7, 5, 5)]), (2, 5, 5), eye)
+        assert not occluded(grid_with(10, [*own, (7, 6, 5)]), (2, 5, 5), eye)
+        assert not occluded(grid_with(10, [*own, (0, 5, 5)]), (2, 5, 5), eye)
 
 
-def test_the_own_surface_does_not_occlude() -> None:
-    row = [(x, 5, 5) for x in range(2, 10)]
-    eye = (10.0, 0.55, 0.55)
-    assert not occluded(grid_with(10, row[: OWN_SURFACE + 1]), (2, 5, 5), eye)
-    assert occluded(grid_with(10, row[: OWN_SURFACE + 2]), (2, 5, 5), eye)  # but it does not go on for ever
-
-
-def test_an_empty_cell_has_no_own_surface() -> None:
-    grid = grid_with(10, [(3, 5, 5)])
-    assert occluded(grid, (2, 5, 5), (10.0, 0.55, 0.55), on_surface=False)
-    assert not occluded(grid, (2, 5, 5), (10.0, 0.55, 0.55))
+def test_cells_that_touch_do_not_occlude() -> None:
+    ahead = (10.0, 0.55, 0.55)
+    assert not occluded(grid_with(10, [(3, 5, 5)]), (2, 5, 5), ahead)
+    assert occluded(grid_with(10, [(4, 5, 5)]), (2, 5, 5), ahead)
+    askew = (10.55, 10.55, 10.55)  # through the corner that (5, 5, 5) and (6, 6, 6) share
+    assert not occluded(grid_with(10, [(6, 6, 6)]), (5, 5, 5), askew)
+    assert occluded(grid_with(10, [(7, 7, 7)]), (5, 5, 5), askew)
 
 
 def test_the_eyes_own_cell_does_not_count_nor_what_is_behind_it() -> None:
@@ -76,7 +71,7 @@ def test_a_flat_object_is_one_cell_thick() -> None:
     assert flat.occupied.any(axis=(0, 1)).sum() == 1
 
 
-def slow_walk(grid: OccupancyGrid, start: np.ndarray, on_surface: bool, eye: np.ndarray) -> bool:
+def slow_walk(grid: OccupancyGrid, start: np.ndarray, eye: np.ndarray) -> bool:
     """The definition again: cut the line at all cell walls and look at the middle of each piece."""
     d = eye - start
     walls = np.arange(grid.n + 1)
@@ -84,17 +79,12 @@ def slow_walk(grid: OccupancyGrid, start: np.ndarray, on_surface: bool, eye: np.
     t = np.unique(np.clip(np.concatenate([*cuts, [0.0, 1.0]]), 0.0, 1.0))
     t = t[np.append(True, np.diff(t) > 1e-12)]
     cells = np.floor(start + ((t[1:] + t[:-1]) / 2)[:, None] * d).astype(int)
-    own = on_surface
-    for i, cell in enumerate(cells):
+    for cell in cells:
         if (cell == np.floor(eye)).all():
             return False
-        if (cell < 0).any() or (cell >= grid.n).any():
-            continue
-        if grid.occupied[tuple(cell)]:
-            if not own or np.abs(cell - np.floor(start)).max() > OWN_SURFACE:
-                return True
-        elif i > 0 or not on_surface:
-            own = False
+        in_grid = ((cell >= 0) & (cell < grid.n)).all()
+        if in_grid and grid.occupied[tuple(cell)] and np.abs(cell - np.floor(start)).max() > 1:
+            return True
     return False
 
 
@@ -109,12 +99,10 @@ def test_the_walk_visits_the_cells_of_the_line(seed: int, n: int, share: float, 
     eye = 0.5 + rng.normal(size=3) * far
     in_cells = np.round(eye * n * 2.0**20) / 2.0**20
     cells = rng.integers(0, n, (20, 3)).astype(np.int32)
-    on_surface = grid.occupied[tuple(cells.T)]
-    expected = [slow_walk(grid, c + 0.5, bool(s), in_cells) for c, s in zip(cells, on_surface, strict=True)]
-    assert grid.occluded_cells(cells, on_surface, eye).tolist() == expected
+    assert grid.occluded_cells(cells, eye).tolist() == [slow_walk(grid, c + 0.5, in_cells) for c in cells]
     outside = rng.normal(size=(20, 3)) * 3 + 0.5
     outside = outside[~grid.contains(outside)]
-    expected = [slow_walk(grid, np.round(p * n * 2.0**20) / 2.0**20, False, in_cells) for p in outside]
+    expected = [slow_walk(grid, np.round(p * n * 2.0**20) / 2.0**20, in_cells) for p in outside]
     assert grid.occluded_positions(outside, eye).tolist() == expected
 
 
@@ -126,6 +114,6 @@ def test_cells_do_not_change_with_scale_even_on_their_walls(scale: float) -> Non
     assert (one.occupied == other.occupied).all()
     cells = np.argwhere(one.occupied).astype(np.int32)
     for eye in ([3.0, 3.0, 3.0], [0.5, 0.5, 4.0], [2.0, -1.0, 0.5]):
-        on_surface = np.ones(len(cells), dtype=bool)
-        first = one.occluded_cells(cells, on_surface, np.asarray(eye))
-        assert (first == other.occluded_cells(cells, on_surface, np.asarray(eye) * scale)).all()
+        first = one.occluded_cells(cells, np.asarray(eye))
+        assert first.any()
+        assert (first == other.occluded_cells(cells, np.asarray(eye) * scale)).all()

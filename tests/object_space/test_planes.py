@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scenes import SQUARE, box, soup, stacked
 
 import zbuf_occlude as zo
+from tests.scenes import SQUARE, box, soup, stacked
 from zbuf_occlude.object_space.exhaustive import hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
 

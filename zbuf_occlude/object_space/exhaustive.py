@@ -77,13 +77,13 @@ def _search(  # type: ignore[no-untyped-def]
         p = (positions[i, 0], positions[i, 1], positions[i, 2])
         u = (eye[0] - p[0], eye[1] - p[1], eye[2] - p[2])
         length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        reach = length + math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        from_origin = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         tests = 0
         for face in range(len(planes)):
             if cull and distances[face] > length:
                 continue
             tests += 1
-            if occludes(p, u, length, reach, planes, sides, edges, face, contact) and not _carries(
+            if occludes(p, u, from_origin, length, planes, sides, edges, face, contact) and not _carries(
                 face_labels, face, labels[i]
             ):
                 hidden[i] = True

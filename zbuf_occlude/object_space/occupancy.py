@@ -7,9 +7,6 @@ from numba import njit, prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 
-OWN_SURFACE = 3
-"""How many cells away (on the axis where it is most) an unbroken run of occupied cells is still the own surface."""
-
 SNAP = 2.0**20
 """Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
 
@@ -29,16 +26,15 @@ class OccupancyGrid:
 
     Notes
     -----
-    **When does a cell occlude a cell?** The paper does not say. Here: walk the cells that the line from the cell's
-    centre to the eye passes through. The first occupied cell met occludes, except that the unbroken run of occupied
-    cells that the walk begins with is the object's own surface and does not, as far as `OWN_SURFACE` cells away. The
-    eye's own cell does not count.
+    **When does a cell occlude a cell?** The paper does not say. Here: when it is occupied, the line from the other
+    cell's centre to the eye passes through it, and the two do not touch (share no face, edge or corner). The eye's own
+    cell does not count either.
 
-    So a surface seen at a slant, whose line of sight runs on through its own neighbouring cells, does not hide
-    itself. Without this rule it would hide most of its front; excluding only the 26 neighbours of the cell still hides
-    a tenth of all points wrongly; excluding the whole run, however long, lets through a third of all points of a
-    chair at n = 32, because everything touches something. Surfaces seen at a grazing angle still hide themselves, and
-    occluders within three cells of what they hide are missed.
+    A surface's cells touch each other, so without the last condition an object would hide its own front. With it, a
+    front that is seen at more than 40 degrees from its plane stays whole; at a grazing angle the line of sight runs on
+    through cells farther along the surface, and most of what is seen at less than 20 degrees is lost. Excluding more
+    cells than those that touch keeps more of the front and loses more of the occluders; at the paper's n = 32 and 64
+    that errs more on the whole (docs/object_space.md has the figures).
 
     A line costs at most 3 n steps and there are no more lines than occupied cells, whatever the number of points.
 
@@ -65,43 +61,29 @@ class OccupancyGrid:
         place = self._in_cells(positions)
         return np.asarray(((place >= 0.0) & (place <= self.n)).all(axis=1))
 
-    def occluded_cells(self, cells: IntArray, on_surface: BoolArray, eye: FloatArray) -> BoolArray:
-        """Find the cells whose line of sight from the centre to the eye is blocked.
-
-        Parameters
-        ----------
-        cells : (c, 3) int32
-        on_surface : (c,) bool
-            Whether the walk starts on the object's own surface (in an empty cell, that is, for points that are not).
-        eye : (3,) float
-            World space.
-
-        Returns
-        -------
-        (c,) bool
-        """
-        return _walk_all(self.occupied, cells + 0.5, on_surface, self._in_cells(eye))
+    def occluded_cells(self, cells: IntArray, eye: FloatArray) -> BoolArray:
+        """Find the cells whose line of sight to an eye (world space) is blocked; (c, 3) int32 -> (c,) bool."""
+        return _walk_all(self.occupied, cells + 0.5, self._in_cells(eye))
 
     def occluded_positions(self, positions: FloatArray, eye: FloatArray) -> BoolArray:
-        """The same for positions outside the grid (world space), which belong to no cell; (c,) bool."""
-        off_surface = np.zeros(len(positions), dtype=bool)
-        return _walk_all(self.occupied, self._in_cells(positions), off_surface, self._in_cells(eye))
+        """The same for positions outside the grid (world space), which start where they are; (c,) bool."""
+        return _walk_all(self.occupied, self._in_cells(positions), self._in_cells(eye))
 
     def _in_cells(self, positions: FloatArray) -> FloatArray:
         return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
 
 
 @njit(parallel=True, cache=True)
-def _walk_all(occupied, starts, on_surface, eye):  # type: ignore[no-untyped-def]
+def _walk_all(occupied, starts, eye):  # type: ignore[no-untyped-def]
     blocked = np.zeros(len(starts), dtype=np.bool_)
     for i in prange(len(starts)):
-        blocked[i] = _walk(occupied, starts[i], on_surface[i], eye)
+        blocked[i] = _walk(occupied, starts[i], eye)
     return blocked
 
 
 @njit
-def _walk(occupied, start, on_surface, eye):  # type: ignore[no-untyped-def]
-    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
+def _walk(occupied, start, eye):  # type: ignore[no-untyped-def]
+    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met that does not touch the start's."""
     n = len(occupied)
     begin, end = 0.0, 1.0  # the part of the line within the grid
     for axis in range(3):
@@ -114,34 +96,28 @@ def _walk(occupied, start, on_surface, eye):  # type: ignore[no-untyped-def]
             begin, end = max(begin, min(low, high)), min(end, max(low, high))
     if begin >= end:
         return False
-    cell = np.empty(3, dtype=np.int64)
-    home = np.empty(3, dtype=np.int64)
+    first = np.empty(3, dtype=np.int64)  # the start's cell, which may lie outside the grid
     last = np.empty(3, dtype=np.int64)  # the eye's cell
+    cell = np.empty(3, dtype=np.int64)
     step = np.zeros(3, dtype=np.int64)
     next_t = np.full(3, np.inf)  # where the line meets the cell's next wall on each axis
     delta = np.full(3, np.inf)
     for axis in range(3):
         d = eye[axis] - start[axis]
+        first[axis], last[axis] = math.floor(start[axis]), math.floor(eye[axis])
         cell[axis] = min(max(math.floor(start[axis] + begin * d), 0), n - 1)
-        home[axis] = cell[axis]
-        last[axis] = math.floor(eye[axis])
         if d != 0.0:
             step[axis] = 1 if d > 0.0 else -1
             wall = cell[axis] + (1 if d > 0.0 else 0)
             next_t[axis] = (wall - start[axis]) / d
             delta[axis] = abs(1.0 / d)
-    own = on_surface  # whether the walk has not left the start's own surface
-    first = True
     while True:
         if cell[0] == last[0] and cell[1] == last[1] and cell[2] == last[2]:
             return False
         if occupied[cell[0], cell[1], cell[2]]:
-            away = max(abs(cell[0] - home[0]), abs(cell[1] - home[1]), abs(cell[2] - home[2]))
-            if not own or away > OWN_SURFACE:
+            apart = max(abs(cell[0] - first[0]), abs(cell[1] - first[1]), abs(cell[2] - first[2]))
+            if apart > 1:
                 return True
-        elif not first:  # the start's own cell counts as occupied even where no sample fell in it
-            own = False
-        first = False
         axis = 0
         if next_t[1] < next_t[axis]:
             axis = 1

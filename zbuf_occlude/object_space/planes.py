@@ -61,7 +61,7 @@ class FacePlanes:
 
 
 @njit
-def occludes(p, u, length, reach, planes, sides, edges, face, contact):  # type: ignore[no-untyped-def]
+def occludes(p, u, from_origin, length, planes, sides, edges, face, contact):  # type: ignore[no-untyped-def]
     """Whether a face cuts the line of sight from a point to the eye farther than `contact` from the point.
 
     Parameters
@@ -70,10 +70,8 @@ def occludes(p, u, length, reach, planes, sides, edges, face, contact):  # type:
         The point, relative to `FacePlanes.origin`.
     u : tuple of 3 float64
         From the point to the eye: p + u is the eye (Eq. 5 with q = eye).
-    length : float
-        ``|u|``.
-    reach : float
-        ``|p| + |u|``: no coordinate that enters the formulas is larger.
+    from_origin, length : float
+        ``|p|`` and ``|u|``.
     planes, sides, edges : float64
         The arrays of `FacePlanes`.
     face : int
@@ -96,13 +94,13 @@ def occludes(p, u, length, reach, planes, sides, edges, face, contact):  # type:
     """
     # arrays indexed by face, not the face's rows: taking rows costs more than the test
     n_u = planes[face, 0] * u[0] + planes[face, 1] * u[1] + planes[face, 2] * u[2]
-    error = ROUNDING * planes[face, 4] * reach
-    if abs(n_u) <= error:
+    if abs(n_u) <= ROUNDING * planes[face, 4] * length:
         return False  # the line is parallel to the plane: Eq. 6 has no solution
     n_p = planes[face, 0] * p[0] + planes[face, 1] * p[1] + planes[face, 2] * p[2]
     t = -(planes[face, 3] + n_p) / n_u  # Eq. 6
     if not (t * length > contact and t < 1.0):
         return False  # not between the point and the camera
+    error = ROUNDING * planes[face, 4] * (from_origin + t * length)
     s = (p[0] + t * u[0], p[1] + t * u[1], p[2] + t * u[2])  # Eq. 7
     for i in range(3):
         n_i = (sides[face, i, 0], sides[face, i, 1], sides[face, i, 2])

@@ -52,7 +52,8 @@ class OccupancyGridOccluder(Occluder):
     Notes
     -----
     Not exact, and by far: a fifth to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
-    Nothing thinner than a cell is resolved: both sides of a thin plate share the cells' answers.
+    Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and surfaces seen
+    at a grazing angle hide themselves.
 
     A point outside the grid, which no point on the mesh is, walks a line of its own.
 
@@ -75,12 +76,10 @@ class OccupancyGridOccluder(Occluder):
         outside = points.positions[~inside]
         numbers = np.ravel_multi_index(tuple(grid.cells_of(points.positions[inside]).T), grid.occupied.shape)
         asked, which = np.unique(numbers, return_inverse=True)
-        on_surface = grid.occupied.ravel()[asked]
-        on_surface[which[points.face_ids[inside] >= 0]] = True
         cells = np.stack(np.unravel_index(asked, grid.occupied.shape), axis=1).astype(np.int32)
         self.n_lines = len(cells) + len(outside)
         answer = np.empty((len(eyes), len(points)), dtype=bool)
         for j, eye in enumerate(eyes):
-            answer[j, inside] = ~grid.occluded_cells(cells, on_surface, eye)[which]
+            answer[j, inside] = ~grid.occluded_cells(cells, eye)[which]
             answer[j, ~inside] = ~grid.occluded_positions(outside, eye)
         return answer

@@ -1,0 +1,59 @@
+"""`hidden_point_removal`: Katz 2007 where it is right, where it has no hull, and its radius."""
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import box, sphere, two_plates
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.visibility import find_method, oracle
+
+EYES = zo.views.paper100(4.0).eyes[::9]
+
+reason = find_method("hidden_point_removal").missing()
+if not reason:
+    try:
+        zo.prepare(box(), "hidden_point_removal")
+    except UnavailableError as error:
+        reason = str(error)
+pytestmark = pytest.mark.skipif(bool(reason), reason=f"hidden_point_removal {reason}")
+
+
+def test_a_dense_convex_cloud_is_what_it_is_good_at() -> None:
+    mesh = sphere(32)
+    points = zo.sample_surface(mesh, n_points=5000, seed=0)
+    truth = oracle.prepare(mesh).visible(points, EYES)
+    with zo.prepare(mesh, "hidden_point_removal") as occluder:
+        assert (occluder.visible(points, EYES) == truth).mean() > 0.95
+
+
+def test_a_larger_radius_keeps_more() -> None:
+    mesh = sphere(32)
+    points = zo.sample_surface(mesh, n_points=2000, seed=0)
+    kept = []
+    for radius in (3.0, 100.0, 1000.0, 1e5):
+        with zo.prepare(mesh, "hidden_point_removal", radius=radius) as occluder:
+            kept.append(occluder.visible(points, EYES).mean())
+    assert (np.diff(kept) > 0).all()
+
+
+def test_without_a_hull_in_space_all_are_taken_for_visible() -> None:
+    mesh = two_plates()
+    flat = zo.SurfacePoints.free(np.random.default_rng(0).random((50, 3)) * [1, 0, 1])
+    with zo.prepare(mesh, "hidden_point_removal") as occluder:
+        assert occluder.visible(flat.select([0]), [[0.5, 0.0, 4.0]]).all()
+        assert occluder.visible(flat.select([0, 1]), [[0.5, 2.0, 4.0]]).all()
+        assert occluder.visible(flat, [[0.5, 0.0, 4.0]]).all()
+
+
+def test_an_eye_beyond_the_sphere_widens_it() -> None:
+    mesh = sphere(16)
+    points = zo.sample_surface(mesh, n_points=2000, seed=0)
+    with zo.prepare(mesh, "hidden_point_removal", radius=2.0) as occluder:
+        assert 0 < occluder.visible(points, [[0.0, 0.0, 1e4]]).sum() < 2000
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, float("inf"), float("nan")])
+def test_bad_radius(radius: float) -> None:
+    with pytest.raises(zo.OptionError, match="radius must be positive and finite, in diagonals of the mesh; got"):
+        zo.prepare(box(), "hidden_point_removal", radius=radius)

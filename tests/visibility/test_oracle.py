@@ -1,0 +1,136 @@
+"""The judge judged: rational arithmetic on small integer meshes, closed forms, the boundary band, silhouettes."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import zbuf_occlude as zo
+from tests.scenes import box, holed_plate_over_plate, sphere, two_plates
+from zbuf_occlude.rational import sees
+from zbuf_occlude.visibility import oracle
+
+EYES = zo.views.paper100(4.0).eyes[::9]
+
+coordinates = st.integers(-3, 3)
+places = st.tuples(coordinates, coordinates, coordinates)
+triples = st.permutations(range(5)).map(lambda order: order[:3])
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    vertices=st.lists(places, min_size=5, max_size=5),
+    faces=st.lists(triples, min_size=1, max_size=4),
+    points=st.lists(st.tuples(places, st.integers(-1, 3)), min_size=1, max_size=4),
+    eyes=st.lists(places, min_size=1, max_size=3),
+    contact=st.sampled_from([0.0, 0.0123, 0.0987]),  # of no diagonal a fraction that a distance could equal
+)
+def test_equals_rational_arithmetic_on_small_integer_meshes(
+    vertices: list[tuple[int, ...]],
+    faces: list[list[int]],
+    points: list[tuple[tuple[int, ...], int]],
+    eyes: list[tuple[int, ...]],
+    contact: float,
+) -> None:
+    """Edges, corners, planes through the eye, eyes and points upon faces: small integers meet them all the time."""
+    mesh = zo.Mesh(np.asarray(vertices, dtype=float), faces)
+    assume(mesh.diagonal > 0)
+    positions = np.asarray([p for p, _ in points], dtype=float)
+    own = [min(face, len(faces) - 1) for _, face in points]
+    judge = oracle.prepare(mesh, contact=contact)
+    answer = judge.visible(zo.SurfacePoints(positions, own, positions * 0), np.asarray(eyes, dtype=float))
+    for j, eye in enumerate(eyes):
+        for i, point in enumerate(positions):
+            assert answer[j, i] == sees(mesh, np.asarray(eye, dtype=float), point, own[i], judge.contact)
+
+
+@pytest.mark.parametrize("distance", [1.2, 2.0, 4.0, 100.0])
+def test_sphere_shows_its_closed_form_fraction(distance: float) -> None:
+    """(1 - r/d) / 2 of the area; the polyhedron's error is that of its rings, 1/64 of the half circle."""
+    mesh = sphere(64)
+    centroids = zo.SurfacePoints(mesh.corners.mean(axis=1), np.arange(len(mesh.faces)), mesh.face_normals)
+    eye = distance * np.array([[0.48, 0.6, 0.64]])
+    visible = oracle.prepare(mesh).visible(centroids, eye)[0]
+    assert abs(mesh.areas[visible].sum() / mesh.areas.sum() - (1 - 1 / distance) / 2) < 0.01
+    # of a convex body exactly those faces show that the eye is in front of
+    outwards = np.sign(np.einsum("fx,fx->f", mesh.face_normals, centroids.positions))
+    front = outwards * np.einsum("fx,fx->f", mesh.face_normals, eye - centroids.positions) > 0
+    assert (visible == front).all()
+
+
+def test_box_shows_the_sides_that_face_the_eye() -> None:
+    mesh = box((1.0, 0.7, 0.4))
+    points = zo.sample_surface(mesh, n_points=500, seed=0)
+    side = points.face_ids // 2
+    half = np.array([1.0, 0.7, 0.4]) / 2
+    for eye, row in zip(EYES, oracle.prepare(mesh).visible(points, EYES), strict=True):
+        shows = [eye[s // 2] * (1 if s % 2 else -1) > half[s // 2] for s in range(6)]
+        assert (row == np.take(shows, side)).all()
+    assert oracle.prepare(mesh).visible(points, [[0.1, 0.2, 0.05], [-0.4, 0.0, 0.1]]).all()  # from within, all
+
+
+def test_upper_plate_shadows_the_lower() -> None:
+    mesh = two_plates(0.5)
+    points = zo.sample_surface(mesh, n_points=2000, seed=1)
+    eye = np.array([0.3, -1.5, 2.0])
+    visible = oracle.prepare(mesh).visible(points, eye[None])[0]
+    lower = points.face_ids < 2
+    assert visible[~lower].all()
+    crossing = eye + (points.positions - eye) * ((0.5 - 2.0) / (points.positions[:, 2:] - 2.0))
+    through_plate = ((crossing[:, :2] >= 0) & (crossing[:, :2] <= 1)).all(axis=1)
+    assert (visible[lower] == ~through_plate[lower]).all()
+    assert 0.2 < through_plate[lower].mean() < 0.8
+
+
+def test_a_hole_shows_what_is_behind_it() -> None:
+    mesh = holed_plate_over_plate()
+    points = zo.sample_surface(mesh, n_points=4000, seed=2)
+    eye = np.array([0.5, -0.3, 3.0])
+    visible = oracle.prepare(mesh).visible(points, eye[None])[0]
+    below = points.face_ids < 2
+    assert visible[~below].all()
+    crossing = (eye + (points.positions - eye) * ((1.0 - 3.0) / (points.positions[:, 2:] - 3.0)))[below, :2]
+    in_hole = (np.abs(crossing) < 1).all(axis=1)
+    assert (visible[below] == in_hole).all()  # from here the rim's outside shows nothing
+    assert in_hole.sum() > 100
+
+
+def test_the_band_is_where_a_hair_decides() -> None:
+    mesh = two_plates(0.5)
+    hair = 1e-6 * mesh.diagonal
+    # seen from straight above x = 1, the upper plate's edge stands over the lower plate's points at x = 1 - offset
+    offsets = np.array([-2.0, -0.5, 0.5, 2.0]) * hair
+    free = zo.SurfacePoints.free(np.stack([1.0 + offsets, np.full(4, 0.5), np.full(4, -1.0)], axis=1))
+    eye = np.array([[1.0, 0.5, 1.0]])  # the edge is half way to the points, and the points' ends are what moves
+    judge = oracle.prepare(mesh)
+    assert judge.visible(free, eye).tolist() == [[False, False, True, True]]
+    assert judge.decided(free, eye).tolist() == [[True, False, False, True]]
+    assert judge.decided(free, eye, width=1e-7).all()
+
+
+def test_contact_is_part_of_the_band() -> None:
+    for gap, expected in ((0.4e-5, True), (0.7e-5, False), (1.5e-5, False), (2.5e-5, True)):
+        mesh = two_plates(gap * np.sqrt(2))
+        lower = zo.SurfacePoints([[0.5, 0.25, 0.0]], [0], [[0, 0, 1]])
+        assert oracle.prepare(mesh).decided(lower, [[0.5, 0.25, 3.0]]).item() is expected
+
+
+def test_silhouette_distance_is_that_of_the_edge() -> None:
+    mesh = two_plates(0.5)
+    widths = np.geomspace(1e-4, 1e-1, 31)
+    away = np.array([0.0015, -0.003, 0.01, -0.03, 0.2]) * mesh.diagonal
+    points = zo.SurfacePoints.free(np.stack([1.0 + away, np.full(5, 0.5), np.full(5, -1.0)], axis=1))
+    distance = oracle.prepare(mesh).silhouette_distance(points, [[1.0, 0.5, 1.0]], widths[::-1])[0]
+    # the line's end moves across the line: one of the eight directions is along x
+    for found, true in zip(distance[:4], np.abs(away[:4]) / mesh.diagonal, strict=True):
+        assert true <= found <= true * 10**0.1 * 1.001
+    assert distance[4] == np.inf
+
+
+def test_silhouette_distance_and_band_agree() -> None:
+    mesh = sphere(8)
+    points = zo.sample_surface(mesh, n_points=300, seed=0)
+    judge = oracle.prepare(mesh, contact=0.0)
+    distance = judge.silhouette_distance(points, EYES, [1e-3])
+    assert set(np.unique(distance)) == {1e-3, np.inf}
+    assert (judge.decided(points, EYES, width=1e-3) == np.isinf(distance)).all()
