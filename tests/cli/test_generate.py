@@ -144,6 +144,37 @@ def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, mode
     assert np.allclose(n_points, 500 * np.pi, rtol=0.04)  # the area of a ball of diameter 1
 
 
+def test_shards_made_one_by_one_merge_to_the_same_dataset(
+    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_SHARD", 8)  # two meshes a shard
+    arguments = ["generate", modelnet, *SMALL]
+    assert run(*arguments, "--out", tmp_path / "whole").code == 0
+    out = tmp_path / "parts"
+    first = run(*arguments, "--out", out, "--shard", "0/2")
+    assert first.code == 0
+    assert "2 of 4 shards are done" in first.out
+    early = run("merge", out)
+    assert early.code == 1
+    assert "all 4 shards must be done; shard 1 is not" in early.err
+    assert "shards      2 of 4 done" in run("status", out).out
+    monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "8")
+    monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")
+    monkeypatch.setenv("SLURM_ARRAY_TASK_MIN", "7")
+    assert run(*arguments, "--out", out).code == 0
+    merged = run("merge", out)
+    assert merged.code == 0, merged.err
+    for name in ("ply_data_train0.h5", "ply_data_test0.h5", "plan.json"):
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize("text", ["3", "2/2", "-1/2", "a/b", "0/0"])
+def test_shard_must_be_i_of_n(run: Run, modelnet: Path, tmp_path: Path, text: str) -> None:
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, f"--shard={text}")
+    assert outcome.code == 2
+    assert f"--shard must be I/N with 0 <= I < N; got {text!r}" in outcome.err
+
+
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path) -> None:
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0

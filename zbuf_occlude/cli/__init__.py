@@ -11,6 +11,8 @@ COMMANDS = {
     "compare": "Measure methods against the exact judge and each other: rows, report, the paper's Table 1.",
     "report": "Write the report of a comparison again from its rows.",
     "figure": "Draw one of the paper's figures of any mesh.",
+    "status": "Say how far a dataset is.",
+    "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }

@@ -12,19 +12,20 @@ import numpy as np
 from tqdm import tqdm
 
 from zbuf_occlude.cli.options import method_options, parse_settings, up_option
+from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.generate import CONTACT_SHEET, MANIFEST, generate
+from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm.local import run_shards
+from zbuf_occlude.farm.slurm import from_environment, parse_shard
 from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import SPECS
 from zbuf_occlude.visibility import find_method, prepare
 
-SOME_FAILED = 3
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
 
@@ -59,6 +60,11 @@ LIMIT = "A mesh that takes more is a failure, not the end of the run."
 )
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
+@click.option(
+    "--shard",
+    metavar="I/N",
+    help="Make only this machine's part, I from 0; then `zbuf-occlude merge`. A SLURM array task knows its own.",
+)
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
@@ -72,6 +78,7 @@ def command(
     workers: int,
     mesh_seconds: float,
     mesh_gigabytes: float,
+    shard: str | None,
     require_gpu: bool,
     overwrite: bool,
     dry_run: bool,
@@ -112,10 +119,15 @@ def command(
     if dry_run:
         click.echo(describe(plan, out))
         return
+    part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     rehearse(plan.recipe, require_gpu)
     run = partial(run_shards, n_workers=workers, limits=Limits(mesh_seconds, mesh_gigabytes))
-    with tqdm(total=plan.n_clouds, unit=" clouds", desc="generate", smoothing=0.05) as bar:
-        document = generate(plan, out, run=run, overwrite=overwrite, progress=bar.update)
+    mine = sum(map(len, plan.shards[part[0] :: part[1]])) * plan.clouds_a_mesh
+    with tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05) as bar:
+        document = generate(plan, out, run=run, overwrite=overwrite, part=part, progress=bar.update)
+    if not document:
+        click.echo(f"{shards_done(plan, out)} of {len(plan.shards)} shards are done; then: zbuf-occlude merge {out}")
+        return
     click.echo(summary(document, out))
     if document["failures"]:
         raise SystemExit(SOME_FAILED)
@@ -168,21 +180,3 @@ def describe(plan: Plan, out: Path) -> str:
         f"into {out}: about {megabytes:.0f} MB, twice that while working ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"
     )
-
-
-def summary(document: dict[str, Any], out: Path) -> str:
-    """Say what was made, how wrong it is, and where it is."""
-    counts, error, files = document["counts"], document["error"], document["files"]
-    lines = [
-        f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
-        f"{len(document['classes'])} classes, by {document['options']['method']} on {document['renderer']}",
-        f"measured against the oracle on {error['n_checked']} pairs of view and point: "
-        f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden",
-        f"data      {out}/ply_data_*.h5 ({', '.join(f'{s}: {len(files[s])}' for s in SPLITS if s in files)} files)",
-        f"manifest  {out / MANIFEST}",
-        f"picture   {out / CONTACT_SHEET}",
-    ]
-    if document["failures"]:
-        lines.append(f"{len(document['failures'])} meshes failed:")
-        lines += [f"  {key}: {reason}" for key, reason in document["failures"].items()]
-    return "\n".join(lines)

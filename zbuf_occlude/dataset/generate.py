@@ -10,7 +10,7 @@ from typing import Any
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.hdf5 import write_dataset
-from zbuf_occlude.dataset.manifest import manifest
+from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import FOLDER, read_sidecar, run_shard
 from zbuf_occlude.dataset.sheet import write_contact_sheet
@@ -29,6 +29,7 @@ def generate(
     *,
     run: Run | None = None,
     overwrite: bool = False,
+    part: tuple[int, int] = (0, 1),
     progress: Callable[[int], None] = lambda clouds: None,
 ) -> dict[str, Any]:
     """Make the dataset of a plan in a folder.
@@ -42,13 +43,15 @@ def generate(
         The engine; `run_here`, in this process, by default.
     overwrite : bool
         Remove a dataset that is in the folder first (nothing else in it is touched).
+    part : (int, int)
+        (i, n): make only the shards of the i-th (from 0) of n machines; `merge` then makes the dataset of them.
     progress : callable
         Told the number of clouds planned in a shard when the shard is done.
 
     Returns
     -------
     dict
-        The manifest.
+        The manifest; of a part of the dataset, {}.
 
     Raises
     ------
@@ -61,29 +64,75 @@ def generate(
     if overwrite:
         remove(out)
     claim(plan, out)
-    finished = out / MANIFEST
-    if finished.exists():
+    if (finished := read_manifest(out)) is not None:
+        shutil.rmtree(out / FOLDER, ignore_errors=True)  # left when the run ended between its last two steps
         progress(plan.n_clouds)
-        done: dict[str, Any] = json.loads(finished.read_text())
-        return done
-    make_shards(plan, out, run or run_here, progress)
+        return finished
+    make_shards(plan, out, run or run_here, progress, part=part)
+    if part != (0, 1):
+        return {}
     return merge(plan, out, {"making": time.perf_counter() - began})
 
 
-def make_shards(plan: Plan, out: Path, run: Run, progress: Callable[[int], None]) -> None:
-    """Make the shards that are not done, by an engine."""
+def read_plan(out: Path) -> Plan:
+    """Read back the plan of a dataset's folder.
+
+    Raises
+    ------
+    DatasetError
+        There is none, or it is damaged.
+    """
+    path = out / PLAN
+    if not path.exists():
+        raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
+    try:
+        document = json.loads(path.read_text())
+        plan = Plan.from_document(document)
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(
+            f"{path} must be a plan; it is damaged ({error}). Generate again with --overwrite."
+        ) from None
+    if plan.fingerprint != document["fingerprint"]:
+        raise DatasetError(
+            f"{path} must have the fingerprint {document['fingerprint']}; it has {plan.fingerprint}. "
+            "It was changed, or made by another version; generate again with --overwrite."
+        )
+    return plan
+
+
+def read_manifest(out: Path) -> dict[str, Any] | None:
+    """Return the manifest of a folder whose dataset is complete, None for one that is not."""
+    path = out / MANIFEST
+    if not path.exists():
+        return None
+    try:
+        document: dict[str, Any] = json.loads(path.read_text())
+    except ValueError as error:
+        raise DatasetError(f"{path} must be JSON; it is damaged ({error}). Generate again with --overwrite.") from None
+    return document
+
+
+def make_shards(
+    plan: Plan, out: Path, run: Run, progress: Callable[[int], None], *, part: tuple[int, int] = (0, 1)
+) -> None:
+    """Make the shards that are not done, by an engine; `part` (i, n) takes only every n-th, from the i-th on."""
 
     def done(shard: int) -> None:
         progress(len(plan.shards[shard]) * plan.clouds_a_mesh)
 
     missing = []
-    for shard in range(len(plan.shards)):
+    for shard in range(part[0], len(plan.shards), part[1]):
         if read_sidecar(out, shard, plan.fingerprint) is None:
             missing.append(shard)
         else:
             done(shard)
     if missing:
         run(plan, missing, out, done)
+
+
+def shards_done(plan: Plan, out: Path) -> int:
+    """Count the shards of a folder that are done."""
+    return sum(read_sidecar(out, shard, plan.fingerprint) is not None for shard in range(len(plan.shards)))
 
 
 def run_here(plan: Plan, shards: list[int], out: Path, done: Callable[[int], None]) -> None:
@@ -122,7 +171,7 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
         )
     files, n_clouds = write_dataset(plan, out)
     write_contact_sheet(out / CONTACT_SHEET, out, files, plan.classes)
-    document = manifest(plan, sidecars, files, n_clouds, {**seconds, "writing": time.perf_counter() - began})
+    document = summed_up(plan, sidecars, files, n_clouds, {**seconds, "writing": time.perf_counter() - began})
     atomic.write_json(out / MANIFEST, document)
     shutil.rmtree(out / FOLDER)
     return document

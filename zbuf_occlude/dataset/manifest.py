@@ -20,7 +20,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def manifest(
+def summed_up(
     plan: Plan,
     sidecars: list[dict[str, Any]],
     files: dict[str, list[str]],

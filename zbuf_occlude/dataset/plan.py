@@ -4,13 +4,14 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import parse as parse_views
 
@@ -99,20 +100,22 @@ class Plan:
     meshes : MeshCollection
         In the order in which they are worked on.
     recipe : Recipe
+    views : Views, optional
+        The camera positions, distances in longest sides, about the origin; the recipe's by default.
     """
 
     meshes: MeshCollection
     recipe: Recipe
+    views: Views = None  # type: ignore[assignment]  # set below; whoever has a Plan has views
+
+    def __post_init__(self) -> None:
+        if self.views is None:
+            object.__setattr__(self, "views", self.recipe.make_views())
 
     @property
     def classes(self) -> list[str]:
         """Names of the classes; the index in here is the label of a cloud."""
         return self.meshes.classes
-
-    @cached_property
-    def views(self) -> Views:
-        """The camera positions, distances in longest sides."""
-        return self.recipe.make_views()
 
     @property
     def clouds_a_mesh(self) -> int:
@@ -141,10 +144,23 @@ class Plan:
             "clouds_a_shard": CLOUDS_A_SHARD,
         }
 
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> "Plan":
+        """Read a plan back from its document, without its meshes: enough to merge, count and check, not to generate."""
+        entries = [
+            MeshEntry(key, label, split, partial(_not_loadable, key)) for key, label, split in document["meshes"]
+        ]
+        azimuth, elevation, distance = np.asarray(document["views"]).T
+        return cls(MeshCollection(entries), Recipe(**document["recipe"]), Views(azimuth, elevation, distance))
+
     @cached_property
     def fingerprint(self) -> str:
         """A hash of `document`: two runs with one fingerprint make the same dataset."""
         return hashlib.sha256(json.dumps(self.document, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _not_loadable(key: str) -> Mesh:
+    raise MeshError(f"{key} must be loaded from where it came; a plan read back only knows its name.")
 
 
 def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:

@@ -1,0 +1,57 @@
+"""`zbuf-occlude status`: how far a dataset is."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zbuf_occlude.dataset.generate import read_manifest, read_plan, shards_done
+from zbuf_occlude.dataset.shard import read_sidecar
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+def command(folder: Path, as_json: bool) -> None:
+    """Say how far the dataset in DIR is: shards done, clouds, failures, time left at the speed so far."""
+    report = gather(folder)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))
+        return
+    click.echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
+    click.echo(f"shards      {report['shards_done']} of {report['shards']} done")
+    click.echo(f"clouds      {report['clouds']}")
+    if report["worker_seconds_left"]:
+        click.echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
+    for key, reason in report["failures"].items():
+        click.echo(f"failed      {key}: {reason}")
+    click.echo(f"state       {'complete' if report['complete'] else 'not complete; the same command resumes it'}")
+
+
+def gather(folder: Path) -> dict[str, Any]:
+    """Return the state of a dataset as plain data."""
+    plan, manifest = read_plan(folder), read_manifest(folder)
+    report: dict[str, Any] = {
+        "fingerprint": plan.fingerprint,
+        "method": plan.recipe.method,
+        "clouds_planned": plan.n_clouds,
+        "shards": len(plan.shards),
+        "complete": manifest is not None,
+    }
+    if manifest is not None:
+        return report | {
+            "shards_done": len(plan.shards),
+            "clouds": manifest["counts"]["clouds"],
+            "failures": manifest["failures"],
+            "worker_seconds_left": 0.0,
+        }
+    sidecars = [s for i in range(len(plan.shards)) if (s := read_sidecar(folder, i, plan.fingerprint)) is not None]
+    seconds = sum(sidecar["seconds"] for sidecar in sidecars)
+    n_left = len(plan.shards) - shards_done(plan, folder)
+    return report | {
+        "shards_done": len(sidecars),
+        "clouds": sum(sidecar["n_clouds"] for sidecar in sidecars),
+        "failures": {key: why for sidecar in sidecars for key, why in sidecar["failures"].items()},
+        "worker_seconds_left": n_left * seconds / len(sidecars) if sidecars else None,
+    }
