@@ -75,6 +75,7 @@ def test_obj_vertices_may_have_more_than_coordinates(line: str) -> None:
         (QUAD_OBJ + "f 1 2 -5\n", "it refers to -1"),
         (QUAD_OBJ + "f 0 1 2\n", "must count from 1, or back from -1; one is 0"),
         (QUAD_OBJ + "f 1 2 x\n", "must hold numbers here; it holds 'x'"),
+        (QUAD_OBJ + "f 1 2 /3\nf -1 -2 -3", "must hold numbers here; it holds '/3'"),
         ("v 1 2\nf 1 1 1\n", "must have three coordinates"),
         ("v \nv 1 2 3\nf 1 1 1\n", "must have three coordinates"),
         ("v 1 2 z\nf 1 1 1\n", "must hold numbers here; it holds 'z'"),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
+from zbuf_occlude.meshes.text import as_doubles
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}  # of the accessors read here
@@ -192,7 +193,7 @@ class _Scene:
             raise MeshError(f"indices of glTF must be unsigned integers; accessor {accessor_id} has {dtype}.")
         sparse = accessor.get("sparse")
         if "bufferView" in accessor:
-            values = self._view(accessor, dtype, width, count).astype(np.float64)
+            values = as_doubles(self._view(accessor, dtype, width, count))
         elif sparse is None:
             # by the standard all zeros, in practice geometry that an extension has compressed
             raise MeshError(f"accessor {accessor_id} must have data; it has none. Is it compressed? Export it plainly.")
@@ -205,7 +206,7 @@ class _Scene:
             n_changed = _index(sparse["count"])
             index_type = np.dtype(_COMPONENTS[sparse["indices"]["componentType"]])
             where = self._view(sparse["indices"], index_type, 1, n_changed)[:, 0]
-            values[where] = self._view(sparse["values"], dtype, width, n_changed)
+            values[where] = as_doubles(self._view(sparse["values"], dtype, width, n_changed))
         if kind == "VEC3" and accessor.get("normalized") and dtype.kind in "iu":
             values = np.maximum(values / np.iinfo(dtype).max, -1.0)
         return values

@@ -11,7 +11,7 @@ from zbuf_occlude.meshes.text import Lines, tidy
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*f[ \t]+([^\n]*)", re.MULTILINE)
-_TEXTURE_AND_NORMAL = re.compile(rb"/\S*")  # of a corner 7/1/3
+_TEXTURE_AND_NORMAL = re.compile(rb"(?<=\d)/\S*")  # of a corner 7/1/3
 
 
 def read_obj(data: bytes) -> Polygons:

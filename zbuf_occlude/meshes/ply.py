@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import Lines, runs, tidy
+from zbuf_occlude.meshes.text import Lines, as_doubles, runs, tidy
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -87,7 +87,7 @@ def read_ply(data: bytes) -> Polygons:
     scalars = columns["vertex"].scalars
     if not all(axis in scalars for axis in "xyz"):
         raise MeshError("the vertices of a PLY file must have x, y and z; these have not. Is it damaged?")
-    vertices = np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    vertices = np.stack([as_doubles(scalars[axis]) for axis in "xyz"], axis=1)
     return Polygons(vertices, columns["face"].values, columns["face"].counts)
 
 

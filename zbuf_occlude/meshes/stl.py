@@ -7,7 +7,7 @@ import numpy as np
 
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Polygons
-from zbuf_occlude.meshes.text import read_numbers, tidy
+from zbuf_occlude.meshes.text import as_doubles, read_numbers, tidy
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER = 84  # 80 bytes of anything, then the number of facets
@@ -75,5 +75,5 @@ def _read_ascii(data: bytes) -> Polygons:
 
 
 def _own_corners(positions: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> Polygons:
-    vertices = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
+    vertices = as_doubles(positions).reshape(-1, 3)
     return Polygons.from_triangles(vertices, np.arange(len(vertices)))

@@ -115,6 +115,12 @@ class Lines:
         return values
 
 
+def as_doubles(values: NDArray[np.generic]) -> FloatArray:
+    """Convert to float64, without NumPy's warning about signalling NaN: what is not finite is judged later."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(values, dtype=np.float64)
+
+
 def runs(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the indices of runs laid end to end: ``starts[i], starts[i] + 1, ...``, ``counts[i]`` of each."""
     before = np.cumsum(counts) - counts
