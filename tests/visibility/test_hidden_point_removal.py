@@ -37,6 +37,14 @@ def test_a_larger_radius_keeps_more() -> None:
     assert (np.diff(kept) > 0).all()
 
 
+def test_by_default_the_radius_follows_the_eye() -> None:
+    mesh = sphere(32)
+    points = zo.sample_surface(mesh, n_points=2000, seed=0)
+    with zo.prepare(mesh, "hidden_point_removal") as occluder:
+        kept = [occluder.visible(points, EYES * factor).mean() for factor in (1.0, 10.0, 1000.0)]
+    assert all(0.35 < k < 0.55 for k in kept)
+
+
 def test_without_a_hull_in_space_all_are_taken_for_visible() -> None:
     mesh = two_plates()
     flat = zo.SurfacePoints.free(np.random.default_rng(0).random((50, 3)) * [1, 0, 1])

@@ -1,0 +1,288 @@
+"""The contract: one suite that every row of the table of methods goes through. A new method needs nothing here but,
+if it is not exact, its row in AGREEMENT."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import SQUARE, box, sphere, stacked, wrong_outside_band
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.visibility import METHODS, find_method, oracle
+from zbuf_occlude.visibility.interface import Method, Occluder
+
+Prepare = Callable[..., Occluder]
+
+AGREEMENT = {
+    # method: least fraction of answers equal to the oracle's on SCENE from EYES, and from WITHIN
+    "embree": (0.9999, 0.9999),
+    "depth_buffer": (0.97, 0.95),
+    "pyrender": (0.98, 0.98),
+    "vertex_hsr": (0.85, 0.85),
+    "vertex_hsr_culled": (0.85, 0.85),
+    "occupancy_grid": (0.8, 0.85),
+    "hidden_point_removal": (0.85, 0.45),
+}
+
+
+def scene() -> zo.Mesh:
+    """A ball half in a box under a plate that touches it, a plate with an edge in another's middle, a copied sheet."""
+    ball = sphere(14)
+    crate = box((1.6, 1.4, 1.0)).transformed(1.0, (0.3, 0.0, -1.0))
+    sheets = stacked(
+        (SQUARE - [0.5, 0.5, 0]) * [2.4, 1.8, 1] + [0.0, 0.0, 1.0],
+        (SQUARE - [0.5, 0.5, 0]) * [2.4, 1.8, 1] + [0.0, 0.0, 1.0],
+        SQUARE[:, [2, 0, 1]] * [1, 1.1, 1.3] + [0.2, 0.0, 1.0],
+    )
+    parts = (ball, crate, sheets)
+    vertices = np.concatenate([part.vertices for part in parts])
+    first = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = np.concatenate([part.faces + f for part, f in zip(parts, first, strict=False)])
+    return zo.Mesh(vertices, faces, "scene")
+
+
+SCENE = scene()
+POINTS = zo.sample_surface(SCENE, n_points=1500, seed=0)
+EYES = zo.views.paper100(4.0).around(SCENE.centre, SCENE.longest_side).eyes[5::16]
+WITHIN = np.array([[0.9, 0.8, 0.6], [-1.05, -0.6, 0.7], [0.1, 0.05, 0.1]])  # under the plate, and in the ball
+FREE = zo.SurfacePoints.free(
+    np.concatenate([np.random.default_rng(1).uniform(-1.3, 1.3, (60, 3)), [[30.0, 20, 9], [-40, 0, 0.1], [0, 0, -90]]])
+)
+
+
+@pytest.fixture(scope="module", params=METHODS, ids=lambda method: method.name)
+def method(request: pytest.FixtureRequest) -> Method:
+    row: Method = request.param
+    reason = row.missing()
+    if reason:
+        pytest.skip(f"{row.name} {reason}")
+    try:
+        row.load()
+    except UnavailableError as error:
+        pytest.skip(str(error))
+    return row
+
+
+@pytest.fixture(scope="module")
+def prepare(method: Method, request: pytest.FixtureRequest) -> Prepare:
+    """`zo.prepare` by this method, with the session's GL context where it needs one."""
+    shared = {"gl": request.getfixturevalue("gl")} if method.needs_gl else {}
+    return lambda mesh, **options: zo.prepare(mesh, method.name, **shared, **options)
+
+
+@pytest.fixture(scope="module")
+def occluder(prepare: Prepare) -> Iterator[Occluder]:
+    with prepare(SCENE) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def answer(occluder: Occluder) -> np.ndarray:
+    return occluder.visible(POINTS, EYES)
+
+
+def disagreement(method: Method, mesh: zo.Mesh, found: np.ndarray, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
+    """Fraction of answers that differ from the oracle's; for an exact method only those outside the boundary band."""
+    if method.exact:
+        return wrong_outside_band(mesh, found, points, eyes) / found.size
+    return float((found != oracle.prepare(mesh).visible(points, eyes)).mean())
+
+
+def test_every_approximate_method_states_its_bound() -> None:
+    missing = [m.name for m in METHODS if not m.exact and m.name not in AGREEMENT]
+    assert not missing, f"AGREEMENT must have a row for each method that is not exact; it lacks {missing}. Add them."
+
+
+def test_the_mask(method: Method, answer: np.ndarray) -> None:
+    assert isinstance(answer, np.ndarray)
+    assert answer.shape == (len(EYES), len(POINTS))
+    assert answer.dtype == np.bool_
+    assert 0.1 < answer.mean() < 0.9
+
+
+def test_agreement_with_the_oracle(method: Method, answer: np.ndarray) -> None:
+    allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][0]
+    assert disagreement(method, SCENE, answer, POINTS, EYES) <= allowed
+
+
+def test_eyes_within_the_bounding_sphere(method: Method, occluder: Occluder) -> None:
+    allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][1]
+    assert disagreement(method, SCENE, occluder.visible(POINTS, WITHIN), POINTS, WITHIN) <= allowed
+
+
+def test_far_eyes(method: Method, occluder: Occluder) -> None:
+    eyes = EYES * 250.0  # a thousand sizes away
+    allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][0]
+    assert disagreement(method, SCENE, occluder.visible(POINTS, eyes), POINTS, eyes) <= allowed
+
+
+def test_free_points(method: Method, occluder: Occluder) -> None:
+    eyes = np.concatenate([EYES, WITHIN])
+    found = occluder.visible(FREE, eyes)
+    assert found.shape == (len(eyes), len(FREE))
+    if method.exact:
+        assert wrong_outside_band(SCENE, found, FREE, eyes) == 0
+
+
+def test_free_and_surface_points_together(method: Method, occluder: Occluder, answer: np.ndarray) -> None:
+    """A free point hides none, so the others' answers stay (but for a method that sees points and not faces)."""
+    half = POINTS.select(np.arange(0, len(POINTS), 2))
+    mixed = zo.SurfacePoints(
+        np.concatenate([FREE.positions, half.positions]),
+        np.concatenate([FREE.face_ids, half.face_ids]),
+        np.concatenate([FREE.normals, half.normals]),
+    )
+    found = occluder.visible(mixed, EYES)[:, len(FREE) :]
+    if method.name != "hidden_point_removal":
+        assert (found == answer[:, ::2]).all()
+
+
+def test_one_point_and_one_eye(method: Method, occluder: Occluder, answer: np.ndarray) -> None:
+    for i in (0, 700, 1499):
+        found = occluder.visible(POINTS.select([i]), EYES[2:3])
+        assert found.shape == (1, 1)
+        if method.name != "hidden_point_removal":  # one point has no hull
+            assert found.item() == answer[2, i]
+
+
+def test_each_eye_answers_for_itself(occluder: Occluder, answer: np.ndarray) -> None:
+    """However views are batched, the answers are the same."""
+    assert (occluder.visible(POINTS, EYES[::-1]) == answer[::-1]).all()
+    assert (occluder.visible(POINTS, EYES[3:4]) == answer[3:4]).all()
+
+
+def test_no_points_and_no_eyes(occluder: Occluder) -> None:
+    none = zo.SurfacePoints.free(np.empty((0, 3)))
+    for points, eyes in ((none, EYES), (POINTS, np.empty((0, 3))), (none, np.empty((0, 3)))):
+        found = occluder.visible(points, eyes)
+        assert found.shape == (len(eyes), len(points))
+        assert found.dtype == np.bool_
+
+
+def test_same_question_same_answer(prepare: Prepare, occluder: Occluder, answer: np.ndarray) -> None:
+    assert occluder.visible(POINTS, EYES).tobytes() == answer.tobytes()
+    with prepare(SCENE) as another:
+        assert another.visible(POINTS, EYES).tobytes() == answer.tobytes()
+
+
+def test_what_is_given_is_not_changed(occluder: Occluder) -> None:
+    eyes = EYES.copy()
+    given = [eyes, POINTS.positions, POINTS.face_ids, POINTS.normals, SCENE.vertices, SCENE.faces]
+    before = [array.tobytes() for array in given]
+    found = occluder.visible(POINTS, eyes)
+    assert [array.tobytes() for array in given] == before
+    found[:] = True  # nor is the answer somebody else's memory
+    assert not occluder.visible(POINTS, eyes).all()
+
+
+def test_eyes_of_other_types_and_orders(occluder: Occluder) -> None:
+    eyes = np.round(EYES * 1024) / 1024  # the same in float32
+    expected = occluder.visible(POINTS, eyes)
+    for other in (eyes.tolist(), eyes.astype(np.float32), np.asfortranarray(eyes)):
+        assert (occluder.visible(POINTS, other) == expected).all()
+
+
+@pytest.mark.parametrize("scale", [2.0**-10, 2.0**12])
+def test_scaling_by_a_power_of_two_changes_nothing(prepare: Prepare, answer: np.ndarray, scale: float) -> None:
+    with prepare(SCENE.transformed(scale)) as occluder:
+        assert (occluder.visible(POINTS.transformed(scale), EYES * scale) == answer).all()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_scale_does_not_matter(method: Method, prepare: Prepare, answer: np.ndarray, scale: float) -> None:
+    mesh, points, eyes = SCENE.transformed(scale), POINTS.transformed(scale), EYES * scale
+    with prepare(mesh) as occluder:
+        found = occluder.visible(points, eyes)
+    if method.exact:
+        assert wrong_outside_band(mesh, found, points, eyes) == 0
+    else:
+        assert (found != answer).mean() <= 1e-3
+
+
+def test_vertices_that_no_face_uses_change_nothing(prepare: Prepare, answer: np.ndarray) -> None:
+    more = zo.Mesh(np.concatenate([SCENE.vertices, [[1e6, 0, 0], [0.1, 0.2, 2.0], EYES[0]]]), SCENE.faces)
+    with prepare(more) as occluder:
+        assert (occluder.visible(POINTS, EYES) == answer).all()
+
+
+def test_a_mesh_of_one_face(method: Method, prepare: Prepare) -> None:
+    mesh = zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    points = zo.sample_surface(mesh, n_points=50, seed=0)
+    eyes = [[0.2, 0.3, 3.0], [1.0, 2.0, -0.7]]
+    with prepare(mesh) as occluder:
+        visible = occluder.visible(points, eyes)
+    if method.exact or method.name.startswith("vertex_hsr"):
+        assert visible.all()  # nothing is there that could hide a point, and the own face never does
+
+
+def test_an_unknown_option(method: Method, prepare: Prepare) -> None:
+    with pytest.raises(zo.OptionError, match=rf"method '{method.name}' must be given one of .*; got 'nonsense'\."):
+        prepare(SCENE, nonsense=1)
+
+
+def test_options_can_be_typed_at_a_command_line(method: Method) -> None:
+    for name, default in method.options().items():
+        assert default is None or isinstance(default, (bool, int, float, str)), f"{name}={default!r}"
+
+
+def test_closing(prepare: Prepare) -> None:
+    with prepare(SCENE) as occluder:
+        assert isinstance(occluder, Occluder)
+        assert occluder.mesh is SCENE
+    with pytest.raises(zo.ArgumentError, match=r"the occluder must be open; it was closed\. Prepare the mesh again\."):
+        occluder.visible(POINTS, EYES)
+    occluder.close()
+
+
+def test_an_error_inside_closes_too(prepare: Prepare) -> None:
+    occluder = prepare(SCENE)
+    with pytest.raises(KeyError), occluder:
+        raise KeyError
+    with pytest.raises(zo.ArgumentError, match="it was closed"):
+        occluder.visible(POINTS, EYES)
+
+
+def test_two_at_once(prepare: Prepare, answer: np.ndarray) -> None:
+    """Occluders of two meshes do not disturb each other, in whatever order they are asked and closed."""
+    other = box()
+    points, eyes = zo.sample_surface(other, n_points=300, seed=0), np.array([[3.0, 2.0, 1.5]])
+    with prepare(other) as alone:
+        expected = alone.visible(points, eyes)
+    one, two = prepare(SCENE), prepare(other)
+    assert (one.visible(POINTS, EYES) == answer).all()
+    assert (two.visible(points, eyes) == expected).all()
+    one.close()
+    assert (two.visible(points, eyes) == expected).all()
+    two.close()
+
+
+def test_who_renders(method: Method, occluder: Occluder) -> None:
+    assert occluder.renderer
+    if method.needs_gl:
+        assert occluder.renderer != "none"
+
+
+@pytest.mark.parametrize(
+    ("points", "eyes", "message"),
+    [
+        (POINTS, EYES.T, r"eyes must be \(n, 3\) float; got \(3, \d+\) float64\. Transpose it\?"),
+        (POINTS, EYES[0], r"eyes must be \(n, 3\) float; got \(3,\) float64"),
+        (POINTS, [[0, 0, np.nan]], "eyes must be finite; row 0 is"),
+        (POINTS.positions, EYES, r"points must be SurfacePoints; got ndarray\. Wrap free positions"),
+        (
+            zo.SurfacePoints([[0, 0, 0]], [10**6], [[0, 0, 0]]),
+            EYES,
+            "face_ids must index the mesh's .* faces; got 1000000",
+        ),
+    ],
+    ids=["transposed", "one eye flat", "nan", "bare array", "another mesh"],
+)
+def test_bad_arguments(occluder: Occluder, points: object, eyes: object, message: str) -> None:
+    with pytest.raises(zo.ArgumentError, match=message):
+        occluder.visible(points, eyes)  # type: ignore[arg-type]
+
+
+def test_an_unknown_method_names_those_there_are() -> None:
+    with pytest.raises(zo.OptionError, match=r"method must be one of .*oracle.*; got 'zbuffer'\."):
+        find_method("zbuffer")
