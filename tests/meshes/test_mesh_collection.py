@@ -119,6 +119,7 @@ def test_linked_folders_are_followed_but_not_in_circles(tmp_path: Path) -> None:
     plant(tmp_path, "root/cup/a.off", "elsewhere/b.off")
     os.symlink(tmp_path / "elsewhere", tmp_path / "root" / "jug")
     os.symlink(tmp_path / "root", tmp_path / "root" / "cup" / "round")
+    os.symlink(tmp_path / "root" / "self", tmp_path / "root" / "self")
     keys = [entry.key for entry in MeshCollection.from_paths(tmp_path / "root")]
     assert keys == ["cup/a.off", "jug/b.off"]
 
@@ -219,6 +220,7 @@ def test_what_cannot_be_a_collection_says_so(tmp_path: Path) -> None:
     for path, message in (
         (tmp_path / "empty", r"a folder must have meshes in it \(.off, .obj, .ply, .stl, .glb, .gltf\); it has none"),
         (tmp_path / "none", "there is no such file or folder"),
+        (tmp_path / ("x" * 300), "there is no such file or folder"),
         (tmp_path / "empty" / "readme.txt", "a mesh file must end in one of"),
     ):
         with pytest.raises(MeshError, match=message) as caught:

@@ -200,7 +200,7 @@ class _Labelled:
 def _found(path: Path) -> Iterator[tuple[Path, _Labelled]]:
     """Mesh files at a path that a person gave, each with its key, label and split."""
     absolute = Path(os.path.abspath(path))  # not resolved: the names that count are those that a person sees
-    if path.is_dir():
+    if os.path.isdir(path):
         files = list(_walk(str(path)))
         if not files:
             raise MeshError(f"{path}: a folder must have meshes in it ({', '.join(SUFFIXES)}); it has none.")
@@ -212,7 +212,7 @@ def _found(path: Path) -> Iterator[tuple[Path, _Labelled]]:
             if not _class_folders(relative):  # the folder is the class
                 relative = PurePosixPath(root.name) / relative
             yield file, _labelled(relative)
-    elif not path.exists():
+    elif not os.path.exists(path):
         raise MeshError(f"{path}: there is no such file or folder. Check the path.")
     elif path.suffix.lower() not in SUFFIXES:
         raise MeshError(f"{path}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it.")
@@ -246,7 +246,7 @@ def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
     for item in items:
         if item.name.startswith(".") or item.name == _UNPACKERS_RUBBISH:
             continue
-        if item.is_dir():
+        if os.path.isdir(item.path):  # a link to itself is none
             yield from _walk(item.path, (*above, real))
         elif Path(item.name).suffix.lower() in SUFFIXES:
             yield Path(item.path)

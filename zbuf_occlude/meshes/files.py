@@ -67,9 +67,11 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
 
     Notes
     -----
-    All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Memory is bounded
-    by a small multiple of the file's size, whatever its header says. The readers are this package's own, since what is
-    needed is positions and faces alone: in the file's order, concave polygons cut rightly, damage reported.
+    All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Whatever
+    a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
+    meshes, to two million triangles); files of 100,000 faces take 0.1 to 0.6 s. The readers are this package's own,
+    for trimesh's reorder faces, fan out concave polygons, misread negative indices of OBJ and PLY files of mixed
+    polygons, pass over sparse accessors of glTF, and drop the end of an STL file that was cut short.
     """
     path = Path(path)
     if up is not None and up not in UP:
@@ -122,7 +124,7 @@ def _finished(polygons: Polygons, name: str, up: str) -> Mesh:
     }
     vertices = polygons.vertices
     if up == "y":
-        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
+        vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
     ids = polygon_ids.astype(np.int32)
     mesh = Mesh(vertices, triangles.astype(np.int32), name, ids, {reason: n for reason, n in dropped.items() if n})
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
