@@ -131,7 +131,7 @@ class CloudViewer {
     const light = [0, 1, 2].map((i) => -0.45 * right[i] + 0.55 * up[i] + 0.70 * back[i]);
     const distance = 4, side = Math.min(width, height), focal = 0.86 * side * this.zoom * distance;
     // about one mark's area for each point of what the object covers
-    const mark = Math.max(1, Math.min(5 * ratio, 0.42 * side * this.zoom / Math.sqrt(n)));
+    const mark = Math.max(1, Math.min(5 * ratio * Math.sqrt(Math.max(1, this.zoom)), 0.42 * side * this.zoom / Math.sqrt(n)));
     for (let i = 0; i < n; i++) {
       const code = codes[i];
       if (this.hidden.has(code)) continue;

@@ -167,15 +167,21 @@ def _factor(slow: float, fast: float) -> str:
 
 def share(fraction: float) -> str:
     """Write a fraction as a percentage of two digits, e.g. ``0.13 %``; never 0 when it is not."""
-    if fraction == 0.0:
-        return "0 %"
-    return f"{100 * fraction:.{max(0, 1 - int(np.floor(np.log10(100 * fraction))))}f} %"
+    return f"{_digits(100.0 * fraction, 2)} %"
 
 
 def milliseconds(seconds: float) -> str:
     """Write seconds as milliseconds of three digits."""
-    value = 1e3 * seconds
-    return f"{value:,.0f}" if value >= 100 else f"{value:.{max(0, 2 - int(np.floor(np.log10(max(value, 1e-6)))))}f}"
+    return _digits(1e3 * seconds, 3)
+
+
+def _digits(value: float, n: int) -> str:
+    """Write a number with n significant digits, or all digits before the point, without exponent."""
+    rounded = float(f"{value:.{n}g}")
+    if rounded == 0.0:
+        return "0"
+    decimals = n - 1 - int(np.floor(np.log10(abs(rounded)) + 1e-12))
+    return f"{rounded if decimals >= 0 else value:,.{max(0, decimals)}f}"
 
 
 def representatives(ranking: Sequence[Standing]) -> list[Standing]:

@@ -1,0 +1,176 @@
+"""Rows are true, resume, and survive subjects that fail, die or hang."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.scenes import box, two_plates
+from zbuf_occlude import Mesh, views
+from zbuf_occlude.compare import run as run_module
+from zbuf_occlude.compare.bench import Bench, SubjectFailed
+from zbuf_occlude.compare.judge import Judge
+from zbuf_occlude.compare.measure import affordable, measure
+from zbuf_occlude.compare.question import Question, ask, ask_vertices, thinned
+from zbuf_occlude.compare.run import Case, compare_masks, run
+from zbuf_occlude.compare.store import Store
+from zbuf_occlude.compare.subjects import Subject, default_subjects
+from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.visibility import METHODS
+from zbuf_occlude.visibility.interface import Occluder
+
+ABOVE = views.ring(2, np.pi / 2 - 0.01)
+
+
+def plates(n_points: int = 400) -> Question:
+    return ask("plates", two_plates(), ABOVE, n_points=n_points, seed=0)
+
+
+def broken() -> Question:
+    raise MeshError("broken.off is broken")
+
+
+def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
+    """Seen from above the upper plate hides the lower one: half the area is visible."""
+    cases = [
+        Case("meshes", "plates", plates, [Subject("oracle"), Subject("occupancy_grid", {"n": 8})]),
+        Case("meshes", "broken", broken, [Subject("oracle")]),
+        Case("meshes", "sampled badly", plates, [Subject("occupancy_grid", {"n": 1})]),
+    ]
+    seen: list[str] = []
+    tally = run(cases, tmp_path, budget=2.0, progress=seen.append)
+    assert (tally.made, tally.found, tally.failed) == (2, 0, 2)
+    assert seen == ["plates · oracle", "plates · occupancy_grid:n=8", "broken", "sampled badly · occupancy_grid:n=1"]
+    rows = list(Store(tmp_path).rows().values())
+    oracle, grid, missing, refused = rows
+    assert oracle["judged"]["agreement"] == 1.0
+    assert oracle["judged"]["chamfer"] == 0.0
+    assert abs(oracle["judged"]["visible"] - 0.5) < 0.08
+    assert oracle["judged"]["n"] == 2 * 400
+    assert oracle["timed"]["n_views"] == 2
+    assert oracle["timed"]["points_per_second"] == pytest.approx(400 / oracle["timed"]["seconds_per_view"])
+    assert len(oracle["judged"]["views"]) == 2
+    assert oracle["judged"]["views"][0]["elevation"] == pytest.approx(np.degrees(np.pi / 2 - 0.01))
+    assert {"renderer", "peak_memory", "build_seconds"} <= set(oracle["timed"])
+    assert {"python", "numpy", "zbuf-occlude"} <= set(oracle["versions"])
+    assert sum(b["n"] for b in grid["judged"]["by_silhouette"]) == 800
+    assert sum(b["n"] for b in grid["judged"]["by_incidence"]) == 800
+    assert (missing["status"], missing["reason"]) == ("failed", "broken.off is broken")
+    assert refused["reason"].startswith("n must be an int in [2, 1024]")
+
+    again = run(cases, tmp_path, budget=2.0)
+    assert (again.made, again.found, again.failed) == (0, 2, 2), "failures are tried again"
+
+
+def test_another_version_makes_rows_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], judged=False)]
+    assert run(cases, tmp_path, budget=2.0).made == 1
+    monkeypatch.setattr(run_module, "versions", lambda: {"python": "4"})
+    assert run(cases, tmp_path, budget=2.0).made == 1
+    assert run(cases, tmp_path, budget=2.0).found == 1
+
+
+def test_what_cannot_run_here_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(METHODS[0]), "missing", lambda self: "needs the moon")
+    run([Case("meshes", "plates", plates, [Subject("oracle")])], tmp_path)
+    (row,) = Store(tmp_path).rows().values()
+    assert (row["status"], row["reason"]) == ("unavailable", "needs the moon")
+
+
+class Killer:
+    """Kills the process that unpickles it."""
+
+    def __reduce__(self) -> Any:
+        return os._exit, (3,)
+
+
+def test_a_death_and_a_hang_cost_one_row_each() -> None:
+    with Bench(budget=2.0, limit=60.0) as bench:
+        with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
+            bench.measure(Killer(), "oracle", {})  # type: ignore[arg-type]
+        assert bench.measure(plates(), "oracle", {}).mask.shape == (2, 400), "a new process goes on"
+        bench._limit = 0.0
+        with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
+            bench.measure(plates(), "oracle", {})
+
+
+class Slow(Occluder):
+    """Takes a microsecond for each pair by a clock of its own."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        super().__init__(mesh)
+        self.now = 0.0
+
+    def _visible(self, points: SurfacePoints, eyes: np.ndarray) -> np.ndarray:
+        self.now += 1e-6 * len(points) * len(eyes)
+        return np.ones((len(eyes), len(points)), dtype=bool)
+
+
+@pytest.mark.parametrize(
+    ("budget", "n_views", "n_points"),
+    [(1.0, 15, 20_000), (0.33, 5, 20_000), (0.03, 1, 10_000), (1e-6, 1, 1_000)],
+)
+def test_a_slow_subject_gets_fewer_views_then_fewer_points(
+    budget: float, n_views: int, n_points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    question = ask("box", box(), views.paper100(), n_points=20_000, seed=0)
+    slow = Slow(question.mesh)
+    monkeypatch.setattr("time.perf_counter", lambda: slow.now)
+    view_ids, n = affordable(slow, question, budget)
+    assert (len(view_ids), n) == (n_views, n_points)
+
+
+def test_a_mask_of_fewer_views_and_points_is_judged_on_those(tmp_path: Path) -> None:
+    question = plates(300)
+    judge = Judge(tmp_path, n_points=200)
+    verdict = judge.judge(question)
+    measurement = measure(question, "oracle", {}, 0.01, None)
+    one = compare_masks(_cut(measurement, 1, 150), verdict, question)
+    assert (one["n_views"], one["n_points"], one["n"], one["agreement"]) == (1, 150, 150, 1.0)
+    all_points = compare_masks(measurement, verdict, question)
+    assert all_points["n_points"] == 200, "no more than the judge looked at"
+
+
+def _cut(measurement: Any, k: int, n: int) -> Any:
+    import dataclasses
+
+    return dataclasses.replace(measurement, mask=measurement.mask[:k, :n], view_ids=np.arange(k))
+
+
+def test_the_judge_remembers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    question = plates(50)
+    first = Judge(tmp_path).judge(question)
+    monkeypatch.setattr("zbuf_occlude.compare.judge.prepare_oracle", lambda mesh: pytest.fail("asked again"))
+    second = Judge(tmp_path).judge(plates(50))
+    assert all((getattr(first, name) == getattr(second, name)).all() for name in vars(first))
+
+
+def test_questions_are_known_by_what_they_ask() -> None:
+    assert plates().fingerprint == plates().fingerprint
+    assert plates().fingerprint != plates(401).fingerprint
+    other_seed = ask("plates", two_plates(), ABOVE, n_points=400, seed=1)
+    assert plates().fingerprint != other_seed.fingerprint
+    assert len(ask_vertices("box", box(), ABOVE).points) == 8
+
+
+def test_views_are_thinned_evenly() -> None:
+    assert len(thinned(views.paper100(), 15)) == 15
+    assert np.allclose(thinned(views.paper100(), 15).eyes, views.paper100().eyes[::7])
+    assert len(thinned(ABOVE, 15)) == 2
+
+
+def test_default_subjects_are_the_whole_table() -> None:
+    subjects = default_subjects()
+    assert {s.method for s in subjects} == {m.name for m in METHODS}
+    assert len({s.label for s in subjects}) == len(subjects)
+
+
+def test_a_subject_checks_its_options() -> None:
+    assert Subject("occupancy_grid", {"n": 64}).label == "occupancy_grid:n=64"
+    with pytest.raises(OptionError, match="got 'cells'"):
+        Subject("occupancy_grid", {"cells": 64})
+    with pytest.raises(OptionError, match="method must be one of"):
+        Subject("crystal_ball")
