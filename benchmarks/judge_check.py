@@ -1,0 +1,95 @@
+"""Is the judge right? oracle against exact_hsr and Embree on every point, what is left decided in rational arithmetic.
+
+    python benchmarks/judge_check.py MESH [MESH ...] [--points 5000] [--views paper100] [--seed 0]
+
+For each mesh: the boundary band's share; how often `exact_hsr` (perpendicular planes, float64) and `embree` (own face
+excluded, float32) differ from `oracle` (signed volumes, float64), in all and outside the band; and of each pair on
+which two of them differ, whom rational arithmetic proves right. Exits with 1 when the judge is proved wrong outside
+the band, when exact_hsr differs from it there, or when Embree agrees on less than 99.99 %.
+"""
+
+import argparse
+import sys
+import time
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.rational import sees
+from zbuf_occlude.visibility import oracle
+
+MOST_DISPUTES = 300
+"""So many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("meshes", nargs="+")
+    parser.add_argument("--points", type=int, default=5000)
+    parser.add_argument("--views", default="paper100")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    failed = False
+    for path in arguments.meshes:
+        mesh = load_mesh(path).normalized()
+        points = zo.sample_surface(mesh, n_points=arguments.points, seed=arguments.seed)
+        eyes = zo.views.parse(arguments.views).eyes
+        failed |= check(mesh, points, eyes)
+    return int(failed)
+
+
+def check(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> bool:
+    """Print the figures of one mesh; True when something is wrong."""
+    start = time.perf_counter()
+    judge = oracle.prepare(mesh)
+    truth, decided = judge.visible(points, eyes), judge.decided(points, eyes)
+    print(f"{mesh.name}: {len(mesh.faces):,} faces, {len(points):,} points, {len(eyes)} views = {truth.size:,} pairs")
+    print(f"  visible {truth.mean():.4f}; in the boundary band {(~decided).sum():,} pairs, {(~decided).mean():.2e}")
+    failed = False
+    for rival in ("exact_hsr", "embree"):
+        with zo.prepare(mesh, rival) as occluder:
+            differs = occluder.visible(points, eyes) != truth
+        outside = int((differs & decided).sum())
+        agreement = 1.0 - differs.mean()
+        print(
+            f"  {rival}: agrees on {100 * agreement:.5f} %; "
+            f"differs on {differs.sum()} pairs, {outside} of them outside the band"
+        )
+        judge_right, judge_wrong, wrong_outside = decide(mesh, points, eyes, truth, differs, decided, judge.contact)
+        print(
+            f"    rational arithmetic: oracle right {judge_right}, {rival} right {judge_wrong}"
+            f" ({wrong_outside} of these outside the band)"
+        )
+        failed |= wrong_outside > 0 or (outside > 0 if rival == "exact_hsr" else agreement < 0.9999)
+    print(f"  {time.perf_counter() - start:.0f} s{'; FAILED' if failed else ''}")
+    return failed
+
+
+def decide(
+    mesh: zo.Mesh,
+    points: zo.SurfacePoints,
+    eyes: np.ndarray,
+    truth: np.ndarray,
+    differs: np.ndarray,
+    decided: np.ndarray,
+    contact: float,
+) -> tuple[int, int, int]:
+    """Count the disputes that the judge wins, that its rival wins, and those of the latter outside the band."""
+    disputes = np.argwhere(differs)
+    if len(disputes) > MOST_DISPUTES:
+        print(f"    (deciding {MOST_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
+        disputes = disputes[np.linspace(0, len(disputes) - 1, MOST_DISPUTES).astype(int)]
+    right = np.array(
+        [
+            sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) == truth[j, i]
+            for j, i in disputes
+        ],
+        dtype=bool,
+    )
+    outside = decided[tuple(disputes.T)] & ~right
+    return int(right.sum()), int((~right).sum()), int(outside.sum())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
