@@ -17,7 +17,7 @@ from zbuf_occlude import DatasetError, Mesh, MeshError
 from zbuf_occlude.dataset import generate as dataset
 from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import read_sidecar, records_path, run_shard
+from zbuf_occlude.dataset.shard import data_path, read_sidecar, run_shard
 from zbuf_occlude.farm import local, supervisor
 from zbuf_occlude.farm.local import run_shards
 from zbuf_occlude.farm.supervisor import Limits
@@ -54,7 +54,7 @@ def plan_of(*loads: object) -> Plan:
 
 
 def contents(plan: Plan, out: Path) -> list[bytes]:
-    return [records_path(out, shard).read_bytes() for shard in range(len(plan.shards))]
+    return [data_path(plan, out, shard).read_bytes() for shard in range(len(plan.shards))]
 
 
 def failures(plan: Plan, out: Path) -> dict[str, str]:
@@ -109,14 +109,14 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     plan = plan_of(ball, suicide, ball, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}
-    assert np.load(records_path(out, 0))["mesh_id"].tolist() == [0] * 250
+    assert np.load(data_path(plan, out, 0))["mesh_id"].tolist() == [0] * 250
 
 
 def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path) -> None:
     plan = plan_of(ball, hang, swell, ball)
-    run(plan, out, Limits(seconds=4, gigabytes=1.2))
+    run(plan, out, Limits(seconds=10, gigabytes=1.2))
     assert failures(plan, out) == {
-        "m1": "a mesh may take 4 seconds; this one took longer. Raise --mesh-seconds.",
+        "m1": "a mesh may take 10 seconds; this one took longer. Raise --mesh-seconds.",
         "m2": "a mesh may take 1.2 GB of memory; this one took more. Raise --mesh-gigabytes.",
     }
 
@@ -124,26 +124,26 @@ def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path) -> None:
 def test_a_full_disk_ends_the_run_and_keeps_what_is_done(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = plan_of(ball, ball, ball)
     run_shard(plan, 0, out, None)
-    before = records_path(out, 0).read_bytes()
+    before = data_path(plan, out, 0).read_bytes()
     # a folder where the second shard's records belong: writing them fails as a full disk does
-    records_path(out, 1).mkdir()
+    data_path(plan, out, 1).mkdir()
     with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
         run(plan, out)
-    records_path(out, 1).rmdir()
+    data_path(plan, out, 1).rmdir()
     run(plan, out)
-    assert records_path(out, 0).read_bytes() == before
+    assert data_path(plan, out, 0).read_bytes() == before
     assert not list(out.rglob("*.part"))
 
 
 def test_nothing_half_written_is_taken_for_done(out: Path) -> None:
     plan = plan_of(ball, ball, ball)
     run_shard(plan, 0, out, None)
-    records_path(out, 1).write_bytes(b"half a file, and no sidecar")
+    data_path(plan, out, 1).write_bytes(b"half a file, and no sidecar")
     assert read_sidecar(out, 1, plan.fingerprint) is None
     with pytest.raises(DatasetError, match="all 2 shards must be done; shard 1 is not"):
         dataset.merge(plan, out, {})
     run(plan, out)
-    assert len(np.load(records_path(out, 1))) == 250
+    assert len(np.load(data_path(plan, out, 1))) == 250
 
 
 def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:

@@ -17,7 +17,7 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.farm.local import run_shards
+from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
 from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.mesh import Mesh
@@ -55,8 +55,13 @@ LIMIT = "A mesh that takes more is a failure, not the end of the run."
     help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
 )
 @up_option
+@click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one a core]")
 @click.option(
-    "--workers", type=click.IntRange(1), default=os.cpu_count() or 1, show_default="cores", help="Worker processes."
+    "--engine", type=click.Choice(["local", "ray"]), default="local", show_default=True, help="Where to work."
+)
+@click.option("--ray-address", help="Of a running cluster, e.g. auto.  [default: RAY_ADDRESS, or a new one here]")
+@click.option(
+    "--ray-gpus", type=click.FloatRange(0), default=0.0, help="GPUs of each Ray worker; 0.25: four share one."
 )
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
@@ -75,7 +80,10 @@ def command(
     settings: tuple[str, ...],
     limit: int | None,
     up: str | None,
-    workers: int,
+    workers: int | None,
+    engine: str,
+    ray_address: str | None,
+    ray_gpus: float,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: str | None,
@@ -121,7 +129,11 @@ def command(
         return
     part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     rehearse(plan.recipe, require_gpu)
-    run = partial(run_shards, n_workers=workers, limits=Limits(mesh_seconds, mesh_gigabytes))
+    limits = Limits(mesh_seconds, mesh_gigabytes)
+    if engine == "ray":
+        run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
+    else:
+        run = partial(local.run_shards, n_workers=workers or os.cpu_count() or 1, limits=limits)
     mine = sum(map(len, plan.shards[part[0] :: part[1]])) * plan.clouds_a_mesh
     with tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05) as bar:
         document = generate(plan, out, run=run, overwrite=overwrite, part=part, progress=bar.update)

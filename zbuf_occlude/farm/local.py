@@ -11,7 +11,7 @@ from typing import Any
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm.supervisor import Limits, Message, Worker, supervise
-from zbuf_occlude.farm.worker import serve
+from zbuf_occlude.farm.worker import resident_gigabytes, serve
 from zbuf_occlude.visibility import find_method
 
 
@@ -64,11 +64,7 @@ class LocalWorker:
 
     def gigabytes(self) -> float:
         """Read the resident memory off /proc."""
-        try:
-            pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
-        except (OSError, IndexError):  # it has just ended
-            return 0.0
-        return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
+        return resident_gigabytes(self.process.pid)
 
     def kill(self) -> None:
         """Kill the process and reap it."""

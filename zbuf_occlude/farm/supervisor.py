@@ -17,9 +17,13 @@ SHARDS_A_WORKER = 200
 GRACE = 0.5
 """Seconds between two looks at the workers' time and memory."""
 
-Message = tuple[Literal["mesh", "done", "broken", "failed"], int | str]
-"""("mesh", mesh_id) before each mesh, ("done", shard); as the last word before leaving ("broken", reason) when the GL
-context was lost or never came, or ("failed", reason) for what no other worker would do better."""
+READY_SECONDS = 300.0
+"""When no worker is ready for so long, the run gives up: the cluster has no room, or processes do not start."""
+
+Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], int | str]
+"""("ready", pid) first, ("mesh", mesh_id) before each mesh, ("done", shard); as the last word before leaving
+("broken", reason) when the GL context was lost or never came, or ("failed", reason) for what no other worker would do
+better."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ class _Seat:
     """A worker, and what it is at."""
 
     worker: Worker
+    ready: bool = False
     shard: int | None = None
     mesh_id: int | None = None
     mesh_began: float = 0.0
@@ -119,6 +124,7 @@ def supervise(
     """
     book = _Book(deque(shards), set(shards))
     seats: dict[int, _Seat] = {}
+    last_ready = time.monotonic()
     try:
         while book.left:
             for number in range(min(n_workers, len(book.left))):
@@ -129,6 +135,10 @@ def supervise(
             for number, seat in list(seats.items()):
                 if _look_after(seat, book, limits, done):
                     del seats[number]
+            if any(seat.ready for seat in seats.values()):
+                last_ready = time.monotonic()
+            elif time.monotonic() - last_ready > READY_SECONDS:
+                raise DatasetError(f"a worker must be ready within {READY_SECONDS:g} seconds; none was. Is there room?")
     finally:
         for seat in seats.values():
             if seat.shard is None:
@@ -138,7 +148,7 @@ def supervise(
 
 
 def _assign(seat: _Seat, book: _Book) -> None:
-    if seat.shard is None and book.queue:
+    if seat.ready and seat.shard is None and book.queue:
         seat.shard, seat.mesh_id = book.queue.popleft(), None
         seat.worker.assign(seat.shard, dict(book.lost))
 
@@ -163,7 +173,9 @@ def _look_after(seat: _Seat, book: _Book, limits: Limits, done: Callable[[int], 
 
 def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None]) -> None:
     kind, value = message
-    if kind == "mesh" and isinstance(value, int):
+    if kind == "ready":
+        seat.ready = True
+    elif kind == "mesh" and isinstance(value, int):
         seat.mesh_id, seat.mesh_began = value, time.monotonic()
     elif kind == "done" and isinstance(value, int):
         book.left.discard(value)

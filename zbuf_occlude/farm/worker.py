@@ -1,8 +1,9 @@
-"""A worker process: opens its own GL context, makes the shards it is handed, says what it is at."""
+"""What a worker does, whatever engine hired it: open a GL context of its own, make the shards it is handed, say so."""
 
 import ctypes
 import os
 import signal
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -16,30 +17,49 @@ _PR_SET_PDEATHSIG = 1
 
 
 def serve(connection: Connection, plan: Plan, out: Path, device_index: int | None, parent: int) -> None:
-    """Run in the child: answer (shard, lost) requests until None comes, with messages as `supervisor.Message` says."""
+    """Run as the main function of a child process that shall not outlive its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt means
     _die_with_parent(parent)
-    gl: Any = None
-    try:
-        if find_method(plan.recipe.method).needs_gl:
-            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+    work(connection, plan, out, device_index)
 
-            gl = GlContext.open(device_index=device_index)
-        while (request := connection.recv()) is not None:
-            shard, lost = request
-            run_shard(plan, shard, out, gl, lost=lost, on_mesh=lambda mesh_id: connection.send(("mesh", mesh_id)))
-            connection.send(("done", shard))
-    except GlError as error:
-        connection.send(("broken", str(error)))
-    except OccludeError as error:
-        connection.send(("failed", str(error)))
-    except OSError as error:
-        connection.send(("failed", f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"))
-    except EOFError:  # the parent is gone
-        pass
-    finally:
-        if gl is not None:
-            gl.close()
+
+def work(connection: Connection, plan: Plan, out: Path, device_index: int | None) -> None:
+    """Answer (shard, lost) requests until None comes, with messages as `supervisor.Message` says.
+
+    Everything GL happens in the thread that calls this.
+    """
+    gl: Any = None
+    with suppress(EOFError, BrokenPipeError):  # the supervisor is gone
+        try:
+            if find_method(plan.recipe.method).needs_gl:
+                from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+                gl = GlContext.open(device_index=device_index)
+            connection.send(("ready", os.getpid()))
+            while (request := connection.recv()) is not None:
+                shard, lost = request
+                run_shard(plan, shard, out, gl, lost=lost, on_mesh=lambda mesh_id: connection.send(("mesh", mesh_id)))
+                connection.send(("done", shard))
+        except GlError as error:
+            connection.send(("broken", str(error)))
+        except OccludeError as error:
+            connection.send(("failed", str(error)))
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            connection.send(("failed", f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"))
+        finally:
+            if gl is not None:
+                gl.close()
+
+
+def resident_gigabytes(pid: int) -> float:
+    """Read the resident memory of a process off /proc; 0 when it has just ended."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except (OSError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
 
 
 def _die_with_parent(parent: int) -> None:

@@ -1,0 +1,170 @@
+"""The Ray engine: actors on a cluster's nodes, each with its own GL context; nodes may die at any moment."""
+
+import logging
+import os
+import socket
+import threading
+from collections.abc import Callable
+from multiprocessing import Pipe
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.errors import GlError, UnavailableError
+from zbuf_occlude.farm.supervisor import Limits, Message, Worker, supervise
+from zbuf_occlude.farm.worker import resident_gigabytes, work
+from zbuf_occlude.visibility import find_method
+
+LISTEN_SECONDS = 0.4
+"""How long an actor waits for something to say before it answers that there is nothing."""
+
+
+def run_shards(
+    plan: Plan,
+    shards: list[int],
+    out: Path,
+    done: Callable[[int], None],
+    *,
+    n_workers: int | None,
+    limits: Limits,
+    address: str | None = None,
+    gpus_a_worker: float = 0.0,
+) -> None:
+    """Make shards by Ray actors; parameters, errors and promises as in `supervise`, and:
+
+    Parameters
+    ----------
+    out : Path
+        Must be the same folder on every node (a shared file system).
+    n_workers : int or None
+        Actors; by default as many as the cluster has CPUs, or room for by `gpus_a_worker`.
+    address : str, optional
+        Of a running cluster ("auto", "host:port"); by default RAY_ADDRESS's, or a new one on this machine.
+    gpus_a_worker : float
+        Ray's num_gpus for an actor; fractions share a GPU. The actor renders on the EGL device of the GPU it was given.
+
+    Raises
+    ------
+    UnavailableError
+        Ray is not installed, or no cluster answers at the address.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise UnavailableError(
+            "the Ray engine needs the package ray; install it: pip install 'zbuf-occlude[ray]'"
+        ) from None
+    owned = not ray.is_initialized()
+    if owned:
+        try:
+            _knock(address or os.environ.get("RAY_ADDRESS", ""))
+            ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level=logging.ERROR)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise UnavailableError(f"a Ray cluster must answer at {address or 'this machine'}: {error}") from None
+    try:
+        resources = ray.cluster_resources()
+        room = resources.get("GPU", 0) / gpus_a_worker if gpus_a_worker else resources.get("CPU", 1)
+        actor = ray.remote(_Actor).options(num_cpus=0 if gpus_a_worker else 1, num_gpus=gpus_a_worker, max_restarts=0)
+        handle = ray.put(plan)
+        supervise(
+            shards,
+            done,
+            hire=lambda seat: RayWorker(ray, actor.remote(handle, str(out.absolute()))),
+            wait=_wait,
+            n_workers=n_workers or max(1, int(room)),
+            limits=limits,
+        )
+    finally:
+        if owned:
+            ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Raise OSError when nobody listens at "host:port": Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if host and port.isdecimal() and "//" not in host:
+        socket.create_connection((host, int(port)), timeout=10).close()
+
+
+class _Actor:
+    """Runs in a Ray process: a thread that works, and short methods that pass on what it says."""
+
+    def __init__(self, plan: Plan, out: str) -> None:
+        self.connection, theirs = Pipe()
+        # one thread does all the GL; Ray may call the methods from others
+        arguments = (theirs, plan, Path(out), _egl_device(plan))
+        self.thread = threading.Thread(target=work, args=arguments, daemon=True)
+        self.thread.start()
+
+    def assign(self, shard: int, lost: dict[int, str]) -> None:
+        self.connection.send((shard, lost))
+
+    def listen(self) -> tuple[list[Message], float]:
+        messages: list[Message] = []
+        if self.connection.poll(LISTEN_SECONDS):
+            messages.append(self.connection.recv())
+            while self.connection.poll():
+                messages.append(self.connection.recv())
+        return messages, resident_gigabytes(os.getpid())
+
+
+def _egl_device(plan: Plan) -> int | None:
+    """The EGL device of the GPU that Ray gave this actor: EGL ignores CUDA_VISIBLE_DEVICES and would take the first."""
+    if not find_method(plan.recipe.method).needs_gl:
+        return None
+    import ray
+
+    from zbuf_occlude.gl.devices import egl_devices  # late: only these methods touch GL
+
+    given = [int(gpu) for gpu in ray.get_gpu_ids()]
+    try:
+        devices = egl_devices() if given else ()
+    except GlError:
+        return None
+    return next((device.index for device in devices if device.cuda_device in given), None)
+
+
+class RayWorker:
+    """An actor as the supervisor sees it; one `listen` is always under way, so a death shows at once."""
+
+    def __init__(self, ray: Any, actor: Any) -> None:
+        self.ray, self.actor = ray, actor
+        self.end, self.memory = "", 0.0
+        self.future = actor.listen.remote()
+
+    def assign(self, shard: int, lost: dict[int, str]) -> None:
+        """Send a request."""
+        self.actor.assign.remote(shard, lost)
+
+    def listen(self) -> list[Message]:
+        """Take what the call under way has brought, and start the next."""
+        if self.end or not self.ray.wait([self.future], timeout=0)[0]:
+            return []
+        try:
+            messages, self.memory = self.ray.get(self.future)
+        except self.ray.exceptions.RayError as error:
+            self.end = f"the actor ended ({type(error).__name__})"
+            return []
+        self.future = self.actor.listen.remote()
+        return list(messages)
+
+    def ending(self) -> str:
+        """Say how the actor or its node ended, as the last `listen` learned it."""
+        return self.end
+
+    def gigabytes(self) -> float:
+        """Return what the actor said last."""
+        return self.memory
+
+    def kill(self) -> None:
+        """Kill the actor's process."""
+        self.ray.kill(self.actor)
+
+    def dismiss(self) -> None:
+        """Kill the actor's process: at rest it has nothing to lose."""
+        self.kill()
+
+
+def _wait(workers: list[Worker], seconds: float) -> None:
+    of_ray = [worker for worker in workers if isinstance(worker, RayWorker)]
+    of_ray[0].ray.wait([worker.future for worker in of_ray], timeout=seconds)
