@@ -62,8 +62,11 @@ def test_front_and_advice() -> None:
     ranking = summary.standings(ROWS)
     assert summary.front(ranking) == {"right", "quick:n=1"}
     words = summary.advice(ranking)
-    assert words["right"] == "whenever the answer must be right; the next that is never wrong, `judge`, takes 100 times"
-    assert words["judge"] == "as a check of the others; `right` gives the same answers in 1/100 of the time"
+    assert (
+        words["right"]
+        == "whenever the answer must be right; the next that is never wrong, `judge`, takes 100 times as long"
+    )
+    assert words["judge"] == "as a check of the others; `right` answers the same 100 times as fast"
     assert words["quick:n=1"] == "when 3.0 % wrong is good enough: 2.0 times as fast as `right`"
     assert words["bad"] == "not here: `right` is never wrong and is 5.0 times as fast"
 

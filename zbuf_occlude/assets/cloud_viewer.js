@@ -131,7 +131,7 @@ class CloudViewer {
     const light = [0, 1, 2].map((i) => -0.45 * right[i] + 0.55 * up[i] + 0.70 * back[i]);
     const distance = 4, side = Math.min(width, height), focal = 0.86 * side * this.zoom * distance;
     // about one mark's area for each point of what the object covers
-    const mark = Math.max(1, Math.min(5 * ratio * Math.sqrt(Math.max(1, this.zoom)), 0.42 * side * this.zoom / Math.sqrt(n)));
+    const mark = Math.max(1, Math.min(5 * ratio * Math.sqrt(Math.max(1, this.zoom)), 0.55 * side * this.zoom / Math.sqrt(n)));
     for (let i = 0; i < n; i++) {
       const code = codes[i];
       if (this.hidden.has(code)) continue;
@@ -152,7 +152,7 @@ class CloudViewer {
       }
       const [r, g, b] = palette[code];
       const colour = (255 << 24) | ((b * shade) << 16) | ((g * shade) << 8) | (r * shade);
-      this.splat(px, py, strong ? depth - 0.02 : depth, strong ? mark * 1.5 : mark, colour, width, height);
+      this.splat(px, py, strong ? depth - 0.02 : depth, strong ? mark * 1.3 : mark, colour, width, height);
     }
     this.context.putImageData(this.image, 0, 0);
     this.frames++;

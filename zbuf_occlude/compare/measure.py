@@ -129,19 +129,26 @@ def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[A
     """Return which views and how many points may be asked, so that one call stays within a third of the budget."""
     n_all, n_views = len(question.points), len(question.views)
     allowed = budget / FEWEST_REPEATS
-    n = min(PROBE_POINTS, n_all)
-    occluder.visible(question.points.select(np.arange(n)), question.views.eyes[:1])  # what is made at the first call
-    while True:
+
+    def one_view(n: int) -> float:
         points = question.points.select(np.arange(n))
         start = time.perf_counter()
         occluder.visible(points, question.views.eyes[:1])
-        seconds = time.perf_counter() - start
+        return time.perf_counter() - start
+
+    n = min(PROBE_POINTS, n_all)
+    fewer = max(1, n // 10)
+    one_view(fewer)  # what is made at the first call
+    before, seconds = one_view(fewer), one_view(n)
+    while n < n_all:
         larger = min(10 * n, n_all)
-        if n == n_all or seconds * larger / n > allowed:
+        growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds a point: none where faces alone cost
+        if seconds + growth * (larger - n) > allowed:
             break
-        n = larger
+        fewer, before, n = n, seconds, larger
+        seconds = one_view(n)
     if n < n_all:
-        return np.array([n_views // 2]), max(n, int(n * allowed / seconds))
+        return np.array([n_views // 2]), max(n, min(n_all, int(n * allowed / seconds)))
     k = int(np.clip(allowed / seconds, 1, n_views))
     return np.unique(np.linspace(0, n_views - 1, k).round().astype(int)), n
 

@@ -127,15 +127,14 @@ def advice(ranking: Sequence[Standing]) -> dict[str, str]:
         if one is fastest_right:
             others = [s for s in right if s.method != one.method]
             runner_up = min(others, key=lambda s: s.seconds) if others else None
-            words[one.subject] = "whenever the answer must be right" + (
-                f"; the next that is never wrong, `{runner_up.subject}`, takes {times(runner_up.seconds, one.seconds)}"
-                if runner_up
-                else ""
-            )
+            words[one.subject] = "whenever the answer must be right"
+            if runner_up:
+                longer = times(runner_up.seconds, one.seconds)
+                words[one.subject] += f"; the next that is never wrong, `{runner_up.subject}`, takes {longer} as long"
         elif one.wrong == 0.0 and fastest_right is not None:
             words[one.subject] = (
-                f"as a check of the others; `{fastest_right.subject}` gives the same answers in "
-                f"1/{_factor(one.seconds, fastest_right.seconds)} of the time"
+                f"as a check of the others; `{fastest_right.subject}` answers the same "
+                f"{times(one.seconds, fastest_right.seconds)} as fast"
             )
         elif one.subject in best:
             rival = fastest_right or ranking[0]
@@ -157,12 +156,8 @@ def _beats(a: Standing, b: Standing) -> bool:
 
 def times(slow: float, fast: float) -> str:
     """Say how many times longer, e.g. ``3.4 times``."""
-    return f"{_factor(slow, fast)} times"
-
-
-def _factor(slow: float, fast: float) -> str:
     ratio = slow / fast
-    return f"{ratio:.1f}" if ratio < 10 else f"{ratio:,.0f}"
+    return f"{ratio:.1f} times" if ratio < 10 else f"{ratio:,.0f} times"
 
 
 def share(fraction: float) -> str:
