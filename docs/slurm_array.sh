@@ -1,0 +1,20 @@
+#!/bin/bash
+# A SLURM array that makes one dataset: each task makes its share of the shards, wherever it runs.
+#
+#     array=$(sbatch --parsable --array=0-15 slurm_array.sh OUT [generate's arguments...])
+#     sbatch --dependency=afterok:$array --wrap "zbuf-occlude merge OUT"
+#
+# OUT must be on a file system that all nodes share. The array must be without gaps (0-15, not 0-15:2); it may be of any
+# size, and larger than the number of nodes. Submit the same line again to resume after a failure: shards that are done
+# stay done. `zbuf-occlude status OUT` says how far it is.
+#
+#SBATCH --job-name=zbuf-occlude
+#SBATCH --cpus-per-task=2
+#SBATCH --mem=6G
+#SBATCH --time=04:00:00
+#SBATCH --requeue
+set -euo pipefail
+out=$1
+shift
+# the task finds its number in SLURM_ARRAY_TASK_ID; on nodes with GPUs add --gres=gpu:1 above and --require-gpu below
+exec zbuf-occlude generate "$@" --out "$out" --workers "${SLURM_CPUS_PER_TASK:-2}"

@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# A real SLURM of one node on this machine runs docs/slurm_array.sh; the merged dataset must equal a local run's.
+#
+#     sudo apt-get install slurm-wlm munge
+#     sudo tests/farm/slurm_cluster.sh [PYTHON [generate's arguments...]]
+#
+# Root, because SLURM's daemons want it. All ports are on loopback, all state in a temporary folder; everything
+# started here is ended here. Exit code 0: the data equal.
+set -euo pipefail
+root=$(cd "$(dirname "$0")/../.." && pwd)
+python=${1:-$root/.venv/bin/python}
+for tool in slurmctld slurmd sbatch munged; do
+    command -v "$tool" >/dev/null || PATH=$PATH:/usr/sbin
+    command -v "$tool" >/dev/null || { echo "error: $tool must be installed: apt-get install slurm-wlm munge"; exit 1; }
+done
+[ "$(id -u)" = 0 ] || { echo "error: this must run as root; it starts SLURM's daemons"; exit 1; }
+
+work=$(mktemp -d)
+pids=()
+finish() {
+    for pid in "${pids[@]}"; do kill "$pid" 2>/dev/null || true; done
+    for pid in "${pids[@]}"; do wait "$pid" 2>/dev/null || true; done
+    rm -rf "$work"
+}
+trap finish EXIT
+chmod 755 "$work"
+
+export SLURM_CONF=$work/slurm.conf
+host=$(hostname -s)
+cores=$(nproc)
+cat >"$SLURM_CONF" <<CONF
+ClusterName=one
+SlurmctldHost=$host(127.0.0.1)
+SlurmctldPort=16817
+SlurmdPort=16818
+SlurmUser=root
+SlurmdUser=root
+AuthType=auth/munge
+AuthInfo=socket=$work/munge.socket
+CryptoType=crypto/munge
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+JobAcctGatherType=jobacct_gather/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core
+SchedulerType=sched/backfill
+ReturnToService=2
+MpiDefault=none
+StateSaveLocation=$work/state
+SlurmdSpoolDir=$work/spool
+SlurmctldPidFile=$work/slurmctld.pid
+SlurmdPidFile=$work/slurmd.pid
+SlurmctldLogFile=$work/slurmctld.log
+SlurmdLogFile=$work/slurmd.log
+NodeName=$host NodeAddr=127.0.0.1 CPUs=$cores State=UNKNOWN
+PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
+CONF
+echo "CgroupPlugin=cgroup/v1" >"$work/cgroup.conf"  # never used (linuxproc, task/none), but slurmd wants one
+mkdir -p "$work/state" "$work/spool"
+
+dd if=/dev/urandom of="$work/munge.key" bs=1 count=1024 status=none
+chmod 400 "$work/munge.key"
+munged --force --foreground --key-file="$work/munge.key" --socket="$work/munge.socket" --pid-file="$work/munged.pid" \
+    --seed-file="$work/munge.seed" --log-file="$work/munged.log" --num-threads=2 &
+pids+=($!)
+slurmctld -D -c &
+pids+=($!)
+slurmd -D -N "$host" &
+pids+=($!)
+for _ in $(seq 60); do
+    [ "$(sinfo --noheader -o %T 2>/dev/null)" = idle ] && break
+    sleep 1
+done
+[ "$(sinfo --noheader -o %T)" = idle ] || { echo "error: the node must become idle"; tail -n 20 "$work"/*.log; exit 1; }
+
+PATH=$(dirname "$python"):$PATH
+export PATH
+arguments=("${@:2}")
+((${#arguments[@]})) || arguments=(--views ring:10@30 --points 3000 --sample-size 256 --limit 100)
+array=$(sbatch --parsable --array=3-6 --chdir="$work" --time=10 --mem=0 --cpus-per-task=1 \
+    "$root/docs/slurm_array.sh" "$work/farm" "${arguments[@]}")
+merge=$(sbatch --parsable --dependency=afterok:"$array" --chdir="$work" --wrap "zbuf-occlude merge $work/farm")
+for _ in $(seq 300); do
+    [ -z "$(squeue --noheader --jobs="$array,$merge" 2>/dev/null)" ] && break
+    sleep 1
+done
+cat "$work"/slurm-*.out
+[ -f "$work/farm/manifest.json" ] || { echo "error: the merge job must write a manifest"; tail -n 20 "$work"/*.log; exit 1; }
+
+zbuf-occlude generate --out "$work/here" "${arguments[@]}" >/dev/null 2>&1
+for file in "$work"/here/*.h5; do
+    cmp "$file" "$work/farm/$(basename "$file")"
+done
+echo "SLURM array of 4 tasks and a merge job: $(ls "$work"/here/*.h5 | wc -l) files, equal to a local run's"
