@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
+from zbuf_occlude.dataset.folder import read_manifest, read_plan
 from zbuf_occlude.dataset.generate import merge as merge_shards
-from zbuf_occlude.dataset.generate import read_manifest, read_plan
 
 
 @click.command()

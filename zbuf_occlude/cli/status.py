@@ -6,7 +6,8 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.dataset.generate import read_manifest, read_plan, shards_done
+from zbuf_occlude.dataset.folder import read_manifest, read_plan
+from zbuf_occlude.dataset.generate import shards_done
 from zbuf_occlude.dataset.shard import read_sidecar
 
 

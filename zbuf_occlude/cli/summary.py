@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.dataset.generate import CONTACT_SHEET, MANIFEST
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.meshes.collection import SPLITS
 
 SOME_FAILED = 3

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import view_matrices
@@ -50,6 +50,8 @@ def gather_clouds(
     recipe: Recipe,
     key: str,
     variation: int,
+    *,
+    which: ArrayLike | None = None,
 ) -> NDArray[Any]:
     """Make one record for every view that sees anything.
 
@@ -65,13 +67,15 @@ def gather_clouds(
     key : str
         The mesh's; decides the random subsets together with the seed, `variation` and the view.
     variation : int
+    which : (m,) int, optional
+        Indices of the views wanted, all of them seeing something; by default all that do.
 
     Returns
     -------
     (at most k,) records of `record_type`; label and mesh_id are left for the caller. Views that see no point give none.
     The order of the points within a cloud is random, as loaders that take the first n expect.
     """
-    seeing = np.flatnonzero(mask.any(axis=1))
+    seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe.sample_size))
     poses = view_matrices(views.eyes, views.target, views.ups)
     for record, view in zip(records, seeing, strict=True):

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.hdf5 import write_dataset
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, PLAN, SHAPE_NAMES, read_manifest
+from zbuf_occlude.dataset.formats import FORMATS, find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.shard import FOLDER, read_sidecar, run_shard
+from zbuf_occlude.dataset.records import source_of_shards
+from zbuf_occlude.dataset.shard import FOLDER, data_path, read_sidecar, run_shard
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.visibility import find_method
-
-PLAN, MANIFEST, CONTACT_SHEET = "plan.json", "manifest.json", "contact_sheet.png"
 
 Run = Callable[[Plan, list[int], Path, Callable[[int], None]], None]
 """Makes shards of a plan in a folder, telling each that is done: `run_here`, or an engine of the farm."""
@@ -72,44 +72,6 @@ def generate(
     if part != (0, 1):
         return {}
     return merge(plan, out, {"making": time.perf_counter() - began})
-
-
-def read_plan(out: Path) -> Plan:
-    """Read back the plan of a dataset's folder.
-
-    Raises
-    ------
-    DatasetError
-        There is none, or it is damaged.
-    """
-    path = out / PLAN
-    if not path.exists():
-        raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
-    try:
-        document = json.loads(path.read_text())
-        plan = Plan.from_document(document)
-    except (ValueError, KeyError, TypeError) as error:
-        raise DatasetError(
-            f"{path} must be a plan; it is damaged ({error}). Generate again with --overwrite."
-        ) from None
-    if plan.fingerprint != document["fingerprint"]:
-        raise DatasetError(
-            f"{path} must have the fingerprint {document['fingerprint']}; it has {plan.fingerprint}. "
-            "It was changed, or made by another version; generate again with --overwrite."
-        )
-    return plan
-
-
-def read_manifest(out: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder whose dataset is complete, None for one that is not."""
-    path = out / MANIFEST
-    if not path.exists():
-        return None
-    try:
-        document: dict[str, Any] = json.loads(path.read_text())
-    except ValueError as error:
-        raise DatasetError(f"{path} must be JSON; it is damaged ({error}). Generate again with --overwrite.") from None
-    return document
 
 
 def make_shards(
@@ -169,12 +131,22 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
             f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: "
             f"{reasons[0] if reasons else 'its views see nothing'}"
         )
-    files, n_clouds = write_dataset(plan, out)
-    write_contact_sheet(out / CONTACT_SHEET, out, files, plan.classes)
-    document = summed_up(plan, sidecars, files, n_clouds, {**seconds, "writing": time.perf_counter() - began})
+    shards = [data_path(plan, out, shard) for shard in range(len(plan.shards))]
+    row = find_format(plan.format)
+    files = packed.adopt(plan, shards, out) if row.all_points else row.load().write(source_of_shards(plan, shards), out)
+    source = row.load().read(out, plan, files)
+    write_names(plan, out)
+    write_contact_sheet(out / CONTACT_SHEET, source)
+    document = summed_up(plan, sidecars, files, source.n_clouds, {**seconds, "writing": time.perf_counter() - began})
     atomic.write_json(out / MANIFEST, document)
     shutil.rmtree(out / FOLDER)
     return document
+
+
+def write_names(plan: Plan, out: Path) -> None:
+    """Write what labels and mesh ids stand for."""
+    atomic.write_lines(out / SHAPE_NAMES, plan.classes)
+    atomic.write_lines(out / MESH_KEYS, [entry.key for entry in plan.meshes])
 
 
 def claim(plan: Plan, out: Path) -> None:
@@ -204,6 +176,7 @@ def remove(out: Path) -> None:
     if not (out / PLAN).exists():
         return
     shutil.rmtree(out / FOLDER, ignore_errors=True)
-    names = [MANIFEST, CONTACT_SHEET, "shape_names.txt", "mesh_keys.txt", PLAN]
-    for path in [*out.glob("ply_data_*.h5"), *out.glob("*_files.txt"), *(out / name for name in names)]:
+    patterns = {pattern for row in FORMATS for pattern in row.patterns}
+    patterns |= {MANIFEST, CONTACT_SHEET, SHAPE_NAMES, MESH_KEYS, PLAN}
+    for path in [path for pattern in sorted(patterns) for path in out.glob(pattern)]:
         path.unlink(missing_ok=True)

@@ -47,6 +47,8 @@ class Recipe:
         "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "mesh": the object's coordinates.
     frame : str
         "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+    complete : bool
+        Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     seed : int
 
     Raises
@@ -65,6 +67,7 @@ class Recipe:
     sample_size: int = 2048
     scale: str = "cloud"
     frame: str = "object"
+    complete: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -100,19 +103,22 @@ class Plan:
     meshes : MeshCollection
         In the order in which they are worked on.
     recipe : Recipe
+    format : str
+        Name in the table of formats: what is kept of a mesh, and what the final files are.
     views : Views, optional
         The camera positions, distances in longest sides, about the origin; the recipe's by default.
     """
 
     meshes: MeshCollection
     recipe: Recipe
+    format: str = "hdf5"
     views: Views = None  # type: ignore[assignment]  # set below; whoever has a Plan has views
 
     def __post_init__(self) -> None:
         if self.views is None:
             object.__setattr__(self, "views", self.recipe.make_views())
 
-    @property
+    @cached_property
     def classes(self) -> list[str]:
         """Names of the classes; the index in here is the label of a cloud."""
         return self.meshes.classes
@@ -138,6 +144,7 @@ class Plan:
         """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
         return {
             "recipe": asdict(self.recipe),
+            "format": self.format,
             "views": np.stack([self.views.azimuth, self.views.elevation, self.views.distance], axis=1).tolist(),
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split] for entry in self.meshes],
@@ -151,7 +158,8 @@ class Plan:
             MeshEntry(key, label, split, partial(_not_loadable, key)) for key, label, split in document["meshes"]
         ]
         azimuth, elevation, distance = np.asarray(document["views"]).T
-        return cls(MeshCollection(entries), Recipe(**document["recipe"]), Views(azimuth, elevation, distance))
+        views = Views(azimuth, elevation, distance)
+        return cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
 
     @cached_property
     def fingerprint(self) -> str:

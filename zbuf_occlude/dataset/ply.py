@@ -1,11 +1,15 @@
 """Point clouds as binary PLY, to look at. (trimesh writes no normals for points, hence ours.)"""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
+
+TYPES = {"<f8": "double", "<f4": "float", "<i4": "int"}
 
 
 def write_ply(path: Path, positions: FloatArray, normals: FloatArray | None = None) -> None:
@@ -27,7 +31,13 @@ def write_ply(path: Path, positions: FloatArray, normals: FloatArray | None = No
         table[name] = positions[:, axis]
         if normals is not None:
             table["n" + name] = normals[:, axis]
-    ply_types = {"<f8": "double", "<f4": "float"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    header += [f"property {ply_types[kind]} {name}" for name, kind in fields] + ["end_header", ""]
-    atomic.write(path, lambda file: file.write("\n".join(header).encode() + table.tobytes()))
+    write_table(path, table)
+
+
+def write_table(path: Path, table: NDArray[Any], *, comment: str = "") -> None:
+    """Write a structured array as the vertices of a PLY; `comment` is one line of its header."""
+    header = ["ply", "format binary_little_endian 1.0", *([f"comment {comment}"] if comment else [])]
+    header.append(f"element vertex {len(table)}")
+    header += [f"property {TYPES[table.dtype[name].str]} {name}" for name in table.dtype.names or ()]
+    text = "\n".join([*header, "end_header", ""])
+    atomic.write(path, lambda file: file.write(text.encode() + table.tobytes()))

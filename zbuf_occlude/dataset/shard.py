@@ -5,22 +5,46 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
-import numpy as np
-
+from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.packed import PackedStore
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.errors import DatasetError, MeshError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.views import Views
 
 FOLDER = "shards"
 
 
-def records_path(out: Path, shard: int) -> Path:
-    """Where a shard's clouds are kept until the final files are written."""
-    return out / FOLDER / f"{shard:06d}.npy"
+class Store(Protocol):
+    """Collects what is kept of the meshes of a shard, and writes it as one file."""
+
+    suffix: ClassVar[str]
+
+    def keep(self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int) -> Any:
+        """Take what is to be kept of one sampling of a mesh (`pipeline.Keep`)."""
+
+    def add(self, mesh_id: int, mesh: Mesh, kept: list[Any]) -> None:
+        """Take in what was kept of all samplings of a mesh; none of a mesh that failed half way."""
+
+    def write(self, path: Path) -> None:
+        """Write the file, whole or not at all."""
+
+
+def new_store(plan: Plan) -> Store:
+    """Return what collects the clouds of a plan's shards, by its format."""
+    return PackedStore(plan) if find_format(plan.format).all_points else RecordStore(plan)
+
+
+def data_path(plan: Plan, out: Path, shard: int) -> Path:
+    """Where a shard's clouds are kept until the final files are made."""
+    return out / FOLDER / f"{shard:06d}{new_store(plan).suffix}"
 
 
 def sidecar_path(out: Path, shard: int) -> Path:
@@ -74,11 +98,11 @@ def run_shard(
     A mesh that cannot be used is recorded under ``failures`` with its reason; the shard goes on.
     """
     began = time.perf_counter()
-    parts = [np.empty(0, record_type(plan.recipe.sample_size))]
+    store = new_store(plan)
     failures: dict[str, str] = {}
     cleaning: dict[str, int] = {}
-    total: dict[str, Any] = {"renderer": "none", "n_checked": 0, "false_visible": 0, "false_hidden": 0}
-    classes = plan.classes
+    total: dict[str, Any] = {"renderer": "none"}
+    total |= dict.fromkeys(("n_clouds", "n_with_repeats", "n_checked", "false_visible", "false_hidden"), 0)
     for mesh_id in plan.shards[shard]:
         entry = plan.meshes[mesh_id]
         on_mesh(mesh_id)
@@ -86,35 +110,31 @@ def run_shard(
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id])
             mesh = entry.load()
-            records, facts = occlude(mesh, plan.recipe, plan.views, entry.key, gl)
+            kept, facts = occlude(mesh, plan.recipe, plan.views, entry.key, gl, store.keep)
         except MeshError as error:
             failures[entry.key] = str(error)
             continue
         except MemoryError:
             failures[entry.key] = f"the mesh must fit in memory; {entry.key} does not. Simplify it."
             continue
-        records["mesh_id"] = mesh_id
-        records["label"] = classes.index(entry.label)
-        parts.append(records)
+        store.add(mesh_id, mesh, kept)
         total["renderer"] = facts.pop("renderer")
         for name, count in facts.items():
             total[name] += count
         for reason, count in mesh.dropped.items():
             cleaning[reason] = cleaning.get(reason, 0) + count
-    records = np.concatenate(parts)
+    n_made = len(plan.shards[shard]) - len(failures)
     sidecar = {
         "fingerprint": plan.fingerprint,
         "shard": shard,
         "mesh_ids": [plan.shards[shard].start, plan.shards[shard].stop],
-        "n_clouds": len(records),
-        "n_blind_views": (len(plan.shards[shard]) - len(failures)) * plan.clouds_a_mesh - len(records),
-        "n_with_repeats": int((records["n_visible"] < plan.recipe.sample_size).sum()),
+        "n_blind_views": n_made * plan.clouds_a_mesh - total["n_clouds"],
         "failures": failures,
         "faces_dropped": cleaning,
         "seconds": time.perf_counter() - began,
         **total,
     }
     (out / FOLDER).mkdir(exist_ok=True)
-    atomic.write(records_path(out, shard), lambda file: np.save(file, records))
+    store.write(data_path(plan, out, shard))
     atomic.write_json(sidecar_path(out, shard), sidecar)
     return sidecar

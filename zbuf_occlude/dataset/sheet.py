@@ -3,49 +3,46 @@
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.drawing import draw_cloud, new_figure
 from zbuf_occlude.views import Views
 
 COLUMNS = 8
+CONSIDERED = 1024
+"""The clouds shown are chosen among so many."""
 FIXED = Views(np.radians([35.0]), np.radians([25.0]), np.array([4.0])).eyes[0]
 """The fixed viewpoint, about a cloud whose longest side is 1."""
 TELLING_ANGLE = np.radians(115.0)
 """Between camera and fixed viewpoint: far enough round to show that the far side is missing."""
 
 
-def write_contact_sheet(path: Path, out: Path, files: dict[str, list[str]], classes: list[str]) -> None:
-    """Draw one cloud of each class (of up to eight classes) from the first file that there is.
+def write_contact_sheet(path: Path, source: Source) -> None:
+    """Draw one cloud of each class (of up to eight classes) from the first clouds of the first split.
 
     Parameters
     ----------
     path : Path
         The PNG.
-    out : Path
-        The dataset's folder.
-    files : dict of split to file names
-        As `write_dataset` returns them.
-    classes : list of str
+    source : Source
     """
-    with h5py.File(out / next(iter(files.values()))[0]) as h5:
-        labels = h5["label"][:, 0]
-        in_camera_frame = h5.attrs["frame"] == "camera"
-        shown = choose(labels, h5["pose"][:])
-        figure, axes = new_figure(2, len(shown), panel=2.2)
-        for column, index in enumerate(shown):
-            cloud = {name: h5[name][index] for name in ("data", "factor", "centre", "pose", "view", "n_visible")}
-            positions, camera, up = upright(cloud, in_camera_frame)
-            top, bottom = axes[:, column]
-            draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0), radius=0.64)
-            draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up, radius=0.64)
-            azimuth, elevation = np.degrees(cloud["view"][:2])
-            top.set_title(classes[labels[index]], fontsize=10)
-            bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
+    classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
+    clouds = next(source.batches(next(iter(source.order)), CONSIDERED))
+    labels = clouds["label"][:, 0]
+    shown = choose(labels, clouds["pose"])
+    figure, axes = new_figure(2, len(shown), panel=2.2)
+    for column, index in enumerate(shown):
+        positions, camera, up = upright(clouds[index], in_camera_frame)
+        top, bottom = axes[:, column]
+        draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0), radius=0.64)
+        draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up, radius=0.64)
+        azimuth, elevation = np.degrees(clouds[index]["view"][:2])
+        top.set_title(classes[labels[index]], fontsize=10)
+        bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
     figure.suptitle("Above: from a fixed viewpoint. Below: from the camera of each cloud.", fontsize=9, color="0.35")
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
 
@@ -60,7 +57,7 @@ def choose(labels: NDArray[Any], poses: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def upright(cloud: dict[str, Any], in_camera_frame: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+def upright(cloud: Any, in_camera_frame: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a cloud in the object's axes, centred, longest side 1, with its camera's position and up there."""
     pose, positions = cloud["pose"], cloud["data"] / cloud["factor"] + cloud["centre"]
     rotation, translation = pose[:3, :3], pose[:3, 3]

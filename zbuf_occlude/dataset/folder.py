@@ -1,0 +1,65 @@
+"""A dataset's folder: what its files are called, and its plan and manifest read back."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.errors import DatasetError
+
+PLAN, MANIFEST, CONTACT_SHEET = "plan.json", "manifest.json", "contact_sheet.png"
+SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
+
+
+def read_plan(out: Path) -> Plan:
+    """Read back the plan of a dataset's folder.
+
+    Raises
+    ------
+    DatasetError
+        There is none, or it is damaged.
+    """
+    path = out / PLAN
+    if not path.exists():
+        raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
+    try:
+        document = json.loads(path.read_text())
+        plan = Plan.from_document(document)
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(
+            f"{path} must be a plan; it is damaged ({error}). Generate again with --overwrite."
+        ) from None
+    if plan.fingerprint != document["fingerprint"]:
+        raise DatasetError(
+            f"{path} must have the fingerprint {document['fingerprint']}; it has {plan.fingerprint}. "
+            "It was changed, or made by another version; generate again with --overwrite."
+        )
+    return plan
+
+
+def read_manifest(out: Path) -> dict[str, Any] | None:
+    """Return the manifest of a folder whose dataset is complete, None for one that is not."""
+    path = out / MANIFEST
+    if not path.exists():
+        return None
+    try:
+        document: dict[str, Any] = json.loads(path.read_text())
+    except ValueError as error:
+        raise DatasetError(f"{path} must be JSON; it is damaged ({error}). Generate again with --overwrite.") from None
+    return document
+
+
+def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
+    """Return the plan and the manifest of a complete dataset.
+
+    Raises
+    ------
+    DatasetError
+        It is not complete, or there is none.
+    """
+    plan, manifest = read_plan(out), read_manifest(out)
+    if manifest is None:
+        raise DatasetError(
+            f"{out} must hold a complete dataset; it has no {MANIFEST}. Finish it: zbuf-occlude status {out}"
+        )
+    return plan, manifest

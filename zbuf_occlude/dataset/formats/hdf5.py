@@ -1,0 +1,74 @@
+"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds a file, listed in train_files.txt."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Numbers, Source, source_of_files
+
+UNITS = {
+    "data": "(p - centre) * factor, p the visible points in the frame of attribute `frame`",
+    "label": "index into shape_names.txt",
+    "face_ids": "index into the faces of the cleaned mesh",
+    "mesh_id": "index into mesh_keys.txt",
+    "view": "azimuth and elevation in radians, distance in the mesh's units",
+    "pose": "view matrix: world space to eye space (x right, y up, looking along -z)",
+    "n_visible": "visible points before the subset was drawn",
+    "visible_fraction": "of the points sampled on the object",
+}
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write 2,048 clouds a file; the memory of one file's clouds is needed."""
+    files: dict[str, list[str]] = {}
+    for split in source.order:
+        names = files.setdefault(split, [])
+        for records in source.batches(split):
+            names.append(f"ply_data_{split}{len(names)}.h5")
+            _write_file(out / names[-1], records, source.plan)
+        atomic.write_lines(out / f"{split}_files.txt", names)
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds of these files."""
+    paths = {split: [out / name for name in names] for split, names in files.items()}
+    sizes = {split: [_count(path) for path in paths[split]] for split in paths}
+    return source_of_files(plan, paths, sizes, read_rows)
+
+
+def read_rows(path: Path, rows: Numbers) -> NDArray[Any]:
+    """Read some clouds of one file as records."""
+    ascending, back = np.unique(rows, return_inverse=True)  # as h5py wants them
+    with h5py.File(path) as h5:
+        records = np.empty(len(ascending), record_type(h5["data"].shape[1]))
+        for name in records.dtype.names or ():
+            records[name] = h5[name][ascending]
+    return records[back]
+
+
+def _count(path: Path) -> int:
+    with h5py.File(path) as h5:
+        return len(h5["label"])
+
+
+def _write_file(path: Path, records: NDArray[Any], plan: Plan) -> None:
+    """Write one HDF5 file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
+
+    def fill(file: Any) -> None:
+        with h5py.File(file, "w", track_order=True) as h5:
+            h5.attrs["frame"] = plan.recipe.frame
+            h5.attrs["scale"] = plan.recipe.scale
+            h5.attrs["fingerprint"] = plan.fingerprint
+            for name in records.dtype.names or ():
+                dataset = h5.create_dataset(name, data=np.ascontiguousarray(records[name]), track_times=False)
+                if name in UNITS:
+                    dataset.attrs["meaning"] = UNITS[name]
+
+    atomic.write(path, fill)

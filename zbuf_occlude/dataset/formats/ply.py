@@ -1,0 +1,78 @@
+"""A binary PLY for each cloud, to look at: ply/SPLIT/CLASS/MESH-VARIATION-VIEW.ply, listed in SPLIT_files.txt.
+
+Vertices are x, y, z (float32) and face_id (int32); a comment in the header holds all other fields as JSON.
+"""
+
+import json
+import re
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.ply import write_table
+from zbuf_occlude.dataset.source import Source, source_of_files
+from zbuf_occlude.errors import DatasetError
+
+VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")])
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write a file a cloud, and for each split the list of its files."""
+    files = {}
+    for split in source.order:
+        names = []
+        for records in source.batches(split):
+            for record in records:
+                names.append(_name(record, source.plan))
+                (out / names[-1]).parent.mkdir(parents=True, exist_ok=True)
+                _write_cloud(out / names[-1], record)
+        files[split] = [f"{split}_files.txt"]
+        atomic.write_lines(out / files[split][0], names)
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds of the files in these lists."""
+    paths = {
+        split: [out / line for line in (out / names[0]).read_text().splitlines()] for split, names in files.items()
+    }
+    sizes = {split: [1] * len(paths[split]) for split in paths}
+    return source_of_files(plan, paths, sizes, lambda path, rows: _read_cloud(path, plan.recipe.sample_size)[rows])
+
+
+def _name(record: Any, plan: Plan) -> str:
+    entry = plan.meshes[int(record["mesh_id"])]
+    stem = re.sub(r"[^\w.+-]", "_", PurePosixPath(entry.key).stem)
+    label = re.sub(r"[^\w.+-]", "_", entry.label)
+    return (
+        f"ply/{entry.split}/{label}/{int(record['mesh_id']):05d}-{stem}-{int(record['variation'])}"
+        f"-{int(record['view_id']):03d}.ply"
+    )
+
+
+def _write_cloud(path: Path, record: Any) -> None:
+    table = np.empty(len(record["data"]), VERTEX)
+    for axis, name in enumerate("xyz"):
+        table[name] = record["data"][:, axis]
+    table["face_id"] = record["face_ids"]
+    facts = {name: record[name].tolist() for name in record.dtype.names if name not in ("data", "face_ids")}
+    write_table(path, table, comment=json.dumps(facts))
+
+
+def _read_cloud(path: Path, sample_size: int) -> NDArray[Any]:
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    comment = re.search(rb"^comment (.*)$", header, re.MULTILINE)
+    if comment is None or len(body) != sample_size * VERTEX.itemsize:
+        raise DatasetError(f"{path} must be a PLY as written here, {sample_size} points; it is not. Generate it again.")
+    table = np.frombuffer(body, VERTEX)
+    records = np.zeros(1, record_type(sample_size))
+    for name, value in json.loads(comment[1]).items():
+        records[name][0] = value
+    records["data"][0] = np.stack([table["x"], table["y"], table["z"]], axis=1)
+    records["face_ids"][0] = table["face_id"]
+    return records

@@ -1,0 +1,108 @@
+"""Tar shards for streaming, as WebDataset reads them: train-000000.tar and so on, 2,048 clouds a shard.
+
+A cloud NUMBER consists of
+
+    NUMBER.data.npy      (size, 3) float32
+    NUMBER.face_ids.npy  (size,) int32
+    NUMBER.cls           the label as text
+    NUMBER.json          class, mesh, split, and every other field of the records
+
+Tar's times and owners are fixed, so the same clouds give the same bytes. Writing needs nothing but Python; for reading
+there is the package webdataset (extra ``webdataset``), and any program that knows tar.
+"""
+
+import io
+import json
+import tarfile
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Source, source_of_files
+
+ARRAYS = ("data", "face_ids")
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write 2,048 clouds a shard."""
+    files: dict[str, list[str]] = {}
+    for split in source.order:
+        names = files.setdefault(split, [])
+        number = 0
+        for records in source.batches(split):
+            names.append(f"{split}-{len(names):06d}.tar")
+            _write_shard(out / names[-1], records, number, source.plan)
+            number += len(records)
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds of these shards; the last shard used is kept in memory."""
+    paths = {split: [out / name for name in names] for split, names in files.items()}
+    sizes = {split: [_count(path) for path in paths[split]] for split in paths}
+
+    @lru_cache(maxsize=1)
+    def whole(path: Path) -> NDArray[Any]:
+        return _read_shard(path, plan.recipe.sample_size)
+
+    return source_of_files(plan, paths, sizes, lambda path, rows: whole(path)[rows])
+
+
+def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> None:
+    def fill(file: IO[bytes]) -> None:
+        with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+            for number, record in enumerate(records, first):
+                for ending, content in _members(record, plan):
+                    info = tarfile.TarInfo(f"{number:09d}.{ending}")  # its times and owners are all zero
+                    info.size = len(content)
+                    tar.addfile(info, io.BytesIO(content))
+
+    atomic.write(path, fill)
+
+
+def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
+    entry = plan.meshes[int(record["mesh_id"])]
+    facts = {"class": entry.label, "mesh": entry.key, "split": entry.split}
+    for name in record.dtype.names:
+        if name not in (*ARRAYS, "label"):
+            facts[name] = record[name].tolist()
+    members = [("cls", str(int(record["label"][0])).encode()), ("json", json.dumps(facts).encode())]
+    for name in ARRAYS:
+        buffer = io.BytesIO()
+        np.save(buffer, record[name])
+        members.append((f"{name}.npy", buffer.getvalue()))
+    return members
+
+
+def _count(path: Path) -> int:
+    with tarfile.open(path) as tar:
+        return sum(member.name.endswith(".json") for member in tar)
+
+
+def _read_shard(path: Path, sample_size: int) -> NDArray[Any]:
+    records: list[NDArray[Any]] = []
+    keys: dict[str, int] = {}
+    with tarfile.open(path) as tar:
+        for member in tar:
+            key, _, ending = member.name.partition(".")
+            if key not in keys:
+                keys[key] = len(records)
+                records.append(np.zeros((), record_type(sample_size)))
+            record, file = records[keys[key]], tar.extractfile(member)
+            assert file is not None  # we wrote only files
+            content = file.read()
+            if ending == "cls":
+                record["label"] = int(content)
+            elif ending == "json":
+                for name, value in json.loads(content).items():
+                    if name in (record.dtype.names or ()):
+                        record[name] = value
+            else:
+                record[ending.removesuffix(".npy")] = np.load(io.BytesIO(content))
+    return np.stack(records)

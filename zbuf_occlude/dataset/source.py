@@ -1,0 +1,103 @@
+"""Where the clouds of a dataset come from when files are written or looked at: records by number, in their order."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.plan import Plan, seed_of
+from zbuf_occlude.meshes.collection import SPLITS
+
+CLOUDS_A_FILE = 2048
+"""Clouds of a file in the formats that put many into one."""
+
+Numbers = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The clouds of a dataset, wherever they are kept.
+
+    Parameters
+    ----------
+    plan : Plan
+    order : dict of split to (n,) int
+        The numbers of a split's clouds in the order of its files; splits without clouds are not there.
+    take : callable
+        Returns the records (`record_type`) of some numbers, in the order of the numbers.
+    """
+
+    plan: Plan
+    order: dict[str, Numbers]
+    take: Callable[[Numbers], NDArray[Any]]
+
+    @property
+    def n_clouds(self) -> dict[str, int]:
+        """Clouds of each split."""
+        return {split: len(numbers) for split, numbers in self.order.items()}
+
+    def batches(self, split: str, size: int = CLOUDS_A_FILE) -> Iterator[NDArray[Any]]:
+        """Yield the records of a split, `size` at a time."""
+        numbers = self.order[split]
+        for start in range(0, len(numbers), size):
+            yield self.take(numbers[start : start + size])
+
+
+def mixed_order(plan: Plan, mesh_ids: NDArray[Any]) -> dict[str, Numbers]:
+    """Return for each split the order in which clouds stand in its files: random, and decided by the plan's seed.
+
+    Parameters
+    ----------
+    plan : Plan
+    mesh_ids : (n,) int
+        Of all clouds in the order of the plan: by mesh, variation, view.
+
+    Notes
+    -----
+    Classes, objects and views are thereby mixed within every file.
+    """
+    split_of_mesh = np.array([SPLITS.index(entry.split) for entry in plan.meshes])
+    order = {}
+    for number, split in enumerate(SPLITS):
+        chosen = np.flatnonzero(split_of_mesh[mesh_ids] == number)
+        if len(chosen):
+            order[split] = np.random.default_rng(seed_of(plan.recipe.seed, "order/" + split)).permutation(chosen)
+    return order
+
+
+def source_of_files(
+    plan: Plan,
+    files: dict[str, list[Path]],
+    sizes: dict[str, list[int]],
+    load: Callable[[Path, Numbers], NDArray[Any]],
+) -> Source:
+    """Return a source over files that hold records.
+
+    Parameters
+    ----------
+    plan : Plan
+    files : dict of split to paths
+    sizes : dict of split to number of clouds in each of its files
+    load : callable
+        Returns the records of some rows of a file, in the order of the rows.
+    """
+    paths = [path for split in files for path in files[split]]
+    ends = np.cumsum([size for split in files for size in sizes[split]])
+
+    def take(numbers: Numbers) -> NDArray[Any]:
+        owners = np.searchsorted(ends, numbers, side="right")
+        records = np.empty(len(numbers), record_type(plan.recipe.sample_size))
+        for owner in np.unique(owners):
+            mine = owners == owner
+            begin = ends[owner - 1] if owner else 0
+            records[mine] = load(paths[owner], numbers[mine] - begin)
+        return records
+
+    order, begin = {}, 0
+    for split in files:
+        order[split] = np.arange(begin, begin := begin + sum(sizes[split]))
+    return Source(plan, order, take)
