@@ -39,14 +39,14 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """--azimuth, --elevation, --distance of a single view."""
     function = click.option(
         "--distance",
-        type=float,
+        type=click.FloatRange(0, min_open=True),
         default=4.0,
         show_default=True,
         help="From the mesh's centre, in multiples of its longest side.",
     )(function)
-    function = click.option("--elevation", type=float, required=True, help="Degrees above the xy plane; 90 is +z.")(
-        function
-    )
+    function = click.option(
+        "--elevation", type=click.FloatRange(-90, 90), required=True, help="Degrees above the xy plane; 90 is +z."
+    )(function)
     return click.option("--azimuth", type=float, required=True, help="Degrees from +x towards +y.")(function)
 
 

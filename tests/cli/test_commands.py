@@ -1,0 +1,114 @@
+"""The small commands: help, methods, doctor, visible; exit codes and error lines."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.cli.conftest import Run, write_off
+from zbuf_occlude import METHODS, load_mesh
+from zbuf_occlude.cli import COMMANDS
+
+
+@pytest.fixture
+def plates(tmp_path: Path) -> Path:
+    """A square plate at z = 1 that hides the middle of a larger one at z = 0 from above."""
+    small, large = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    vertices = np.vstack([np.c_[large, np.zeros(4)], np.c_[small, np.ones(4)]])
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    return write_off(tmp_path / "plates.off", vertices, np.vstack([quad, quad + 4]))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_teaches(run: Run, name: str) -> None:
+    outcome = run(name, "--help")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.startswith("Usage: zbuf-occlude " + name)
+    assert len(outcome.out.splitlines()) > 5
+
+
+def test_help_lists_every_command(run: Run) -> None:
+    out = run("--help").out
+    assert all(f"  {name} " in out for name in COMMANDS)
+
+
+def test_an_unknown_command_is_a_usage_error(run: Run) -> None:
+    outcome = run("render")
+    assert outcome.code == 2
+    assert "No such command 'render'" in outcome.err
+
+
+def test_methods_lists_the_table(run: Run) -> None:
+    rows = json.loads(run("methods", "--json").out)
+    assert [row["name"] for row in rows] == [method.name for method in METHODS]
+    text = run("methods").out
+    assert "oracle  [exact]" in text
+    assert "--set contact=1e-05" in text
+
+
+def test_doctor_says_what_works(run: Run) -> None:
+    report = json.loads(run("doctor", "--json").out)
+    backends = {row["backend"] for row in report["gl"]}
+    assert backends == {"egl", "osmesa"}
+    for row in report["gl"]:
+        assert row["renderer"] if row["works"] else row["reason"]
+    assert report["methods"]["oracle"] == ""
+    assert "OpenGL backends" in run("doctor").out
+
+
+def test_visible_writes_what_the_camera_sees(run: Run, plates: Path, tmp_path: Path) -> None:
+    out = tmp_path / "cloud.ply"
+    arguments = ("--azimuth", 0, "--elevation", 90, "--distance", 1000, "--method", "oracle", "--points", 4000)
+    outcome = run("visible", plates, *arguments, "--out", out)
+    assert outcome.code == 0, outcome.err
+    cloud = trimesh.load(out)
+    vertices = np.asarray(cloud.vertices)
+    lower = vertices[np.abs(vertices[:, 2]) < 1e-9]
+    # from far above, the small plate hides a quarter of the large one
+    assert (np.abs(lower[:, :2]).max(axis=1) > 0.999).all()
+    assert f"{len(vertices)} of 4000 points visible, by oracle on none: {out}" in outcome.out
+    assert abs(len(vertices) / 4000 - (16 - 4 + 4) / 20) < 0.04
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".csv"])
+def test_visible_writes_arrays(run: Run, plates: Path, tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"cloud{suffix}"
+    assert run("visible", plates, "--azimuth=0", "--elevation=30", "--method=oracle", "--out", out).code == 0
+    cloud = np.load(out) if suffix == ".npy" else np.loadtxt(out, delimiter=",", skiprows=1)
+    low, high = load_mesh(plates).bounds
+    assert cloud.shape[1] == 3
+    assert (cloud >= low - 1e-9).all()
+    assert (cloud <= high + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("--elevation=30", "--out=x.ply"), 2, "Missing option '--azimuth'"),
+        (("--azimuth=0", "--elevation=91", "--out=x.ply"), 2, "91.0 is not in the range -90<=x<=90"),
+        (("--azimuth=0", "--elevation=9", "--distance=0", "--out=x.ply"), 2, "0.0 is not in the range x>0"),
+        (("--azimuth=0", "--elevation=9", "--out=x.xyz"), 2, "--out must end in .ply, .npy, .csv; got 'x.xyz'"),
+    ],
+)
+def test_visible_says_what_is_wrong(
+    run: Run, plates: Path, arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    outcome = run("visible", plates, "--method=oracle", *arguments)
+    assert (outcome.code, message in outcome.err) == (code, True), outcome
+    assert "Traceback" not in outcome.err
+
+
+def test_a_folder_that_is_not_there_is_one_line(run: Run, plates: Path, tmp_path: Path) -> None:
+    out = tmp_path / "missing" / "cloud.npy"
+    outcome = run("visible", plates, "--azimuth=0", "--elevation=9", "--method=oracle", "--out", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: No such file or directory")
+
+
+@pytest.mark.parametrize("command", ["status", "merge"])
+def test_a_folder_without_a_dataset(run: Run, tmp_path: Path, command: str) -> None:
+    outcome = run(command, tmp_path)
+    assert outcome.code == 1
+    assert "must hold a dataset; it has no plan.json" in outcome.err
