@@ -5,7 +5,7 @@ from numba import njit
 from zbuf_occlude.predicates import blocks
 
 
-@njit
+@njit(_nrt=False)
 def segment_meets_box(eye, point, lower, upper, margin):  # type: ignore[no-untyped-def]
     """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
     enter, leave = 0.0, 1.0
@@ -22,7 +22,7 @@ def segment_meets_box(eye, point, lower, upper, margin):  # type: ignore[no-unty
     return enter <= leave
 
 
-@njit
+@njit(_nrt=False)
 def face_blocks(eye, point, corners, contact):  # type: ignore[no-untyped-def]
     """Ask the definition itself for one face; corners (3, 3) float64."""
     a = (corners[0, 0], corners[0, 1], corners[0, 2])
@@ -31,7 +31,7 @@ def face_blocks(eye, point, corners, contact):  # type: ignore[no-untyped-def]
     return blocks(eye, point, a, b, c, contact)
 
 
-@njit
+@njit(_nrt=False)
 def line_is_blocked(eye, point, own, face_ids, lower, upper, corners, contact, margin):  # type: ignore[no-untyped-def]
     """Whether any face but `own` blocks the line of sight, in float64.
 

@@ -21,7 +21,7 @@ SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, farther):  # type: ignore[no-untyped-def]
     """Sort the 16 faces of a cluster by what they can do to the points in a box.
 
@@ -69,7 +69,7 @@ def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, f
     return maybe, covering != 0
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def hide_by_face(  # type: ignore[no-untyped-def]
     slots, slot, lane, doubtful, face, undecided, at, points, image, blur, reach, nearer, farther
 ):
@@ -86,8 +86,8 @@ def hide_by_face(  # type: ignore[no-untyped-def]
     at : tuple of int
         Index of the packet's first point in `points.coordinates`, and in `image`.
     points : Packets
-    image : (2, n) float32
-        x / w and y / w.
+    image : (512,) float32
+        x / w of the chunk's points, then y / w.
     blur, reach, nearer, farther : as in `classify`
 
     Returns
@@ -96,11 +96,10 @@ def hide_by_face(  # type: ignore[no-untyped-def]
         Masks of the points that the face certainly hides, and of those that float64 must decide.
     """
     row = slot * ROWS * 16 + lane
-    flat = slots.reshape(-1)
-    x, y = load(image, at[1]), load(image, image.shape[1] + at[1])
-    inside = muladd(x, splat(flat[row]), muladd(y, splat(flat[row + 16]), splat(flat[row + 32])))
-    inside = minimum(inside, muladd(x, splat(flat[row + 48]), muladd(y, splat(flat[row + 64]), splat(flat[row + 80]))))
-    inside = minimum(inside, muladd(x, splat(flat[row + 96]), muladd(y, splat(flat[row + 112]), splat(flat[row + 128]))))
+    x, y = load(image, at[1]), load(image, len(image) // 2 + at[1])
+    inside = muladd(x, splat(slots[row]), muladd(y, splat(slots[row + 16]), splat(slots[row + 32])))
+    inside = minimum(inside, muladd(x, splat(slots[row + 48]), muladd(y, splat(slots[row + 64]), splat(slots[row + 80]))))
+    inside = minimum(inside, muladd(x, splat(slots[row + 96]), muladd(y, splat(slots[row + 112]), splat(slots[row + 128]))))
     possible = not_less(inside, splat(-blur * SURE)) & undecided
     if not possible:
         return 0, 0
@@ -109,17 +108,17 @@ def hide_by_face(  # type: ignore[no-untyped-def]
         return 0, possible
     row += 16 * NORMAL
     n = points.coordinates.shape[1]
-    depth = splat(flat[row + 48])
-    depth = depth - load(points.coordinates, at[0]) * splat(flat[row])
-    depth = depth - load(points.coordinates, n + at[0]) * splat(flat[row + 16])
-    depth = depth - load(points.coordinates, 2 * n + at[0]) * splat(flat[row + 32])
-    contact, error = flat[row + 16 * (CONTACT - NORMAL)], PLANE * reach
+    depth = splat(slots[row + 48])
+    depth = depth - load(points.coordinates, at[0]) * splat(slots[row])
+    depth = depth - load(points.coordinates, n + at[0]) * splat(slots[row + 16])
+    depth = depth - load(points.coordinates, 2 * n + at[0]) * splat(slots[row + 32])
+    contact, error = slots[row + 16 * (CONTACT - NORMAL)], PLANE * reach
     possible &= not_less(depth, splat(contact * farther - error))
     sure = possible & greater(inside, splat(blur * SURE)) & greater(depth, splat(contact * nearer + error))
     return sure, possible & ~sure
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, blur, reach, nearer, farther):  # type: ignore[no-untyped-def]
     """Test one point, at (x, y) in the image, against the 16 faces of a cluster.
 
@@ -154,7 +153,7 @@ def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, blur, reac
     return sure != 0, possible & ~sure
 
 
-@njit
+@njit(_nrt=False)
 def settle(scene, points, eye, i, cluster, faces):  # type: ignore[no-untyped-def]
     """Whether one of a mask of a cluster's faces blocks point i, by the definition itself, in float64."""
     k = points.order[i]

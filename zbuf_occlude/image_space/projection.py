@@ -51,7 +51,7 @@ CONTACT = 13  # contact tolerance times the eye's distance from the plane
 ROWS = 14
 
 
-@njit
+@njit(_nrt=False)
 def project_nodes(nodes, frame, window, slack, rectangles):  # type: ignore[no-untyped-def]
     """Project boxes into a frame.
 
@@ -109,7 +109,7 @@ def project_nodes(nodes, frame, window, slack, rectangles):  # type: ignore[no-u
         store(rectangles, 4 * total + i, w0)
 
 
-@njit
+@njit(_nrt=False)
 def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles):  # type: ignore[no-untyped-def]
     """Project the faces of a cluster and write their edge functions and planes.
 
@@ -122,8 +122,8 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     eye : tuple of 3 float32, scene space
     reach : float32
         Largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it.
-    slots : (n_slots, 14, 16) float32
-        Receives `EDGES`, `NORMAL`, `CONTACT` in row `slot`.
+    slots : (n_slots x 14 x 16,) float32
+        Receives `EDGES`, `NORMAL`, `CONTACT` of `slot`.
     rectangles : (n_slots, 5) float32
         Receives the rectangle around the cluster's faces, as in `project_nodes`.
 
@@ -228,7 +228,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     return doubtful
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def _project(corners, base, frame):  # type: ignore[no-untyped-def]
     """Homogeneous coordinates of 16 corners."""
     x, y, z = load(corners, base), load(corners, base + 16), load(corners, base + 32)
@@ -239,12 +239,12 @@ def _project(corners, base, frame):  # type: ignore[no-untyped-def]
     )
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def _norm(x, y, w):  # type: ignore[no-untyped-def]
     return absolute(x) + absolute(y) + absolute(w)
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def _cross(x, y, w, dx, dy, dw, scale):  # type: ignore[no-untyped-def]
     """(x, y, w) x (dx, dy, dw), times scale."""
     return (y * dw - w * dy) * scale, (w * dx - x * dw) * scale, (x * dy - y * dx) * scale

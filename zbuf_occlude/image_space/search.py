@@ -48,11 +48,11 @@ class Workspace(NamedTuple):
     list_a: NDArray[np.int64]
     list_b: NDArray[np.int64]
     listed: Float32  # (5, clusters + 16) rectangles of the clusters in list_a
-    slots: Float32  # (n_slots, ROWS, 16)
+    slots: Float32  # (n_slots x ROWS x 16,)
     slot_rectangles: Float32  # (n_slots, 5)
     tags: NDArray[np.int64]
     doubtful: NDArray[np.int64]
-    image: Float32  # (2, CHUNK * PACKET)
+    image: Float32  # (2 x CHUNK x PACKET,)
     packets: Float32  # (CHUNK, 9)
     undecided: NDArray[np.int64]
 
@@ -100,17 +100,17 @@ def make_workspace(scene):  # type: ignore[no-untyped-def]
         np.empty(n_clusters + 16, dtype=np.int64),
         np.empty(n_clusters + 16, dtype=np.int64),
         np.empty((5, n_clusters + 16), dtype=np.float32),
-        np.empty((n_slots, ROWS, 16), dtype=np.float32),
+        np.empty(n_slots * ROWS * 16, dtype=np.float32),
         np.empty((n_slots, 5), dtype=np.float32),
         np.full(n_slots, -1, dtype=np.int64),
         np.zeros(n_slots, dtype=np.int64),
-        np.zeros((2, CHUNK * PACKET), dtype=np.float32),
+        np.zeros(2 * CHUNK * PACKET, dtype=np.float32),
         np.zeros((CHUNK, 9), dtype=np.float32),
         np.zeros(CHUNK, dtype=np.int64),
     )
 
 
-@njit
+@njit(_nrt=False)
 def search_frame(scene, points, frames, view, face, begin, end, space, epoch, answer):  # type: ignore[no-untyped-def]
     """Answer for the chunks begin to end in one frame of an eye; writes False where a point is hidden."""
     frame, window = frames.matrices[view, face], frames.windows[view]
@@ -151,7 +151,7 @@ def search_frame(scene, points, frames, view, face, begin, end, space, epoch, an
                 )
 
 
-@njit
+@njit(_nrt=False)
 def hide_near(scene, points, chunk, eye, world_eye, answer):  # type: ignore[no-untyped-def]
     """Decide the points about the eye in float64; frames do not resolve them."""
     for packet in range(CHUNK):
@@ -192,7 +192,7 @@ def hide_near(scene, points, chunk, eye, world_eye, answer):  # type: ignore[no-
                     answer[k] = False
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def project_points(points, chunk, frame, window, inside, eye, reach, contact, space):  # type: ignore[no-untyped-def]
     """Project a chunk's points; fill `space.image`, `space.packets` and `space.undecided`.
 
@@ -232,28 +232,35 @@ def project_points(points, chunk, frame, window, inside, eye, reach, contact, sp
         closest = max(ONE, highest(select(active, inverse, near)))
         own_blur = closest * own_reach / reach
         slack = COORDINATE * own_reach * closest
-        row = space.packets[packet]
-        row[0] = lowest(select(active, u, far)) - slack
-        row[1] = highest(select(active, u, near)) + slack
-        row[2] = lowest(select(active, v, far)) - slack
-        row[3] = highest(select(active, v, near)) + slack
-        row[4] = highest(select(active, w, near)) + COORDINATE * own_reach
-        row[5] = own_blur
-        row[6] = own_reach
-        box = points.boxes[index]
-        dx, dy, dz = abs(box[0] - eye[0]), abs(box[1] - eye[1]), abs(box[2] - eye[2])
+        row = (
+            lowest(select(active, u, far)) - slack,
+            highest(select(active, u, near)) + slack,
+            lowest(select(active, v, far)) - slack,
+            highest(select(active, v, near)) + slack,
+            highest(select(active, w, near)) + COORDINATE * own_reach,
+        )
+        dx = abs(points.boxes[index, 0] - eye[0])
+        dy = abs(points.boxes[index, 1] - eye[1])
+        dz = abs(points.boxes[index, 2] - eye[2])
+        hx, hy, hz = points.boxes[index, 3], points.boxes[index, 4], points.boxes[index, 5]
         distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-        radius = np.sqrt(box[3] * box[3] + box[4] * box[4] + box[5] * box[5])
+        radius = np.sqrt(hx * hx + hy * hy + hz * hz)
         least = distance * np.float32(0.999) - radius - np.float32(contact)
-        row[7] = ONE / least if least > ZERO else FAR
-        row[8] = ONE / (distance * np.float32(1.001) + radius)
+        own_nearer = ONE / least if least > ZERO else FAR
+        own_farther = ONE / (distance * np.float32(1.001) + radius)
+        for i in range(5):
+            space.packets[packet, i] = row[i]
+        space.packets[packet, 5] = own_blur
+        space.packets[packet, 6] = own_reach
+        space.packets[packet, 7] = own_nearer
+        space.packets[packet, 8] = own_farther
         x0, x1, y0, y1 = min(x0, row[0]), max(x1, row[1]), min(y0, row[2]), max(y1, row[3])
-        w1, blur, far_reach = max(w1, row[4]), max(blur, row[5]), max(far_reach, row[6])
-        nearer, farther = max(nearer, row[7]), min(farther, row[8])
+        w1, blur, far_reach = max(w1, row[4]), max(blur, own_blur), max(far_reach, own_reach)
+        nearer, farther = max(nearer, own_nearer), min(farther, own_farther)
     return x0, x1, y0, y1, w1, blur, far_reach, nearer, farther
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def overlapping(rectangles, i, whole):  # type: ignore[no-untyped-def]
     """Mask of the 16 rectangles from index i on that overlap a packet's and do not lie wholly behind it."""
     total = rectangles.shape[1]
@@ -266,7 +273,7 @@ def overlapping(rectangles, i, whole):  # type: ignore[no-untyped-def]
     )
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def list_clusters(scene, whole, space):  # type: ignore[no-untyped-def]
     """List the clusters that may hide something of a chunk in `space.list_a` and `space.listed`; return how many."""
     current, below = space.list_a, space.list_b
@@ -296,7 +303,7 @@ def list_clusters(scene, whole, space):  # type: ignore[no-untyped-def]
     return n
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def slot_of(scene, cluster, frame, window, eye, reach, space, epoch):  # type: ignore[no-untyped-def]
     """Slot that holds a cluster's set-up for this frame, after setting it up if none does."""
     slot = cluster & (len(space.tags) - 1)
@@ -309,12 +316,19 @@ def slot_of(scene, cluster, frame, window, eye, reach, space, epoch):  # type: i
     return slot
 
 
-@njit
-def classify_for(scene, points_box, row, slot, cluster, space):  # type: ignore[no-untyped-def]
+@njit(_nrt=False, forceinline=True)
+def classify_for(scene, boxes, index, row, slot, cluster, space):  # type: ignore[no-untyped-def]
     """Apply `classify` to a packet or chunk: its box, and its row of `space.packets`."""
     half = np.float32(0.5)
     rectangle = (half * (row[0] + row[1]), half * (row[2] + row[3]), half * (row[1] - row[0]), half * (row[3] - row[2]))
-    box = (points_box[0], points_box[1], points_box[2], points_box[3], points_box[4], points_box[5])
+    box = (
+        boxes[index, 0],
+        boxes[index, 1],
+        boxes[index, 2],
+        boxes[index, 3],
+        boxes[index, 4],
+        boxes[index, 5],
+    )
     return classify(
         space.slots,
         slot,
@@ -329,7 +343,7 @@ def classify_for(scene, points_box, row, slot, cluster, space):  # type: ignore[
     )
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, space, epoch):  # type: ignore[no-untyped-def]
     """Drop the clusters none of whose faces can hide anything of a chunk; return how many stay.
 
@@ -339,7 +353,7 @@ def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, spa
     for j in range(n_listed):
         cluster = space.list_a[j]
         slot = slot_of(scene, cluster, frame, window, eye, reach, space, epoch)
-        maybe, covers = classify_for(scene, points.chunk_boxes[chunk], whole, slot, cluster, space)
+        maybe, covers = classify_for(scene, points.chunk_boxes, chunk, whole, slot, cluster, space)
         if covers:
             return -1
         if maybe:
@@ -350,7 +364,7 @@ def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, spa
     return n
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def search_packet(  # type: ignore[no-untyped-def]
     scene, points, chunk, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch, answer
 ):
@@ -358,9 +372,19 @@ def search_packet(  # type: ignore[no-untyped-def]
     undecided = space.undecided[packet]
     index = chunk * CHUNK + packet
     base = index * PACKET
-    row = space.packets[packet]
-    whole = (row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
-    slack = COORDINATE * row[6] * row[5]
+    rows = space.packets
+    whole = (
+        rows[packet, 0],
+        rows[packet, 1],
+        rows[packet, 2],
+        rows[packet, 3],
+        rows[packet, 4],
+        rows[packet, 5],
+        rows[packet, 6],
+        rows[packet, 7],
+        rows[packet, 8],
+    )
+    slack = COORDINATE * whole[6] * whole[5]
     x, y = load(space.image, packet * PACKET), load(space.image, CHUNK * PACKET + packet * PACKET)
     hidden = 0
     for j in range(0, n_listed, 16):
@@ -384,7 +408,7 @@ def search_packet(  # type: ignore[no-untyped-def]
             n_within = count_lanes(within)
             maybe = 0
             if n_within > 2:
-                maybe, covers = classify_for(scene, points.boxes[index], whole, slot, cluster, space)
+                maybe, covers = classify_for(scene, points.boxes, index, whole, slot, cluster, space)
                 if covers:
                     hidden |= undecided
                     undecided = 0
@@ -427,8 +451,8 @@ def search_packet(  # type: ignore[no-untyped-def]
                         scene.used[cluster],
                         cluster,
                         base + i,
-                        space.image[0, packet * PACKET + i],
-                        space.image[1, packet * PACKET + i],
+                        space.image[packet * PACKET + i],
+                        space.image[(CHUNK + packet) * PACKET + i],
                         points,
                         whole[5],
                         whole[6],
@@ -446,7 +470,7 @@ def search_packet(  # type: ignore[no-untyped-def]
     write(points, base, hidden, answer)
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def promote(space, entry):  # type: ignore[no-untyped-def]
     """Move a cluster to the front of the list: what hides a packet is likely to hide the next."""
     space.list_a[0], space.list_a[entry] = space.list_a[entry], space.list_a[0]
@@ -455,7 +479,7 @@ def promote(space, entry):  # type: ignore[no-untyped-def]
         space.listed[row, 0], space.listed[row, entry] = other, first
 
 
-@njit
+@njit(_nrt=False, forceinline=True)
 def write(points, base, hidden, answer):  # type: ignore[no-untyped-def]
     """Enter the hidden points of a packet into the caller's order."""
     while hidden:
