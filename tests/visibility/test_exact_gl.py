@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 import zbuf_occlude as zo
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.gl import buffers, exact_pass
+from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.visibility import exact_gl, oracle
 
@@ -43,7 +43,7 @@ def needles() -> np.ndarray:
 def cylinder(sections: int) -> np.ndarray:
     angle = np.linspace(0, 2 * np.pi, sections, endpoint=False)
     low = np.stack([np.cos(angle), np.sin(angle), np.full(sections, -1.0)], axis=1)
-    high = low + [0, 0, 2]
+    high = low + np.array([0, 0, 2])
     side = [
         np.stack([low, np.roll(low, -1, 0), high], 1),
         np.stack([high, np.roll(low, -1, 0), np.roll(high, -1, 0)], 1),
@@ -61,7 +61,7 @@ def sphere(n: int) -> np.ndarray:
 def plates() -> np.ndarray:
     """Three boxes of 1 : 1000."""
     flat = grid(lambda x, y: np.zeros_like(x), 1)
-    return np.concatenate([flat + [0, 0, z] for z in (0.0, 1e-3, 0.3, 0.301, 0.8, 0.801)])
+    return np.concatenate([flat + np.array([0, 0, z]) for z in (0.0, 1e-3, 0.3, 0.301, 0.8, 0.801)])
 
 
 def duplicates() -> np.ndarray:
@@ -168,11 +168,6 @@ def test_cutting_work_changes_no_answer(budget: int, gl: GlContext, monkeypatch:
     points = zo.sample_surface(mesh, n_points=500, seed=1)
     monkeypatch.setattr(exact_pass, "BUDGET", budget)
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
-
-
-def test_parts_are_few_and_cover_all() -> None:
-    assert [(p.start, p.stop) for p in buffers.parts(10, 4)] == [(0, 4), (4, 8), (8, 10)]
-    assert [(p.start, p.stop) for p in buffers.parts(4, 4)] == [(0, 4)]
 
 
 def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:

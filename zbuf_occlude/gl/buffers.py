@@ -25,8 +25,8 @@ class Buffers:
     Parameters
     ----------
     ctx : moderngl.Context
-    **arrays : ndarray
-        Name and contents of each.
+    **contents : ndarray or int
+        Name and contents of each, or its size in bytes where there are none yet.
 
     Raises
     ------
@@ -34,20 +34,22 @@ class Buffers:
         A buffer could not be made, or is larger than a block may be.
     """
 
-    def __init__(self, ctx: Any, **arrays: np.ndarray[Any, Any]) -> None:
-        self.n_bytes = sum(array.nbytes for array in arrays.values())
+    def __init__(self, ctx: Any, **contents: np.ndarray[Any, Any] | int) -> None:
+        sizes = {name: array if isinstance(array, int) else array.nbytes for name, array in contents.items()}
         self._buffers: dict[str, Any] = {}
         limit = block_limit(ctx)
         try:
-            for name, array in arrays.items():
-                if array.nbytes > limit:
-                    raise GlError(f"{name} must fit into a storage block of {limit} bytes; it has {array.nbytes}.")
-                self._buffers[name] = ctx.buffer(np.ascontiguousarray(array))
+            for name, array in contents.items():
+                if sizes[name] > limit:
+                    raise GlError(f"{name} must fit into a storage block of {limit} bytes; it has {sizes[name]}.")
+                reserved = isinstance(array, int)
+                made = ctx.buffer(reserve=array) if reserved else ctx.buffer(np.ascontiguousarray(array))
+                self._buffers[name] = made
         except Exception as error:  # moderngl raises bare Exception when the driver has no memory left
             self.release()
             if isinstance(error, GlError):
                 raise
-            raise GlError(f"{self.n_bytes} bytes of storage buffers must be made; the driver says: {error}") from None
+            raise GlError(f"buffers of {sizes} bytes must be made; the driver says: {error}") from None
 
     def bind(self, **bindings: int) -> None:
         """Bind each named buffer to its binding point."""

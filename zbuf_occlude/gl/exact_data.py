@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.gl.morton import morton_order
+from zbuf_occlude.gl.hilbert import hilbert_order
 
 WIDTH = 8
 """Children of an inner box."""
 
-LEAF = 16
+LEAF = 8
 """Faces of a cluster."""
 
 NONE = np.uint32(0xFFFFFFFF)
@@ -43,7 +43,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class FaceArrays:
-    """Faces in Morton order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
+    """Faces in Hilbert order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class FaceArrays:
 
 def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     """Arrange faces given by their corners (f, 3, 3), world space."""
-    order = morton_order(corners.mean(axis=1))
+    order = hilbert_order(corners.mean(axis=1))
     corners = corners[order]
     local = unit.to(corners)
     a, b, c = local[:, 0], local[:, 1], local[:, 2]
@@ -78,7 +78,7 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     faces[:, 0:3], faces[:, 3:6], faces[:, 6:9] = a, b - a, c - a
     faces[:, 9:12], faces[:, 12:15] = np.cross(b - a, c - a), c - b
     low, high = local.min(axis=1), local.max(axis=1)
-    levels = []
+    levels: list[tuple[FloatArray, FloatArray]] = []
     step = LEAF
     while True:
         starts = np.arange(0, len(low), step)
@@ -121,7 +121,7 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     n = len(positions)
     n_packets = -(-n // size)
     order = np.empty(n_packets * size, dtype=np.int64)
-    order[:n] = morton_order(positions)
+    order[:n] = hilbert_order(positions)
     order[n:] = order[n - 1]
     exact_points = np.zeros(len(order), dtype=EXACT_POINT)
     exact_points["position"] = positions[order]

@@ -14,7 +14,7 @@ from zbuf_occlude.gl.exact_data import LEAF, WIDTH, Unit, arrange_eyes, arrange_
 from zbuf_occlude.gl.shaders import compile_program
 
 MAX_LEVELS = 9
-"""Of the tree of boxes: enough for 16 * 8^8 faces, far more than a storage block holds."""
+"""Of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
 
 BUDGET = 6000
 """Steps after which a work group gives up; llvmpipe allows 65,535 iterations, of which a step may take eight."""
@@ -29,6 +29,32 @@ _ANSWER_BYTES = 1 << 26
 """Most answer bits (in bytes) that one dispatch may produce."""
 
 _BINDINGS = 10
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How work is cut for the hardware; no answer depends on it.
+
+    Attributes
+    ----------
+    threads : int
+        Of a work group.
+    per_thread : int
+        Points of a thread, at most 31; a packet has ``threads * per_thread``.
+    triangles : int
+        Listed before the points test them.
+    """
+
+    threads: int
+    per_thread: int
+    triangles: int
+
+
+SOFTWARE = Shape(8, 16, 24)
+"""For llvmpipe: one vector to a group, and many points a thread to make up for its slow shared memory."""
+
+HARDWARE = Shape(32, 2, 16)
+"""For a GPU: one warp to a group, and little shared memory so that many groups are in flight."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +80,8 @@ class ExactPass:
         Of the mesh's bounding box.
     contact : float
         In world units.
+    shape : Shape, optional
+        By default `SOFTWARE` or `HARDWARE`, as the context is.
 
     Notes
     -----
@@ -61,20 +89,27 @@ class ExactPass:
     two at most 2^22 points and 2^29 answers at once.
     """
 
-    def __init__(self, gl: GlContext, corners: FloatArray, centre: FloatArray, diagonal: float, contact: float) -> None:
+    def __init__(
+        self,
+        gl: GlContext,
+        corners: FloatArray,
+        centre: FloatArray,
+        diagonal: float,
+        contact: float,
+        shape: Shape | None = None,
+    ) -> None:
         self._ctx = gl.ctx
         available = int(gl.ctx.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
         self._unit = Unit.of(centre, diagonal)
-        # a GPU wants one warp to a group; llvmpipe one vector, and many points to make up for its slow shared memory
-        threads, per_thread, triangles = (8, 8, 56) if gl.is_software else (32, 2, 16)
-        self._packet = threads * per_thread
-        opened = max(threads // WIDTH, 1)
+        shape = shape or (SOFTWARE if gl.is_software else HARDWARE)
+        self._packet = shape.threads * shape.per_thread
+        opened = max(shape.threads // WIDTH, 1)
         constants = {
-            "THREADS": threads,
-            "PER_THREAD": per_thread,
-            "TRIANGLES": triangles,
+            "THREADS": shape.threads,
+            "PER_THREAD": shape.per_thread,
+            "TRIANGLES": shape.triangles,
             "WIDTH": WIDTH,
             "LEAF": LEAF,
             "BUDGET": BUDGET,
@@ -131,9 +166,9 @@ class ExactPass:
         most = max(1, min(_ANSWER_BYTES // (4 * words), _MAX_GROUPS, k))
         self._program["n_packets"].value = n_packets
         self._program["words"].value = words
-        bits = np.zeros((most, words), dtype=np.uint32)
-        unfinished = np.zeros((1 + most * n_packets, 2), dtype=np.uint32)
-        with Buffers(self._ctx, bits=bits, unfinished=unfinished) as buffer:
+        bits = np.empty((most, words), dtype=np.uint32)
+        # the list of the unfinished: its length, then at most all pairs of eye and packet
+        with Buffers(self._ctx, bits=bits.nbytes, unfinished=8 * (1 + most * n_packets)) as buffer:
             buffer.bind(bits=7, unfinished=9)
             for first in range(0, k, most):
                 last = min(first + most, k)
@@ -194,8 +229,9 @@ def _padded(values: list[int]) -> tuple[int, ...]:
 
 def _cut(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:
     """Replace each task by the tasks of its box's children."""
-    level = (tasks[:, 1] >> 28) + 1
-    nodes = (tasks[:, 1] & 0x0FFFFFFF)[:, None] * WIDTH + np.arange(WIDTH, dtype=np.uint32)
+    level = (tasks[:, 1] >> np.uint32(28)) + np.uint32(1)
+    nodes = (tasks[:, 1] & np.uint32(0x0FFFFFFF))[:, None] * np.uint32(WIDTH) + np.arange(WIDTH, dtype=np.uint32)
     exists = nodes < np.asarray(level_size, dtype=np.uint32)[level][:, None]
     pairs = np.broadcast_to(tasks[:, :1], nodes.shape)
-    return np.stack([pairs[exists], (level[:, None] << 28 | nodes)[exists]], axis=1).astype(np.uint32)
+    entries = np.bitwise_or(level[:, None] << np.uint32(28), nodes)
+    return np.stack([pairs[exists], entries[exists]], axis=1)

@@ -33,7 +33,8 @@ class ExactGl(Occluder):
 
     References
     ----------
-    Johnson, Lee, Burns, Mark: The irregular z-buffer, ACM Transactions on Graphics 24 (2005), doi:10.1145/1095878.1095889.
+    Johnson, Lee, Burns, Mark: The irregular z-buffer. ACM Transactions on Graphics 24 (2005),
+    doi:10.1145/1095878.1095889.
     Departure: packets of points with a screen each instead of one grid of lists for all; compute instead of raster.
     """
 

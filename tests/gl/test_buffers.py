@@ -1,0 +1,39 @@
+"""Storage buffers: sizes, the driver's limit, contents there and back, release."""
+
+import numpy as np
+import pytest
+
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl import buffers
+from zbuf_occlude.gl.buffers import Buffers, parts
+from zbuf_occlude.gl.context import GlContext
+
+
+def test_parts_are_few_and_cover_all() -> None:
+    assert [(p.start, p.stop) for p in parts(10, 4)] == [(0, 4), (4, 8), (8, 10)]
+    assert [(p.start, p.stop) for p in parts(4, 4)] == [(0, 4)]
+
+
+def test_contents_there_and_back(gl: GlContext) -> None:
+    numbers, back = np.arange(6, dtype=np.uint32), np.empty(3, dtype=np.uint32)
+    with Buffers(gl.ctx, numbers=numbers, room=24) as some:
+        some.read_into("numbers", back, offset=8)
+        assert back.tolist() == [2, 3, 4]
+        some.write("room", numbers)
+        some.clear("numbers")
+        some.read_into("numbers", back)
+        assert back.tolist() == [0, 0, 0]
+        some.read_into("room", back, offset=12)
+        assert back.tolist() == [3, 4, 5]
+
+
+def test_a_buffer_over_the_limit_is_refused(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(buffers, "block_limit", lambda ctx: 100)
+    with pytest.raises(GlError, match="numbers must fit into a storage block of 100 bytes; it has 104"):
+        Buffers(gl.ctx, numbers=np.zeros(26, dtype=np.float32))
+
+
+def test_release_twice(gl: GlContext) -> None:
+    some = Buffers(gl.ctx, room=4)
+    some.release()
+    some.release()
