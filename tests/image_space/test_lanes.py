@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.errors import TypingError
 
 from zbuf_occlude.image_space import lanes
 from zbuf_occlude.image_space.lanes import load, store
@@ -106,13 +107,14 @@ def test_one_vector() -> None:
         v = load(a, 0)
         store(out, 0, lanes.absolute(v))
         store(out, 16, lanes.splat(a[3]))
+        store(out, 32, lanes.square_root(lanes.absolute(v)))
         return lanes.lowest(v), lanes.highest(v)
 
     for _ in range(20):
         a = RNG.normal(size=16).astype(np.float32)
-        out = np.empty(32, dtype=np.float32)
+        out = np.empty(48, dtype=np.float32)
         assert kernel(a, out) == (a.min(), a.max())
-        np.testing.assert_array_equal(out, np.concatenate([np.abs(a), np.full(16, a[3])]))
+        np.testing.assert_array_equal(out, np.concatenate([np.abs(a), np.full(16, a[3]), np.sqrt(np.abs(a))]))
 
 
 def test_masks() -> None:
@@ -128,3 +130,14 @@ def test_masks() -> None:
         first, count, same = kernel(bits(bools), A, B, ids, -1, out)
         assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(ids[2:] == -1))
         np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
+
+
+def test_strided_arrays_are_refused() -> None:
+    @njit
+    def kernel(a, out):
+        store(out, 0, load(a, 0))
+
+    with pytest.raises(TypingError, match="lanes must be taken from a C-contiguous float32 array"):
+        kernel(np.ones((16, 2), dtype=np.float32)[:, 0], np.empty(16, dtype=np.float32))
+    with pytest.raises(TypingError, match="lanes must be taken from a C-contiguous float32 array"):
+        kernel(np.ones(16), np.empty(16, dtype=np.float32))

@@ -22,22 +22,18 @@ SURE = np.float32(1.001)
 
 
 @njit(_nrt=False, forceinline=True)
-def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, farther):  # type: ignore[no-untyped-def]
-    """Sort the 16 faces of a cluster by what they can do to the points in a box.
+def classify(slots, slot, doubtful, used, boxes, index, whole):  # type: ignore[no-untyped-def]
+    """Sort the 16 faces of a cluster by what they can do to the points of a packet or chunk.
 
     Parameters
     ----------
     slots, slot : the cluster's set-up (`projection.set_up`)
     doubtful, used : int
         Masks of the faces.
-    rectangle : tuple of 4 float32
-        Centre and half-sides of the points' rectangle in the image.
-    box : tuple of 6 float32
-        Centre and half-sides of their box, scene space.
-    blur, reach : float32
-        Largest reach / w, and largest reach, of the points.
-    nearer, farther : float32
-        Bounds of 1 / (distance from the eye, less the contact tolerance): the largest, the smallest.
+    boxes, index : (6, ...) float32 and int
+        The points' box in scene space: column `index`, lower and upper corner.
+    whole : tuple of 9 float32
+        Their rectangle in the image and their bounds, see `projection.project_points`.
 
     Returns
     -------
@@ -46,9 +42,12 @@ def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, f
     covers : bool
         Whether one face certainly hides all of them.
     """
+    part = np.float32(0.5)
+    blur, reach, nearer, farther = whole[5], whole[6], whole[7], whole[8]
+    cx, hx = splat(part * (whole[0] + whole[1])), splat(part * (whole[1] - whole[0]))
+    cy, hy = splat(part * (whole[2] + whole[3])), splat(part * (whole[3] - whole[2]))
     row = slot * ROWS * 16
     zero, fuzzy, sharp = splat(ZERO), splat(-blur * SURE), splat(blur * SURE)
-    cx, cy, hx, hy = splat(rectangle[0]), splat(rectangle[1]), splat(rectangle[2]), splat(rectangle[3])
     best, worst = splat(np.float32(3e38)), splat(np.float32(3e38))
     for edge in range(3):
         a, b = load(slots, row + 48 * edge), load(slots, row + 48 * edge + 16)
@@ -57,8 +56,11 @@ def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, f
         best, worst = minimum(best, middle + half), minimum(worst, middle - half)
     row += 16 * NORMAL
     nx, ny, nz = load(slots, row), load(slots, row + 16), load(slots, row + 32)
-    middle = muladd(nx, splat(box[0]), muladd(ny, splat(box[1]), muladd(nz, splat(box[2]), zero - load(slots, row + 48))))
-    half = muladd(absolute(nx), splat(box[3]), muladd(absolute(ny), splat(box[4]), absolute(nz) * splat(box[5])))
+    cx, hx = splat(part * (boxes[0, index] + boxes[3, index])), splat(part * (boxes[3, index] - boxes[0, index]))
+    cy, hy = splat(part * (boxes[1, index] + boxes[4, index])), splat(part * (boxes[4, index] - boxes[1, index]))
+    cz, hz = splat(part * (boxes[2, index] + boxes[5, index])), splat(part * (boxes[5, index] - boxes[2, index]))
+    middle = muladd(nx, cx, muladd(ny, cy, muladd(nz, cz, zero - load(slots, row + 48))))
+    half = muladd(absolute(nx), hx, muladd(absolute(ny), hy, absolute(nz) * hz))
     contact = load(slots, row + 16 * (CONTACT - NORMAL))
     error = splat(PLANE * reach)
     behind = not_less(error + half - middle, contact * splat(farther))
@@ -71,7 +73,7 @@ def classify(slots, slot, doubtful, used, rectangle, box, blur, reach, nearer, f
 
 @njit(_nrt=False, forceinline=True)
 def hide_by_face(  # type: ignore[no-untyped-def]
-    slots, slot, lane, doubtful, face, undecided, at, points, image, blur, reach, nearer, farther
+    slots, slot, lane, doubtful, face, undecided, at, points, image, whole
 ):
     """Test 16 points against one face.
 
@@ -88,13 +90,14 @@ def hide_by_face(  # type: ignore[no-untyped-def]
     points : Packets
     image : (512,) float32
         x / w of the chunk's points, then y / w.
-    blur, reach, nearer, farther : as in `classify`
+    whole : as in `classify`
 
     Returns
     -------
     sure, doubt : int
         Masks of the points that the face certainly hides, and of those that float64 must decide.
     """
+    blur, reach, nearer, farther = whole[5], whole[6], whole[7], whole[8]
     row = slot * ROWS * 16 + lane
     x, y = load(image, at[1]), load(image, len(image) // 2 + at[1])
     inside = muladd(x, splat(slots[row]), muladd(y, splat(slots[row + 16]), splat(slots[row + 32])))
@@ -119,7 +122,7 @@ def hide_by_face(  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False, forceinline=True)
-def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, blur, reach, nearer, farther):  # type: ignore[no-untyped-def]
+def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, whole):  # type: ignore[no-untyped-def]
     """Test one point, at (x, y) in the image, against the 16 faces of a cluster.
 
     Returns
@@ -129,6 +132,7 @@ def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, blur, reac
     doubt : int
         Mask of the faces that float64 must decide, if it is not.
     """
+    blur, reach, nearer, farther = whole[5], whole[6], whole[7], whole[8]
     row = slot * ROWS * 16
     px, py = splat(x), splat(y)
     inside = muladd(px, load(slots, row), muladd(py, load(slots, row + 16), load(slots, row + 32)))

@@ -16,6 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models, register_default
+from numba.core.errors import TypingError
 from numba.extending import intrinsic, overload
 
 N_LANES = 16
@@ -60,6 +61,11 @@ def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vect
 
 def _llvm_function(builder: Any, name: str, n_arguments: int) -> Any:
     return cgutils.get_or_insert_function(builder.module, ir.FunctionType(_FLOATS, [_FLOATS] * n_arguments), name)
+
+
+def _must_be_contiguous(array: Any) -> None:
+    if array.layout != "C" or array.dtype != types.float32:
+        raise TypingError(f"lanes must be taken from a C-contiguous float32 array; got {array}.")
 
 
 def _binary(emit: Callable[[Any, Any, Any], Any], result: Any = VECTOR) -> Any:
@@ -141,6 +147,16 @@ def absolute(typing_context, a):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def square_root(typing_context, a):  # type: ignore[no-untyped-def]
+    """The square root, NaN of negative numbers."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return builder.call(_llvm_function(builder, "llvm.sqrt.v16f32", 1), args)
+
+    return VECTOR(VECTOR), codegen
+
+
+@intrinsic
 def splat(typing_context, value):  # type: ignore[no-untyped-def]
     """One number in all lanes."""
 
@@ -153,6 +169,7 @@ def splat(typing_context, value):  # type: ignore[no-untyped-def]
 @intrinsic
 def load(typing_context, array, index):  # type: ignore[no-untyped-def]
     """The 16 float32 of an array that begin at a flat index."""
+    _must_be_contiguous(array)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.load(_address(context, builder, signature.args[0], *args, _FLOATS), align=4)
@@ -163,6 +180,7 @@ def load(typing_context, array, index):  # type: ignore[no-untyped-def]
 @intrinsic
 def store(typing_context, array, index, vector):  # type: ignore[no-untyped-def]
     """Write 16 float32 to an array from a flat index on."""
+    _must_be_contiguous(array)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         builder.store(args[2], _address(context, builder, signature.args[0], *args[:2], _FLOATS), align=4)

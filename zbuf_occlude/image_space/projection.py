@@ -1,21 +1,22 @@
 """Projection into a frame: boxes of nodes to rectangles, 16 faces to 48 edge functions scaled by their own error.
 
-Error analysis, in float32 with unit roundoff u = 2^-24, scene units (the mesh lies in the unit sphere).
+Error analysis, in float32 with unit roundoff u = 2^-24 and scene units (the mesh lies in the unit sphere).
 
-* A projected coordinate (x, y, w) is a sum of four products; with the rounding of its inputs it errs by less than
-  ``COORDINATE = 16 u`` times the largest coordinate involved (`reach`: 1 or the farthest of the point, the mesh, and
-  the eye where coordinates are about the eye).
-* An edge function is the determinant of the point P = (x / w, y / w, 1) and the edge's projected ends, computed as
-  P . (A x (B - A)). With S the largest 1-norm of the face's projected corners and L that of their differences, it
-  errs for a point of the face by less than u S L (7 |P| + 32 reach(P) / w + 64 / nearest): rounding; the point's own
-  error; that of the ends, where a P within the face is a combination of its corners with weights up to 1 / nearest,
-  nearest = the smallest w of the face. `EDGE` covers the sum. Outside the face no bound is needed: computed edge
-  functions are those of one slightly moved triangle, so a point that they place inside it by more than their error is
-  inside the true one, and a point of the true one they cannot place outside by more than their error.
-* The distance from a face's plane errs by less than ``PLANE = 16 u`` times the point's reach.
+* A projected coordinate is the product of a row of the frame (a unit vector) and a point, plus a number: with the
+  rounding of what enters it errs by less than ``COORDINATE = 8 u`` times the point's `reach`, its distance from the
+  centre or 1, or the eye's where coordinates are about the eye.
+* The plane's value ``n . p - offset`` errs by less than ``PLANE = 12 u`` times the reach.
+* An edge function is the determinant of P = (x / w, y / w, 1) and the edge's projected ends A and B, computed as
+  P . (A x (B - A)). Let S be the largest norm of the face's projected corners, L that of their differences, |P| < 1.8
+  reach. Arithmetic errs by less than 8 u |P| S L; the point's error moves the value by less than (23 reach / w + 2) u S
+  L; the ends' by 14 u (\|B x P\| + \|A x P\|) where, for a P that sees the face, P is a combination of its corners with
+  weights up to 1 / nearest (the smallest w at which the face is seen), hence by 28 u S L / nearest. `EDGE` = 80 u times
+  S L max(1, 1 / nearest) times reach / w covers the sum; 80 u S (1 + L) does so without knowing `nearest`.
+  A P that does not see the face needs no bound: the computed functions are those of one slightly moved triangle, and
+  a point that lies inside that by more than the error lies inside the true one.
 
-So the functions are scaled such that 1 is their error for a point with reach / w = 1, and comparing with the packet's
-`blur` (the largest such ratio) decides what is certain.
+So edge functions are divided by their error for a point with reach / w = 1; comparing them with the packet's `blur`,
+the largest such ratio, says what is certain.
 """
 
 import numpy as np
@@ -34,13 +35,15 @@ from zbuf_occlude.image_space.lanes import (
     not_less,
     select,
     splat,
+    square_root,
     store,
 )
+from zbuf_occlude.image_space.packets import CHUNK, PACKET
 
 ROUNDOFF = np.float32(2.0**-24)
-COORDINATE = np.float32(16.0) * ROUNDOFF
-EDGE = np.float32(128.0) * ROUNDOFF
-PLANE = np.float32(16.0) * ROUNDOFF
+COORDINATE = np.float32(8.0) * ROUNDOFF
+EDGE = np.float32(80.0) * ROUNDOFF
+PLANE = np.float32(12.0) * ROUNDOFF
 FAR = np.float32(3e38)
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
@@ -52,27 +55,31 @@ ROWS = 14
 
 
 @njit(_nrt=False)
-def project_nodes(nodes, frame, window, slack, rectangles):  # type: ignore[no-untyped-def]
-    """Project boxes into a frame.
+def project_boxes(boxes, first, last, frame, window, slack, rectangles, at):  # type: ignore[no-untyped-def]
+    """Project boxes into a frame, 16 at a time.
 
     Parameters
     ----------
-    nodes : (6, total) float32, scene space
+    boxes : (6, total) float32, scene space
+        Lower and upper corners.
+    first, last : int
+        Which; multiples of 16.
     frame : (12,) float32
     window, slack : float32
         Half-width of the window; what a projected coordinate may err.
-    rectangles : (5, total) float32
-        Receives lowest x, highest x, lowest y, highest y, and lowest w of each box, widened by `slack`. What lies behind
-        the eye or beside the window gets an empty rectangle; what reaches behind the eye, an endless one.
+    rectangles : (6, total) float32
+        Receives, from column `at` on, lowest x, highest x, lowest y, highest y, lowest w and highest w of each box,
+        widened by `slack`. What lies behind the eye or beside the window gets an empty rectangle; what reaches
+        behind the eye, an endless one.
     """
-    total = nodes.shape[1]
+    total, width = boxes.shape[1], rectangles.shape[1]
     far, near, one, guard, edge = splat(FAR), splat(-FAR), splat(ONE), splat(slack), splat(window)
-    for i in range(0, total, 16):
+    for i in range(first, last, 16):
         px, py, pw = splat(frame[3]), splat(frame[7]), splat(frame[11])
         x0, x1, y0, y1, w0 = far, near, far, near, far
         left, right, below, above, w1 = near, near, near, near, near
-        lower = (load(nodes, i), load(nodes, total + i), load(nodes, 2 * total + i))
-        upper = (load(nodes, 3 * total + i), load(nodes, 4 * total + i), load(nodes, 5 * total + i))
+        lower = (load(boxes, i), load(boxes, total + i), load(boxes, 2 * total + i))
+        upper = (load(boxes, 3 * total + i), load(boxes, 4 * total + i), load(boxes, 5 * total + i))
         for corner in range(8):
             x = upper[0] if corner & 1 else lower[0]
             y = upper[1] if corner & 2 else lower[1]
@@ -102,11 +109,13 @@ def project_nodes(nodes, frame, window, slack, rectangles):  # type: ignore[no-u
             & not_less(below, rim)
             & not_less(above, rim)
         )
-        store(rectangles, i, select(seen, x0, far))
-        store(rectangles, total + i, select(seen, x1, near))
-        store(rectangles, 2 * total + i, y0)
-        store(rectangles, 3 * total + i, y1)
-        store(rectangles, 4 * total + i, w0)
+        to = at + i - first
+        store(rectangles, to, select(seen, x0, far))
+        store(rectangles, width + to, select(seen, x1, near))
+        store(rectangles, 2 * width + to, y0)
+        store(rectangles, 3 * width + to, y1)
+        store(rectangles, 4 * width + to, w0)
+        store(rectangles, 5 * width + to, w1)
 
 
 @njit(_nrt=False)
@@ -125,7 +134,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     slots : (n_slots x 14 x 16,) float32
         Receives `EDGES`, `NORMAL`, `CONTACT` of `slot`.
     rectangles : (n_slots, 5) float32
-        Receives the rectangle around the cluster's faces, as in `project_nodes`.
+        Receives the rectangle around the cluster's faces, as in `project_boxes`.
 
     Returns
     -------
@@ -146,7 +155,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     height = muladd(nx, splat(eye[0]), muladd(ny, splat(eye[1]), muladd(nz, splat(eye[2]), zero - offset)))
     below = greater(zero, height)
     size = maximum(absolute(splat(eye[0])), maximum(absolute(splat(eye[1])), absolute(splat(eye[2]))))
-    edge_on = not_less(splat(PLANE) * (size + one), absolute(height))
+    edge_on = not_less(splat(np.float32(2.0) * PLANE) * (size + one), absolute(height))
     doubtful = (edge_on | scene.weak[cluster]) & used
     row = slot * ROWS * 16
     store(slots, row + 16 * NORMAL, select(below, zero - nx, nx))
@@ -170,15 +179,12 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     ux, uy, uw = xb - xa, yb - ya, wb - wa
     vx, vy, vw = xc - xb, yc - yb, wc - wb
     tx, ty, tw = xa - xc, ya - yc, wa - wc
-    span = maximum(
-        maximum(_norm(xa, ya, wa), _norm(xb, yb, wb)),
-        _norm(xc, yc, wc),
-    )
-    length = maximum(maximum(_norm(ux, uy, uw), _norm(vx, vy, vw)), _norm(tx, ty, tw))
+    span = maximum(maximum(_squared(xa, ya, wa), _squared(xb, yb, wb)), _squared(xc, yc, wc))
+    length = maximum(maximum(_squared(ux, uy, uw), _squared(vx, vy, vw)), _squared(tx, ty, tw))
+    span, length = square_root(span), square_root(length)
     ahead = greater(nearest, zero)
     stretch = maximum(one, divide(one, select(ahead, nearest, one)))
-    error = minimum(select(ahead, length * stretch, far), (span + span) * splat(np.float32(2.0)))
-    error = error * span * splat(EDGE * reach)
+    error = minimum(select(ahead, length * stretch, far), one + length) * span * splat(EDGE * reach)
     scale = divide(one, maximum(error, splat(np.float32(1e-30))))
     turned = select(below, scale, zero - scale)
     a1, b1, c1 = _cross(xa, ya, wa, ux, uy, uw, turned)
@@ -186,7 +192,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     a3, b3, c3 = _cross(xc, yc, wc, tx, ty, tw, turned)
     if doubtful:
         # which side is inside is unknown: a band about the longest edge that holds the face, or everything
-        first, second, third = _norm(a1, b1, c1), _norm(a2, b2, c2), _norm(a3, b3, c3)
+        first, second, third = _squared(a1, b1, c1), _squared(a2, b2, c2), _squared(a3, b3, c3)
         is_second = greater(second, maximum(first, third))
         is_third = greater(third, maximum(first, second))
         a = select(is_third, a3, select(is_second, a2, a1))
@@ -240,11 +246,101 @@ def _project(corners, base, frame):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False, forceinline=True)
-def _norm(x, y, w):  # type: ignore[no-untyped-def]
-    return absolute(x) + absolute(y) + absolute(w)
+def _squared(x, y, w):  # type: ignore[no-untyped-def]
+    return muladd(x, x, muladd(y, y, w * w))
 
 
 @njit(_nrt=False, forceinline=True)
 def _cross(x, y, w, dx, dy, dw, scale):  # type: ignore[no-untyped-def]
     """(x, y, w) x (dx, dy, dw), times scale."""
     return (y * dw - w * dy) * scale, (w * dx - x * dw) * scale, (x * dy - y * dx) * scale
+
+
+@njit(_nrt=False, forceinline=True)
+def distance_bounds(boxes, index, eye, contact):  # type: ignore[no-untyped-def]
+    """Bounds of 1 / distance between the eye and a box of points.
+
+    Returns
+    -------
+    nearer : float32
+        At least 1 / (distance - contact) of any point; `FAR` when there is no bound.
+    farther : float32
+        At most 1 / distance of any point.
+    """
+    half = np.float32(0.5)
+    x, hx = half * (boxes[0, index] + boxes[3, index]) - eye[0], half * (boxes[3, index] - boxes[0, index])
+    y, hy = half * (boxes[1, index] + boxes[4, index]) - eye[1], half * (boxes[4, index] - boxes[1, index])
+    z, hz = half * (boxes[2, index] + boxes[5, index]) - eye[2], half * (boxes[5, index] - boxes[2, index])
+    distance, radius = np.sqrt(x * x + y * y + z * z), np.sqrt(hx * hx + hy * hy + hz * hz)
+    least = distance * np.float32(0.999) - radius * np.float32(1.001) - contact
+    return ONE / least if least > ZERO else FAR, ONE / ((distance + radius) * np.float32(1.001))
+
+
+@njit(_nrt=False, forceinline=True)
+def project_points(points, chunk, frame, window, near, eye, reach, contact, space):  # type: ignore[no-untyped-def]
+    """Project a chunk's points; fill `space.image`, `space.packets` and `space.undecided`.
+
+    Points beside the window, or with w below `near` times their reach, are left out of `undecided`.
+
+    Returns
+    -------
+    tuple of 9 float32, for the whole chunk what a row of `space.packets` is for a packet:
+        lowest x, highest x, lowest y, highest y (widened by their error), highest w (negative: no point in the frame),
+        blur, reach, and the bounds `nearer` and `farther` of `distance_bounds`.
+    """
+    n = points.coordinates.shape[1]
+    x0, x1, y0, y1, w1, blur, farthest = FAR, -FAR, FAR, -FAR, -ONE, ZERO, ZERO
+    nearer, farther = ZERO, FAR
+    for packet in range(CHUNK):
+        index = chunk * CHUNK + packet
+        base = index * PACKET
+        space.undecided[packet] = 0
+        left = points.n_points - base
+        if left <= 0:
+            continue
+        own_reach = max(points.reach[index], reach)
+        x, y, z = load(points.coordinates, base), load(points.coordinates, n + base), load(points.coordinates, 2 * n + base)
+        u = muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3]))))
+        v = muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7]))))
+        w = muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11]))))
+        active = (1 << min(left, PACKET)) - 1
+        if near > ZERO:
+            rim = splat(window) * w
+            active &= not_less(rim, absolute(u)) & not_less(rim, absolute(v)) & greater(w, splat(near * own_reach))
+            if not active:
+                continue
+        space.undecided[packet] = active
+        inverse = divide(splat(ONE), w)
+        u, v = u * inverse, v * inverse
+        store(space.image, packet * PACKET, u)
+        store(space.image, (CHUNK + packet) * PACKET, v)
+        if near > ZERO:
+            # what is not in the frame must not widen its rectangle
+            far, low = splat(FAR), splat(-FAR)
+            left_most, right_most = lowest(select(active, u, far)), highest(select(active, u, low))
+            down_most, up_most = lowest(select(active, v, far)), highest(select(active, v, low))
+            deepest, closest = highest(select(active, w, low)), highest(select(active, inverse, low))
+        else:
+            left_most, right_most = lowest(u), highest(u)
+            down_most, up_most = lowest(v), highest(v)
+            deepest, closest = highest(w), highest(inverse)
+        closest = max(ONE, closest)
+        slack = COORDINATE * own_reach * closest * np.float32(3.0)
+        own_nearer, own_farther = distance_bounds(points.boxes, index, eye, contact)
+        row = (
+            left_most - slack,
+            right_most + slack,
+            down_most - slack,
+            up_most + slack,
+            deepest + slack,
+            closest * own_reach / reach,
+            own_reach,
+            own_nearer,
+            own_farther,
+        )
+        for i in range(9):
+            space.packets[packet, i] = row[i]
+        x0, x1, y0, y1 = min(x0, row[0]), max(x1, row[1]), min(y0, row[2]), max(y1, row[3])
+        w1, blur, farthest = max(w1, row[4]), max(blur, row[5]), max(farthest, own_reach)
+        nearer, farther = max(nearer, own_nearer), min(farther, own_farther)
+    return x0, x1, y0, y1, w1, blur, farthest, nearer, farther

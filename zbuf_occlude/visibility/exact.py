@@ -37,8 +37,7 @@ class Exact(Occluder):
         if len(scene.used) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
         packets = make_packets(points, scene, self._rows)
-        farthest = np.linalg.norm((points.positions - scene.centre) * scene.scale, axis=1).max()
-        frames = make_frames((eyes - scene.centre) * scene.scale, max(1.0, farthest))
+        frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
         n_chunks = packets.coordinates.shape[1] // (CHUNK * PACKET)
         n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_chunks, 4 * n_threads)
