@@ -13,6 +13,7 @@ COMMANDS = {
     "figure": "Draw one of the paper's figures of any mesh.",
     "status": "Say how far a dataset is.",
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
+    "convert": "Write a dataset in another format.",
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }

@@ -9,13 +9,16 @@ from typing import Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 from tqdm import tqdm
 
 from zbuf_occlude.cli.options import method_options, parse_settings, up_option
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
+from zbuf_occlude.dataset.presets import ORIGINAL, PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
@@ -29,15 +32,37 @@ from zbuf_occlude.visibility import find_method, prepare
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
 
+def use_preset(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
+    """Make a preset's options the defaults of all others, which are looked at later."""
+    if name is not None:
+        context.default_map = {**(context.default_map or {}), **find_preset(name).options}
+    return name
+
+
 @click.command()
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("occluded"), show_default=True, help="Folder.")
+@click.option(
+    "--preset",
+    type=click.Choice([row.name for row in PRESETS]),
+    is_eager=True,
+    callback=use_preset,
+    help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given beside it override it.",
+)
 @method_options()
 @click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {SPECS}.")
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
 @click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
 @click.option("--sample-size", type=click.IntRange(1), default=2048, show_default=True, help="Points of each cloud.")
+@click.option(
+    "--format",
+    "format",
+    type=click.Choice([row.name for row in FORMATS]),
+    default="hdf5",
+    show_default=True,
+    help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
@@ -73,11 +98,16 @@ LIMIT = "A mesh that takes more is a failure, not the end of the run."
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
+@click.pass_context
 def command(
+    context: click.Context,
+    /,
     meshes: tuple[Path, ...],
     out: Path,
+    preset: str | None,
     method: str,
     settings: tuple[str, ...],
+    format: str,
     limit: int | None,
     up: str | None,
     workers: int | None,
@@ -100,6 +130,7 @@ def command(
     \b
     Writes into --out:
       ply_data_{train,val,test}N.h5   clouds in the PointNet layout: data, label, and view, pose, scale, ids
+                                      (or the files of another --format)
       manifest.json                   options, versions, counts, failures, and the measured error
       contact_sheet.png               some clouds, from a fixed viewpoint and from their camera's
 
@@ -110,12 +141,15 @@ def command(
       zbuf-occlude generate
       zbuf-occlude generate ModelNet40 --views paper100 --out modelnet40-occluded
       zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
+      zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
     """
     points, density = recipe.pop("points"), recipe.pop("density")
+    if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
+        points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
     plan = Plan(
-        collect(meshes, up, limit),
+        collect(meshes, up, limit, preset),
         Recipe(
             method=method,
             method_options=parse_settings(method, settings),
@@ -123,9 +157,13 @@ def command(
             density=density,
             **recipe,
         ),
+        format,
     )
+    plans = [(plan, out)]
+    if preset is not None and find_preset(preset).original:
+        plans.append((plan_of_originals(plan), out / ORIGINAL))
     if dry_run:
-        click.echo(describe(plan, out))
+        click.echo("\n".join(describe(*each) for each in plans))
         return
     part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     rehearse(plan.recipe, require_gpu)
@@ -134,14 +172,18 @@ def command(
         run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
     else:
         run = partial(local.run_shards, n_workers=workers or os.cpu_count() or 1, limits=limits)
-    mine = sum(map(len, plan.shards[part[0] :: part[1]])) * plan.clouds_a_mesh
-    with tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05) as bar:
-        document = generate(plan, out, run=run, overwrite=overwrite, part=part, progress=bar.update)
-    if not document:
-        click.echo(f"{shards_done(plan, out)} of {len(plan.shards)} shards are done; then: zbuf-occlude merge {out}")
-        return
-    click.echo(summary(document, out))
-    if document["failures"]:
+    failed = False
+    for one, folder in plans:
+        mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
+        with tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05) as bar:
+            document = generate(one, folder, run=run, overwrite=overwrite, part=part, progress=bar.update)
+        if document:
+            click.echo(summary(document, folder))
+            failed |= bool(document["failures"])
+        else:
+            done = shards_done(one, folder)
+            click.echo(f"{done} of {len(one.shards)} shards are done; then: zbuf-occlude merge {folder}")
+    if failed:
         raise SystemExit(SOME_FAILED)
 
 
@@ -169,7 +211,7 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
         occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
-def collect(paths: tuple[Path, ...], up: str | None, limit: int | None) -> MeshCollection:
+def collect(paths: tuple[Path, ...], up: str | None, limit: int | None, preset: str | None = None) -> MeshCollection:
     """Return the meshes that a person named, classes and splits interleaved, at most `limit` of them."""
     if paths:
         meshes = MeshCollection.from_paths(paths, up=up)
@@ -177,18 +219,32 @@ def collect(paths: tuple[Path, ...], up: str | None, limit: int | None) -> MeshC
         from zbuf_occlude.meshes import shapes  # late: only needed without files
 
         meshes = shapes.collection()
-    meshes = meshes.interleaved()
+    meshes = meshes.interleaved() if preset is None else find_preset(preset).choose(meshes)
     return meshes if limit is None else meshes.limit(limit)
 
 
 def describe(plan: Plan, out: Path) -> str:
     """Say what a plan would make."""
-    megabytes = plan.n_clouds * record_type(plan.recipe.sample_size).itemsize / 1e6
+    recipe = plan.recipe
     free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
+    size = f"about {megabytes(plan):.0f} MB"
+    if not find_format(plan.format).all_points:
+        size += ", twice that while working"
     return (
-        f"{len(plan.meshes)} meshes x {len(plan.views)} views x {plan.recipe.variations} variations = "
-        f"{plan.n_clouds} clouds of {plan.recipe.sample_size} points in {len(plan.shards)} shards, "
-        f"by {plan.recipe.method}\n"
-        f"into {out}: about {megabytes:.0f} MB, twice that while working ({free:.0f} MB free)\n"
+        f"{len(plan.meshes)} meshes x {len(plan.views)} views x {recipe.variations} variations = "
+        f"{plan.n_clouds} clouds of {recipe.sample_size} points in {len(plan.shards)} shards, "
+        f"{'complete' if recipe.complete else f'by {recipe.method}'}\n"
+        f"into {out}: {size} ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"
     )
+
+
+def megabytes(plan: Plan) -> float:
+    """Estimate the size of a plan's files."""
+    recipe = plan.recipe
+    if not find_format(plan.format).all_points:
+        return plan.n_clouds * record_type(recipe.sample_size).itemsize / 1e6
+    n_points = recipe.n_points or 2 * (
+        recipe.density or 0.0
+    )  # an object's area is about twice its longest side's square
+    return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured

@@ -59,6 +59,7 @@ def summed_up(
     return {
         "fingerprint": plan.fingerprint,
         "seed": plan.recipe.seed,
+        "format": plan.format,
         "options": plan.document["recipe"],
         "versions": versions(),
         "renderer": ", ".join(renderers) or "none",

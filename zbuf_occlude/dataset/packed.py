@@ -19,6 +19,7 @@ longest side.
 import json
 import os
 import zipfile
+import zlib
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -204,7 +205,7 @@ class Archives:
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
         try:
             steps, faces, bits = (archive.read(f"{name}.{kind}") for kind in ("steps", "faces", "visible"))
-        except (zipfile.BadZipFile, KeyError, OSError) as error:
+        except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, OSError) as error:
             raise DatasetError(f"{archive.filename} must be whole; {error}. Generate it again.") from None
         positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(unpack_steps(steps, n_points))
         return Block(

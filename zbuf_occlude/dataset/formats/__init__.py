@@ -14,6 +14,7 @@ from typing import Protocol
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import SPLITS
 
 
 class Module(Protocol):
@@ -61,12 +62,12 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "packed",
-        "all points of the objects and a bit for each point and view: about 80 times as many clouds in a megabyte",
-        ("packed-*.zip",),
+        "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",
+        ("packed-[0-9]*.zip",),
         all_points=True,
     ),
-    Format("webdataset", "tar shards for streaming", ("*-*.tar",)),
-    Format("npz", "NumPy archives of 2,048 clouds", ("*-*.npz",)),
+    Format("webdataset", "tar shards for streaming", tuple(f"{split}-[0-9]*.tar" for split in SPLITS)),
+    Format("npz", "NumPy archives of 2,048 clouds", tuple(f"{split}-[0-9]*.npz" for split in SPLITS)),
     Format("ply", "a file for each cloud, to look at", ("ply/*/*/*.ply", "*_files.txt")),
 )
 

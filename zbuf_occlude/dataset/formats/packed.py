@@ -1,4 +1,4 @@
-"""All points of the objects, a bit for each point and view: the shards (`zbuf_occlude.dataset.packed`) are the files."""
+"""All points of the objects, a bit for each point and view: the shards (`dataset.packed`) are the files."""
 
 import os
 from pathlib import Path

@@ -1,0 +1,141 @@
+"""Every format through one door: written from a source and read as one, nothing lost; shards, names, same bytes."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.scenes import box
+from zbuf_occlude import DatasetError, OptionError
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+SIZE = 6
+DRAWN = [row for row in FORMATS if not row.all_points]
+ids = [row.name for row in DRAWN]
+
+
+def plan() -> Plan:
+    entries = [
+        MeshEntry(f"{label}/{split}/a b.{i}.off", label, split, box)
+        for i, (label, split) in enumerate([("bed", "train"), ("arm chair", "test"), ("bed", "test")])
+    ]
+    return Plan(MeshCollection(entries), Recipe(views="ring:2@10", sample_size=SIZE))
+
+
+def random_records(n: int) -> np.ndarray:
+    """Records of every field filled with values that a careless format would change."""
+    rng = np.random.default_rng(5)
+    records = np.zeros(n, record_type(SIZE))
+    for name in records.dtype.names or ():
+        kind, shape = records[name].dtype, records[name].shape
+        values = rng.normal(scale=1e6, size=shape) if kind.kind == "f" else rng.integers(-1, 2**31 - 1, shape)
+        records[name] = values
+    records["mesh_id"] = np.arange(n) % 3
+    records["label"][:, 0] = [[1, 0, 1][i % 3] for i in range(n)]
+    records["variation"], records["view_id"] = np.arange(n) // 6, np.arange(n) // 3 % 2
+    return records
+
+
+@pytest.fixture
+def source(monkeypatch: pytest.MonkeyPatch) -> Source:
+    """Eleven clouds, of which each file takes three."""
+    monkeypatch.setattr(Source.batches, "__defaults__", (3,))
+    records = random_records(11)
+    numbers: Numbers = np.random.default_rng(1).permutation(11)
+    train = numbers[records["mesh_id"][numbers] == 0]
+    test = numbers[records["mesh_id"][numbers] != 0]
+    return Source(plan(), {"train": train, "test": test}, lambda wanted: records[wanted])
+
+
+def content(source: Source) -> dict[str, np.ndarray]:
+    return {split: source.take(numbers) for split, numbers in source.order.items()}
+
+
+@pytest.mark.parametrize("row", DRAWN, ids=ids)
+def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
+    before = content(source)
+    files = row.load().write(source, tmp_path)
+    back = row.load().read(tmp_path, source.plan, files)
+    assert back.n_clouds == {"train": 4, "test": 7}
+    for split, records in content(back).items():
+        for name in records.dtype.names or ():
+            assert np.array_equal(records[name], before[split][name]), (split, name)
+    some = back.order["test"][[5, 0, 5, 2]]
+    assert np.array_equal(back.take(some), before["test"][[5, 0, 5, 2]])
+    assert all(np.array_equal(after, before[split]) for split, after in content(source).items()), "input changed"
+
+
+@pytest.mark.parametrize("row", DRAWN, ids=ids)
+def test_same_clouds_same_bytes_and_no_other_files_than_the_table_says(
+    row: Format, source: Source, tmp_path: Path
+) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        row.load().write(source, tmp_path / name)
+    written = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
+    for path in written:
+        assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "two" / path).read_bytes(), path
+    matched = {
+        path.relative_to(tmp_path / "one") for pattern in row.patterns for path in (tmp_path / "one").glob(pattern)
+    }
+    assert matched == set(written), "--overwrite removes exactly these"
+
+
+def test_webdataset_reads_the_shards(source: Source, tmp_path: Path) -> None:
+    wds = pytest.importorskip("webdataset", reason="the package webdataset is not installed")
+    files = find_format("webdataset").load().write(source, tmp_path)
+    assert files["test"] == ["test-000000.tar", "test-000001.tar", "test-000002.tar"]
+    samples = list(wds.WebDataset(str(tmp_path / "test-{000000..000002}.tar"), shardshuffle=False).decode())
+    before = content(source)["test"]
+    assert [sample["cls"] for sample in samples] == before["label"][:, 0].tolist()
+    for sample, record in zip(samples, before, strict=True):
+        assert np.array_equal(sample["data.npy"], record["data"])
+        assert np.array_equal(sample["face_ids.npy"], record["face_ids"])
+        assert sample["json"]["class"] == ["arm chair", "bed"][int(record["label"][0])]
+        assert np.array_equal(sample["json"]["pose"], record["pose"])
+
+
+def test_trimesh_reads_the_ply(source: Source, tmp_path: Path) -> None:
+    import trimesh
+
+    find_format("ply").load().write(source, tmp_path)
+    names = (tmp_path / "train_files.txt").read_text().splitlines()
+    assert names[0].startswith("ply/train/bed/00000-a_b.0-")
+    cloud = trimesh.load(tmp_path / names[0])
+    assert np.array_equal(np.asarray(cloud.vertices, "f4"), content(source)["train"][0]["data"])
+
+
+def test_numpy_reads_the_npz_and_h5py_the_hdf5(source: Source, tmp_path: Path) -> None:
+    before = content(source)["test"]
+    find_format("npz").load().write(source, tmp_path)
+    with np.load(tmp_path / "test-000002.npz") as archive:
+        assert np.array_equal(archive["data"], before["data"][6:])
+    find_format("hdf5").load().write(source, tmp_path)
+    with h5py.File(tmp_path / "ply_data_test1.h5") as h5:
+        assert np.array_equal(h5["data"], before["data"][3:6])
+        assert h5.attrs["fingerprint"] == source.plan.fingerprint
+
+
+def test_nothing_is_made_packed_of_what_was_drawn(source: Source, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"must be made of all points .* `zbuf-occlude generate --format packed`"):
+        find_format("packed").load().write(source, tmp_path)
+
+
+def test_an_unknown_format_says_which_there_are() -> None:
+    with pytest.raises(OptionError, match="format must be one of hdf5, packed, webdataset, npz, ply; got 'csv'"):
+        find_format("csv")
+
+
+def test_a_damaged_ply_is_named(source: Source, tmp_path: Path) -> None:
+    row = find_format("ply")
+    files = row.load().write(source, tmp_path)
+    victim = tmp_path / (tmp_path / "train_files.txt").read_text().splitlines()[0]
+    victim.write_bytes(victim.read_bytes()[:-4])
+    back = row.load().read(tmp_path, source.plan, files)
+    with pytest.raises(DatasetError, match=r"must be a PLY as written here, 6 points"):
+        back.take(back.order["train"])

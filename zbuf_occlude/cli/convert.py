@@ -1,0 +1,32 @@
+"""`zbuf-occlude convert`: a dataset in another format."""
+
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.formats import FORMATS
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--format",
+    "format",
+    required=True,
+    type=click.Choice([row.name for row in FORMATS]),
+    help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
+)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the new dataset.")
+def command(folder: Path, format: str, out: Path) -> None:
+    """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
+
+    From `packed` they are drawn as `generate` would have drawn them, rounded to the packed step. Nothing converts to
+    `packed`: it needs all points of the objects; make it with `generate --format packed`.
+    """
+    total = sum(open_dataset(folder).n_clouds.values())
+    with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05) as bar:
+        document = convert(folder, out, format, progress=bar.update)
+    clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
+    click.echo(f"{total} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

@@ -1,0 +1,88 @@
+"""Convert a dataset from one format to another: the same clouds in the same order."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, read_finished, read_manifest
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.generate import claim, write_names
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.sheet import write_contact_sheet
+from zbuf_occlude.dataset.source import Numbers, Source
+
+
+def open_dataset(folder: Path) -> Source:
+    """Return the clouds of a complete dataset, whatever its format.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset.
+    """
+    plan, manifest = read_finished(folder)
+    return find_format(plan.format).load().read(folder, plan, manifest["files"])
+
+
+def convert(
+    folder: Path, out: Path, format: str, *, progress: Callable[[int], None] = lambda clouds: None
+) -> dict[str, Any]:
+    """Write the clouds of a dataset in another format.
+
+    Parameters
+    ----------
+    folder : Path
+        A complete dataset.
+    out : Path
+        Made when missing; otherwise empty, or of this same conversion.
+    format : str
+        Name in the table of formats.
+    progress : callable
+        Told the number of clouds each time some were taken.
+
+    Returns
+    -------
+    dict
+        The manifest of the new dataset; ``converted_from`` names the old one's format and fingerprint.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset, `out` holds something else, or the format needs what the dataset no longer has.
+
+    Notes
+    -----
+    From `packed` the clouds are drawn as `generate` would have drawn them for that format: the same points in the same
+    order, rounded to the packed step.
+    """
+    old, manifest = read_finished(folder)
+    row, source = find_format(format), open_dataset(folder)
+    if row.all_points:
+        row.load().write(source, out)  # says why it cannot
+
+    def take(numbers: Numbers) -> NDArray[Any]:
+        progress(len(numbers))
+        return source.take(numbers)
+
+    plan: Plan = replace(old, format=format)
+    claim(plan, out)
+    if (finished := read_manifest(out)) is not None:
+        progress(sum(map(np.size, source.order.values())))
+        return finished
+    files = row.load().write(Source(plan, source.order, take), out)
+    write_names(plan, out)
+    write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files))
+    document = {
+        **manifest,
+        "fingerprint": plan.fingerprint,
+        "format": format,
+        "files": files,
+        "converted_from": {"format": old.format, "fingerprint": old.fingerprint},
+    }
+    atomic.write_json(out / MANIFEST, document)
+    return document

@@ -1,0 +1,112 @@
+"""The paper's two datasets as data: which meshes, which options of `generate`, what beside the occluded clouds."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+MODELNET8 = ("airplane", "bed", "bookshelf", "bottle", "car", "chair", "lamp", "table")
+SHARES = {"train": 40, "val": 10, "test": 25}
+"""Objects of each class in each split (paper 4.3)."""
+ORIGINAL = "original"
+"""Folder, in the dataset's own, of the complete clouds."""
+
+
+def two_hundred(meshes: MeshCollection) -> MeshCollection:
+    """Choose 200 meshes, as many of each class as can be: 5 of each of ModelNet40's, 25 of each built-in class."""
+    return meshes.interleaved().limit(200)
+
+
+def seventy_five_each(meshes: MeshCollection) -> MeshCollection:
+    """Choose 40, 10 and 25 meshes of each of the eight classes to train, validate and test.
+
+    A split is filled from its own meshes first. What it lacks (ModelNet has no "val", and 20 lamps to test) comes from
+    those of "train" that are left, then from any.
+
+    Raises
+    ------
+    OptionError
+        A class is missing or has fewer than 75 meshes.
+    """
+    chosen: list[MeshEntry] = []
+    for label in MODELNET8:
+        left = [entry for entry in meshes if entry.label == label]
+        if len(left) < sum(SHARES.values()):
+            raise OptionError(
+                f"paper-modelnet8 must find {sum(SHARES.values())} meshes of each of {', '.join(MODELNET8)}; "
+                f"there are {len(left)} of {label}. Give ModelNet40, or no folder at all: the built-in shapes."
+            )
+        for split in ("train", "test", "val"):
+            own = [e for e in left if e.split == split]
+            others = sorted((e for e in left if e.split != split), key=lambda e: e.split != "train")
+            taken = (own + others)[: SHARES[split]]
+            left = [e for e in left if e not in taken]
+            chosen += [replace(entry, split=split) for entry in taken]
+    return MeshCollection(chosen).interleaved()
+
+
+@dataclass(frozen=True)
+class Preset:
+    """One row of the table of presets.
+
+    Parameters
+    ----------
+    name : str
+    summary : str
+        One line.
+    options : mapping
+        What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
+    choose : callable
+        Picks the meshes out of all there are.
+    original : bool
+        Whether a complete cloud of each object is wanted too, as a dataset in the folder `ORIGINAL`.
+    """
+
+    name: str
+    summary: str
+    options: Mapping[str, Any]
+    choose: Callable[[MeshCollection], MeshCollection]
+    original: bool = False
+
+
+PRESETS: tuple[Preset, ...] = (
+    Preset(
+        "paper-modelnet40",
+        "section 4.1: 200 objects x 100 views x 10 variations, about 3,000 visible points each",
+        MappingProxyType(
+            {"views": "paper100", "variations": 10, "points": 9_000, "format": "packed", "method": "exact"}
+        ),
+        two_hundred,
+    ),
+    Preset(
+        "paper-modelnet8",
+        "section 4.3: 8 classes x 75 objects x 25 views, and a complete cloud of each object",
+        MappingProxyType({"views": "modelnet8", "method": "exact"}),
+        seventy_five_each,
+        original=True,
+    ),
+)
+
+
+def find_preset(name: str) -> Preset:
+    """Return the row of a name.
+
+    Raises
+    ------
+    OptionError
+        No such preset; the message lists those there are.
+    """
+    for row in PRESETS:
+        if row.name == name:
+            return row
+    raise OptionError(f"preset must be one of {', '.join(row.name for row in PRESETS)}; got {name!r}.")
+
+
+def plan_of_originals(plan: Plan) -> Plan:
+    """Return the plan of the complete clouds: the same objects and points, one cloud each, nothing removed."""
+    recipe = replace(plan.recipe, views="ring:1@0", variations=1, complete=True)
+    return Plan(plan.meshes, recipe, plan.format)
