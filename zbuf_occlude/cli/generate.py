@@ -244,7 +244,6 @@ def megabytes(plan: Plan) -> float:
     recipe = plan.recipe
     if not find_format(plan.format).all_points:
         return plan.n_clouds * record_type(recipe.sample_size).itemsize / 1e6
-    n_points = recipe.n_points or 2 * (
-        recipe.density or 0.0
-    )  # an object's area is about twice its longest side's square
+    # an object's area is about twice its longest side's square
+    n_points = recipe.n_points or 2 * (recipe.density or 0.0)
     return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured
