@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.scenes import CHAIR, DATA, box, needs_chair
+from tests.scenes import CHAIR, DATA, needs_chair
 from zbuf_occlude.compare import presets
 from zbuf_occlude.compare.paper import TABLE_1A, TABLE_1B, paper_tables
 from zbuf_occlude.errors import OptionError
@@ -74,12 +74,25 @@ def test_the_papers_object_is_found_in_modelnets_folders() -> None:
     assert (len(mesh.faces), len(mesh.vertices)) == (paper.faces, paper.vertices)
 
 
-def test_division_comes_close_to_a_number_of_faces() -> None:
-    mesh = presets.divided(box(), 5_000)
-    assert 4_000 <= len(mesh.faces) <= 5_000
-    assert mesh.areas.sum() == pytest.approx(6.0)
-    assert presets.divided(box(), 5).faces is not None
-    assert len(presets.divided(box(), 5).faces) == 12, "a mesh with more is left as it is"
+def test_built_in_shapes_of_like_size_stand_in() -> None:
+    for paper in TABLE_1A:
+        load, what = presets.mesh_of(paper, None)
+        n_faces = len(load().faces)
+        assert paper.faces - 8 <= n_faces <= paper.faces
+        assert what == f"built-in {paper.kind}, {n_faces:,} faces"
+
+
+def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
+    cases = presets.preset("scaling", root=None, seed=0)
+    few = [case.make() for case in cases if "100,000" not in case.label and "30" not in case.label]
+    by_sweep: dict[str, set[tuple[int, int]]] = {}
+    for case, question in zip([c for c in cases if "100,000" not in c.label and "30" not in c.label], few, strict=True):
+        assert case.facts is not None
+        by_sweep.setdefault(case.facts["sweep"], set()).add((len(question.mesh.faces), len(question.points)))
+    assert len({faces for faces, _ in by_sweep["points"]}) == 1
+    assert len({points for _, points in by_sweep["faces"]}) == 1
+    areas = [question.mesh.areas.sum() for question in few]
+    assert np.allclose(areas, areas[0]), "the surface stays"
 
 
 @needs_chair

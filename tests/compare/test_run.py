@@ -88,13 +88,13 @@ class Killer:
 
 
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
-    with Bench(budget=2.0, limit=60.0) as bench:
+    with Bench(limit=60.0) as bench:
         with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
-            bench.measure(Killer(), "oracle", {})  # type: ignore[arg-type]
-        assert bench.measure(plates(), "oracle", {}).mask.shape == (2, 400), "a new process goes on"
+            bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
+        assert bench.measure(plates(), "oracle", {}, 0.1).mask.shape == (2, 400), "a new process goes on"
         bench._limit = 0.0
         with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
-            bench.measure(plates(), "oracle", {})
+            bench.measure(plates(), "oracle", {}, 0.1)
 
 
 class Slow(Occluder):

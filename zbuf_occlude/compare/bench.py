@@ -21,8 +21,6 @@ class Bench:
 
     Parameters
     ----------
-    budget : float
-        Seconds of timed calls for each measurement.
     limit : float
         Seconds after which a measurement is given up.
 
@@ -32,8 +30,8 @@ class Bench:
     only GL context.
     """
 
-    def __init__(self, budget: float, limit: float) -> None:
-        self._budget, self._limit = budget, limit
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
         self._process: Any = None
         self._pipe: Connection | None = None
         self._question: Question | None = None
@@ -57,8 +55,8 @@ class Bench:
                 self._process.join()
             self._process = self._pipe = self._question = None
 
-    def measure(self, question: Question, method: str, options: dict[str, Any]) -> Measurement:
-        """Measure a method on a question.
+    def measure(self, question: Question, method: str, options: dict[str, Any], budget: float) -> Measurement:
+        """Measure a method on a question; `budget` as in `zbuf_occlude.compare.measure.measure`.
 
         Raises
         ------
@@ -69,7 +67,7 @@ class Bench:
         if question is not self._question:
             pipe.send(question)
             self._question = question
-        pipe.send((method, options, self._budget))
+        pipe.send((method, options, budget))
         try:
             if not pipe.poll(self._limit):
                 self._kill()

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from zbuf_occlude.compare.summary import Row, Standing, fit_power, front, representatives, standings
 
@@ -276,7 +276,9 @@ def time_against_size(rows: Sequence[Row]) -> Figure:
         plain_axis(axes.xaxis)
         plain_axis(axes.yaxis)
         low, high = axes.get_xlim()
-        axes.set_xlim(low, high * (high / low) ** 0.95)
+        axes.set_xlim(low, high * (high / low) ** 0.95)  # room for the labels
+        axes.set_xticks([10.0**e for e in range(9) if low <= 10.0**e <= high])
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel(f"number of {sweep}", fontsize=10, x=0.25)
         every_label.append((axes, labels))
     all_axes[0].set_ylabel("milliseconds a view", fontsize=10)

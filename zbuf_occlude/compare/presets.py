@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,21 @@ from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.object_space.division import divide_faces
 from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS
 
 PRESETS = ("table1a", "table1b", "scaling")
 TABLE_VIEWS = 5
 """Views of the presets: every 20th of the paper's 100."""
-STAND_INS = 8
-"""So many built-in shapes of a class are looked at for one of like size."""
+TABLE_SECONDS = 30.0
+"""Budget of a row of the paper's tables: enough for the paper's methods to be asked from all of those views."""
 IMAGE_SPACE = ("depth_buffer:resolution=512", "pyrender", "exact", "exact_gl", "embree")
 SCALING = ("exact_hsr", "vertex_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_removal")
 POINT_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
 FACE_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000)
-SWEEP_FACES, SWEEP_POINTS = 3_000, 5_000
+SWEEP_SHAPE = ("chair", 2)
+"""The built-in shape whose edges are halved until it has so many faces; its surface stays."""
+SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
 """What stays as it is while the other number grows."""
 
 
@@ -55,8 +56,8 @@ def preset(name: str, *, root: Path | None, seed: int) -> list[Case]:
     name : str
         One of `PRESETS`.
     root : Path, optional
-        ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes, divided
-        to as many faces, stand in for the others.
+        ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes
+        of as many faces stand in for the others.
     seed : int
 
     Raises
@@ -87,7 +88,9 @@ def table_1a(root: Path | None, seed: int) -> list[Case]:
             return ask_vertices(key, find(), views, most_views=TABLE_VIEWS)
 
         facts = {"object": paper.label, "stand_in": what, "vertices": len(find().vertices)}
-        cases.append(Case("table1a", paper.label, sampled, chosen(["vertex_hsr", MODIFIED]), facts=facts))
+        cases.append(
+            Case("table1a", paper.label, sampled, chosen(["vertex_hsr", MODIFIED]), facts=facts, budget=TABLE_SECONDS)
+        )
         cases.append(Case("table1a", paper.label, vertices, chosen(IMAGE_SPACE), facts=facts))
     return cases
 
@@ -103,20 +106,20 @@ def table_1b(root: Path | None, seed: int) -> list[Case]:
             return ask(key, find(), views, n_points=n, seed=seed, most_views=TABLE_VIEWS)
 
         facts = {"object": paper.label, "stand_in": what}
-        subjects = chosen(["exact_hsr", *GRIDS, *IMAGE_SPACE])
-        cases.append(Case("table1b", f"{paper.label}, {n_points:,}", question, subjects, facts=facts))
+        subjects, label = chosen(["exact_hsr", *GRIDS, *IMAGE_SPACE]), f"{paper.label}, {n_points:,}"
+        cases.append(Case("table1b", label, question, subjects, facts=facts, budget=TABLE_SECONDS))
     return cases
 
 
 def scaling(seed: int) -> list[Case]:
-    """Time alone against the number of points, and against the number of faces of one shape divided ever finer."""
+    """Time alone against the number of points, and against the number of faces of one shape made ever finer."""
     subjects = chosen(SCALING)
     sizes = [("points", SWEEP_FACES, n) for n in POINT_SWEEP] + [("faces", f, SWEEP_POINTS) for f in FACE_SWEEP]
     cases = []
     for sweep, n_faces, n_points in sizes:
 
         def question(n_faces: int = n_faces, n_points: int = n_points) -> Question:
-            mesh = divided(stand_in("chair", 0), n_faces)
+            mesh = shapes.refined(shapes.make(*SWEEP_SHAPE), n_faces)
             return ask(f"chair/{n_faces}", mesh, paper100(), n_points=n_points, seed=seed, most_views=TABLE_VIEWS)
 
         label = f"{n_points:,} points, about {n_faces:,} faces"
@@ -146,18 +149,5 @@ def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], 
         found = sorted(root.rglob(f"{paper.file}.off"))
         if found:
             return (lambda: load_mesh(found[0])), f"{paper.file}.off"
-    mesh = divided(stand_in(paper.kind, paper.faces), paper.faces)
-    return (lambda: mesh), f"built-in {paper.kind}, divided to {len(mesh.faces):,} faces"
-
-
-@cache
-def stand_in(kind: str, n_faces: int) -> Mesh:
-    """Return the built-in shape of a class with the most faces up to `n_faces`, else the one with the fewest."""
-    entries = [entry for entry in shapes.collection() if entry.label == kind][:STAND_INS]
-    meshes = sorted((entry.load() for entry in entries), key=lambda mesh: len(mesh.faces))
-    return next((mesh for mesh in reversed(meshes) if len(mesh.faces) <= n_faces), meshes[0])
-
-
-def divided(mesh: Mesh, n_faces: int) -> Mesh:
-    """Return a mesh with its large faces divided until it has close to, and at most, `n_faces`."""
-    return divide_faces(mesh, 1e-12, n_faces).mesh if len(mesh.faces) < n_faces else mesh
+    mesh = shapes.benchmark_mesh(paper.faces, paper.kind)
+    return (lambda: mesh), f"built-in {paper.kind}, {len(mesh.faces):,} faces"

@@ -43,6 +43,8 @@ class Case:
         Whether the answers are compared with the judge's, or only timed.
     facts : dict
         Copied into each row.
+    budget : float, optional
+        Seconds of timed calls for each row, where the case needs other than the comparison's.
     """
 
     suite: str
@@ -51,6 +53,7 @@ class Case:
     subjects: Sequence[Subject]
     judged: bool = True
     facts: dict[str, Any] | None = None
+    budget: float | None = None
 
 
 @dataclass
@@ -94,7 +97,7 @@ def run(
     store, judge = Store(out), Judge(out / "judge", judge_points)
     known = store.rows()
     tally = Tally()
-    with Bench(budget, limit) as bench:
+    with Bench(limit) as bench:
         for case in cases:
             try:
                 question = case.make()
@@ -113,7 +116,8 @@ def run(
                     tally.found += 1
                     continue
                 row = {"key": key, **_heading(case, subject), **question.describe()}
-                row |= _measured(row, case, subject, question, bench, judge, store)
+                seconds = budget if case.budget is None else case.budget
+                row |= _measured(row, case, subject, question, seconds, bench, judge, store)
                 store.append(row)
                 tally.made += row["status"] == "ok"
                 tally.failed += row["status"] != "ok"
@@ -140,6 +144,7 @@ def _measured(
     case: Case,
     subject: Subject,
     question: Question,
+    budget: float,
     bench: Bench,
     judge: Judge,
     store: Store,
@@ -149,7 +154,7 @@ def _measured(
     if missing:
         return {"status": "unavailable", "reason": missing}
     try:
-        measurement = bench.measure(question, subject.method, dict(subject.options))
+        measurement = bench.measure(question, subject.method, dict(subject.options), budget)
     except SubjectFailed as failure:
         return {"status": "failed", "reason": str(failure)}
     result: dict[str, Any] = {"status": "ok", "timed": measurement.describe()}
