@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zbuf_occlude.object_space.occupancy import OccupancyGrid
+from zbuf_occlude.object_space.occupancy import OWN_SURFACE, OccupancyGrid
 
 CUBE = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
@@ -49,6 +49,14 @@ def test_cells_that_touch_do_not_occlude() -> None:
     assert occluded(grid_with(10, [(7, 7, 7)]), (5, 5, 5), askew)
 
 
+def test_an_unbroken_run_is_the_own_surface_for_three_cells() -> None:
+    ahead = (10.0, 0.55, 0.55)
+    run = [(x, 5, 5) for x in range(2, 10)]
+    assert not occluded(grid_with(10, run[: OWN_SURFACE + 1]), (2, 5, 5), ahead)
+    assert occluded(grid_with(10, run[: OWN_SURFACE + 2]), (2, 5, 5), ahead)
+    assert occluded(grid_with(10, [run[0], run[1], run[3]]), (2, 5, 5), ahead)  # broken at run[2]
+
+
 def test_the_eyes_own_cell_does_not_count_nor_what_is_behind_it() -> None:
     grid = grid_with(10, [(2, 5, 5), (6, 5, 5), (8, 5, 5)])
     assert not occluded(grid, (2, 5, 5), (0.65, 0.55, 0.55))
@@ -79,12 +87,17 @@ def slow_walk(grid: OccupancyGrid, start: np.ndarray, eye: np.ndarray) -> bool:
     t = np.unique(np.clip(np.concatenate([*cuts, [0.0, 1.0]]), 0.0, 1.0))
     t = t[np.append(True, np.diff(t) > 1e-12)]
     cells = np.floor(start + ((t[1:] + t[:-1]) / 2)[:, None] * d).astype(int)
+    unbroken = True
     for cell in cells:
+        apart = np.abs(cell - np.floor(start)).max()
+        in_grid = ((cell >= 0) & (cell < grid.n)).all()
         if (cell == np.floor(eye)).all():
             return False
-        in_grid = ((cell >= 0) & (cell < grid.n)).all()
-        if in_grid and grid.occupied[tuple(cell)] and np.abs(cell - np.floor(start)).max() > 1:
-            return True
+        if in_grid and grid.occupied[tuple(cell)]:
+            if apart > (OWN_SURFACE if unbroken else 1):
+                return True
+        elif in_grid and apart > 0:
+            unbroken = False
     return False
 
 

@@ -7,6 +7,12 @@ from numba import njit, prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 
+TOUCHING = 1
+"""Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
+
+OWN_SURFACE = 3
+"""So many cells away an unbroken run of occupied cells may still be the surface that a cell lies on."""
+
 SNAP = 2.0**20
 """Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
 
@@ -27,14 +33,14 @@ class OccupancyGrid:
     Notes
     -----
     **When does a cell occlude a cell?** The paper does not say. Here: when it is occupied, the line from the other
-    cell's centre to the eye passes through it, and the two do not touch (share no face, edge or corner). The eye's own
-    cell does not count either.
+    cell's centre to the eye passes through it, and it is not of the other cell's own surface. Of the own surface are
+    the cells that touch it, and those up to `OWN_SURFACE` cells away that the line reaches through occupied cells
+    only. The eye's own cell does not count either.
 
-    A surface's cells touch each other, so without the last condition an object would hide its own front. With it, a
-    front that is seen at more than 40 degrees from its plane stays whole; at a grazing angle the line of sight runs on
-    through cells farther along the surface, and most of what is seen at less than 20 degrees is lost. Excluding more
-    cells than those that touch keeps more of the front and loses more of the occluders; at the paper's n = 32 and 64
-    that errs more on the whole (docs/object_space.md has the figures).
+    Without the last condition an object would hide its own front, since a surface's cells touch each other and a line
+    at a slant runs on through them. With it, a front seen at more than 40 degrees from its plane stays whole; of one
+    seen at a grazing angle some is lost. Excluding more keeps more of the front and loses more of the occluders;
+    docs/object_space.md has what was tried.
 
     A line costs at most 3 n steps and there are no more lines than occupied cells, whatever the number of points.
 
@@ -83,7 +89,7 @@ def _walk_all(occupied, starts, eye):  # type: ignore[no-untyped-def]
 
 @njit
 def _walk(occupied, start, eye):  # type: ignore[no-untyped-def]
-    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met that does not touch the start's."""
+    """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
     n = len(occupied)
     begin, end = 0.0, 1.0  # the part of the line within the grid
     for axis in range(3):
@@ -111,13 +117,16 @@ def _walk(occupied, start, eye):  # type: ignore[no-untyped-def]
             wall = cell[axis] + (1 if d > 0.0 else 0)
             next_t[axis] = (wall - start[axis]) / d
             delta[axis] = abs(1.0 / d)
+    unbroken = True  # whether all cells so far, the start's own aside, are occupied
     while True:
         if cell[0] == last[0] and cell[1] == last[1] and cell[2] == last[2]:
             return False
+        apart = max(abs(cell[0] - first[0]), abs(cell[1] - first[1]), abs(cell[2] - first[2]))
         if occupied[cell[0], cell[1], cell[2]]:
-            apart = max(abs(cell[0] - first[0]), abs(cell[1] - first[1]), abs(cell[2] - first[2]))
-            if apart > 1:
+            if apart > (OWN_SURFACE if unbroken else TOUCHING):
                 return True
+        elif apart > 0:
+            unbroken = False
         axis = 0
         if next_t[1] < next_t[axis]:
             axis = 1

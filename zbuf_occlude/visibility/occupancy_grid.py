@@ -52,8 +52,8 @@ class OccupancyGridOccluder(Occluder):
     Notes
     -----
     Not exact, and by far: a fifth to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
-    Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and surfaces seen
-    at a grazing angle hide themselves.
+    Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and some of
+    what is seen at a grazing angle is hidden by its own surface.
 
     A point outside the grid, which no point on the mesh is, walks a line of its own.
 

@@ -1,0 +1,176 @@
+"""The paper's object-space methods: what each modification saves, what it gets wrong, how cost grows. Markdown.
+
+    python benchmarks/object_space.py culling [MESH ...]      # Table 1A: both suggestions of section 3.6
+    python benchmarks/object_space.py grid [MESH ...]         # Table 1B: occupancy grids against exact HSR
+    python benchmarks/object_space.py errors MESH [MESH ...]  # the grid's and the vertices' error against `exact`
+    python benchmarks/object_space.py growth                  # fitted exponents over points, faces and cells
+
+Without a mesh, built-in cars of the paper's 13,164 and 18,014 faces. Views are every 20th of the paper's 100. Times
+are medians of rounds in which the methods take turns, so that what slows the machine slows all of them; the first,
+which compiles, is thrown away. Ratios are what counts.
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.shapes import benchmark_mesh
+from zbuf_occlude.visibility.interface import Occluder
+
+EYES = zo.views.paper100().eyes[::20]
+ROUNDS = 3
+Question = tuple[Occluder, zo.SurfacePoints]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["culling", "grid", "errors", "growth"])
+    parser.add_argument("meshes", nargs="*")
+    parser.add_argument("--faces", nargs="+", type=int, default=[13_164, 18_014], help="of the built-in cars")
+    arguments = parser.parse_args()
+    if arguments.what == "growth":
+        return growth()
+    meshes = [load_mesh(path).normalized() for path in arguments.meshes]
+    if not meshes:
+        meshes = [benchmark_mesh(n, "car").normalized() for n in arguments.faces]
+    return {"culling": culling, "grid": grid, "errors": errors}[arguments.what](meshes)
+
+
+def seconds_per_view(questions: Sequence[Question], rounds: int = ROUNDS) -> list[float]:
+    """Median seconds a view of each question, asked in turns."""
+    times: list[list[float]] = [[] for _ in questions]
+    for turn in range(rounds + 1):
+        for (occluder, points), taken in zip(questions, times, strict=True):
+            start = time.perf_counter()
+            occluder.visible(points, EYES)
+            if turn:
+                taken.append((time.perf_counter() - start) / len(EYES))
+    return [statistics.median(taken) for taken in times]
+
+
+def culling(meshes: list[zo.Mesh]) -> None:
+    """Time, tests and wrongly kept points of both suggestions, by vertices and by points."""
+    print("| mesh | method | ms a view | time saved | tests a view | tests saved | answers changed |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for mesh in meshes:
+        points = zo.sample_surface(mesh, n_points=min(5_000, 2 * len(mesh.faces)), seed=0)
+        samples = (1_000, 10_000, 100_000)
+        for plain, culled in (
+            (
+                zo.prepare(mesh, "vertex_hsr"),
+                [zo.prepare(mesh, "vertex_hsr_culled", suggestion=1)]
+                + [zo.prepare(mesh, "vertex_hsr_culled", suggestion=2, n_samples=n) for n in samples],
+            ),
+            (
+                zo.prepare(mesh, "exact_hsr"),
+                [zo.prepare(mesh, "exact_hsr", cull="first")]
+                + [zo.prepare(mesh, "exact_hsr", cull="second", n_samples=n) for n in samples],
+            ),
+        ):
+            occluders = [plain, *culled]
+            times = seconds_per_view([(occluder, points) for occluder in occluders])
+            answers = [occluder.visible(points, EYES) for occluder in occluders]
+            tests = [float(np.mean(occluder.n_tests)) for occluder in occluders]  # type: ignore[attr-defined]
+            kind = "vertices" if type(plain).__name__.startswith("Vertex") else f"{len(points):,} points"
+            labels = ["all", "first", *(f"second, {n:,} samples" for n in samples)]
+            for label, taken, n_tests, answer in zip(labels, times, tests, answers, strict=True):
+                print(
+                    f"| {mesh.name} ({len(mesh.faces):,}) | {kind}: {label} | {1e3 * taken:.1f} | "
+                    f"{100 * (1 - taken / times[0]):.1f} % | {n_tests:.3g} | {100 * (1 - n_tests / tests[0]):.1f} % | "
+                    f"{(answer != answers[0]).mean():.2e} |"
+                )
+
+
+def grid(meshes: list[zo.Mesh]) -> None:
+    """Time of exact HSR and of grids for the paper's numbers of points, and the grids' error."""
+    print("| mesh | points | exact HSR, ms a view | n | ms a view | reduction | with preparing | error |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for mesh in meshes:
+        for n_points in (1_000, 10_000, 50_000):
+            points = zo.sample_surface(mesh, n_points=n_points, seed=0)
+            exact = zo.prepare(mesh, "exact_hsr")
+            grids = []
+            preparing = []
+            for n in (32, 64):
+                start = time.perf_counter()
+                grids.append(zo.prepare(mesh, "occupancy_grid", n=n))
+                preparing.append(time.perf_counter() - start)
+            slow = seconds_per_view([(exact, points)], rounds=1)[0]
+            fast = seconds_per_view([(g, points) for g in grids], rounds=9)
+            truth = exact.visible(points, EYES)
+            for n, occluder, taken, made in zip((32, 64), grids, fast, preparing, strict=True):
+                error = (occluder.visible(points, EYES) != truth).mean()
+                print(
+                    f"| {mesh.name} | {n_points:,} | {1e3 * slow:.1f} | {n} | {1e3 * taken:.2f} | "
+                    f"{100 * (1 - taken / slow):.2f} % | {100 * (1 - (taken + made) / slow):.1f} % | {error:.3f} |"
+                )
+
+
+def errors(meshes: list[zo.Mesh]) -> None:
+    """False visible and false hidden of the approximate methods."""
+    subjects: list[tuple[str, dict[str, object]]] = [
+        *(("occupancy_grid", {"n": n}) for n in (16, 32, 64)),
+        ("occupancy_grid", {"n": 128, "n_samples": 400_000}),
+        *(("vertex_hsr", {"divide": divide}) for divide in (1.0, 1e-3, 1e-4)),
+        ("hidden_point_removal", {}),
+        ("hidden_point_removal", {"radius": 100.0}),
+    ]
+    print("| mesh | method | agreement | false visible | false hidden |")
+    print("| --- | --- | --- | --- | --- |")
+    found: dict[str, list[list[float]]] = {}
+    for mesh in meshes:
+        points = zo.sample_surface(mesh, n_points=5_000, seed=0)
+        truth = zo.prepare(mesh, "exact").visible(points, EYES)
+        for method, options in subjects:
+            with zo.prepare(mesh, method, **options) as occluder:
+                answer = occluder.visible(points, EYES)
+            label = f"{method} {' '.join(f'{k}={v:g}' for k, v in options.items())}"  # type: ignore[str-bytes-safe]
+            rates = [(answer == truth).mean(), (answer & ~truth).mean(), (~answer & truth).mean()]
+            found.setdefault(label, []).append(rates)
+            print(f"| {mesh.name} | {label} | " + " | ".join(f"{rate:.3f}" for rate in rates) + " |")
+    if len(meshes) > 1:
+        for label, rows in found.items():
+            print(f"| mean | {label} | " + " | ".join(f"{rate:.3f}" for rate in np.mean(rows, axis=0)) + " |")
+
+
+def growth() -> None:
+    """Fit exponents: time over one number while the others stay."""
+    print("| method | over | numbers | ms a view | exponent |")
+    print("| --- | --- | --- | --- | --- |")
+    mesh = benchmark_mesh(4_000, "chair").normalized()
+    counts = (2_000, 4_000, 8_000, 16_000)
+    samples = [zo.sample_surface(mesh, n_points=n, seed=0) for n in counts]
+    exact = zo.prepare(mesh, "exact_hsr")
+    fit("exact_hsr", "points N", counts, seconds_per_view([(exact, points) for points in samples]))
+    faces = (2_000, 4_000, 8_000, 16_000)
+    divided = [benchmark_mesh(n, "chair").normalized() for n in faces]
+    points = [zo.sample_surface(m, n_points=2_000, seed=0) for m in divided]
+    for method in ("exact_hsr", "vertex_hsr"):
+        questions = [(zo.prepare(m, method), p) for m, p in zip(divided, points, strict=True)]
+        fit(method, "faces M", faces, seconds_per_view(questions))
+    counts = (10_000, 30_000, 100_000, 300_000, 1_000_000)
+    samples = [zo.sample_surface(mesh, n_points=n, seed=0) for n in counts]
+    for n in (32, 64):
+        occluder = zo.prepare(mesh, "occupancy_grid", n=n)
+        fit(f"occupancy_grid n={n}", "points N", counts, seconds_per_view([(occluder, p) for p in samples], 9))
+    questions, cells = [], []
+    for n in (16, 32, 64, 128, 256):
+        occluder = zo.prepare(mesh, "occupancy_grid", n=n, n_samples=1_000_000)
+        questions.append((occluder, samples[-1]))
+        cells.append(int(occluder.grid.occupied.sum()))  # type: ignore[attr-defined]
+    fit("occupancy_grid n=16..256", "occupied cells", cells, seconds_per_view(questions, 9))
+
+
+def fit(method: str, over: str, numbers: Sequence[int], seconds: Sequence[float]) -> None:
+    exponent = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
+    times = ", ".join(f"{1e3 * s:.2f}" for s in seconds)
+    print(f"| {method} | {over} | {', '.join(f'{n:,}' for n in numbers)} | {times} | {exponent:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
