@@ -21,7 +21,7 @@ AGREEMENT = {
     "pyrender": (0.98, 0.98),
     "vertex_hsr": (0.85, 0.85),
     "vertex_hsr_culled": (0.85, 0.85),
-    "occupancy_grid": (0.8, 0.85),
+    "occupancy_grid": (0.85, 0.88),
     "hidden_point_removal": (0.85, 0.45),
 }
 
