@@ -5,7 +5,10 @@ import sys
 
 import pytest
 
-HEAVY = ("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset")
+HEAVY = (
+    *("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset"),
+    "trimesh",
+)
 
 LIST_METHODS = "import zbuf_occlude as zo; [(m.name, m.summary, m.exact, m.needs_gl, m.extra) for m in zo.METHODS]"
 ASK_WHAT_IS_MISSING = "import zbuf_occlude as zo; [m.missing() for m in zo.METHODS]"

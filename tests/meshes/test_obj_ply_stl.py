@@ -190,6 +190,7 @@ def test_stl_is_what_trimesh_writes(write) -> None:
 
 
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 0\nendloop\nendfacet\n"
+FOUR = FACET.replace("endloop", "vertex 3 3 3\nendloop")
 
 
 @pytest.mark.parametrize(
@@ -199,11 +200,13 @@ FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e
         f"solid vertex 1 2 3 facet\n{FACET}endsolid vertex 1 2 3 facet\nsolid b\n{FACET}endsolid b\n",
         f"  SOLID a\n{FACET}{FACET}ENDSOLID a".upper(),
         f"solid a\n{FACET}{FACET}end solid a".replace("\n", "\r\n\t"),
+        f"solid a\n{FACET}{FACET}endsolid a".replace("normal 0 0 1", "normal -nan(ind) ? 1"),
     ],
-    ids=["plain", "two solids, odd names", "upper case", "CRLF and tabs"],
+    ids=["plain", "two solids, odd names", "upper case", "CRLF and tabs", "normals that are no numbers"],
 )
-def test_ascii_stl_however_it_is_spelt(text: str) -> None:
+def test_ascii_stl_however_it_is_spelt(text: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert read_stl(text.encode()).vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] * 2
+    assert capfd.readouterr() == ("", "")
 
 
 def test_binary_stl_may_begin_with_solid_and_have_more_after_the_facets() -> None:
@@ -225,7 +228,9 @@ def test_binary_stl_may_begin_with_solid_and_have_more_after_the_facets() -> Non
             f"solid\n{FACET.replace('vertex 1 0 0', '')}endsolid".encode(),
             "the 1 facets .* three vertices each; there are 2",
         ),
-        (f"solid\n{FACET.replace('1 0 0', '1 0 o')}endsolid".encode(), "must hold numbers here; it holds 'o'"),
+        (f"solid\n{FACET.replace('1 0 0', '1 0 o')}endsolid".encode(), "trimesh cannot read it .ValueError"),
+        (f"solid\n{FACET.replace('1 0 0', '1 0')}endsolid".encode(), "trimesh cannot read it|three coordinates"),
+        (f"solid\n{FACET.replace('vertex 1 0 0', '')}{FOUR}endsolid".encode(), "three vertices each; there are 6"),
         (f"solid\n{FACET.replace('1 0 0', '1 nan 0')}endsolid".encode(), "vertex 1 must be finite"),
     ],
 )

@@ -69,9 +69,9 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
     -----
     All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Whatever
     a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
-    meshes, to two million triangles); files of 100,000 faces take 0.1 to 1 s. The readers are this package's own,
-    for trimesh's reorder faces, fan out concave polygons, misread negative indices of OBJ and PLY files of mixed
-    polygons, pass over sparse accessors of glTF, and drop the end of an STL file that was cut short.
+    meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
+    ASCII STL three. STL and glTF are read by trimesh, behind checks of what it would misread; OFF, OBJ and PLY by this
+    package's own readers (docs/architecture.md says why).
     """
     path = Path(path)
     if up is not None and up not in UP:
