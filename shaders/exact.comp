@@ -23,6 +23,7 @@ const uint OPENED = max(THREADS / WIDTH, 1u);  // boxes opened at once
 const uint CLUSTERS = 4u * THREADS;      // listed before their triangles are looked at; OPENED * WIDTH more fit
 const uint TRIANGLES = $TRIANGLES;       // listed before the points test them; THREADS more fit
 const uint BUDGET = $BUDGET;
+const bool COUNTING = $COUNTING;         // of the work done, for benchmarks and tests
 const uint NONE = 0xffffffffu;
 const uint LEVEL_SHIFT = 28u, NODE = (1u << LEVEL_SHIFT) - 1u;  // an entry is a level of the tree and a box of it
 const float EPSILON = 5.9604645e-8;      // 2^-24, float32's unit roundoff
@@ -43,7 +44,7 @@ layout(std430, binding = 5) readonly buffer Packets { vec4 packets[]; };        
 layout(std430, binding = 6) readonly buffer Eyes { Eye eyes[]; };
 layout(std430, binding = 7) buffer Hidden { uint hidden_bits[]; };              // [eye][order / 32]
 layout(std430, binding = 8) readonly buffer Tasks { uvec2 tasks[]; };           // pair of eye and packet, entry
-layout(std430, binding = 9) buffer Unfinished { uint n_unfinished, unused; uvec2 unfinished[]; };
+layout(std430, binding = 9) buffer Unfinished { uint n_unfinished, unused, done[6]; uvec2 unfinished[]; };
 
 uniform uint n_tasks;                    // 0: every packet and eye, from the root
 uniform uint n_packets, first_eye, words;  // words of an eye's row of bits
@@ -244,6 +245,7 @@ void main()
     const uint ALL = (1u << PER_THREAD) - 1u;
     uint hidden = 0u;                    // one bit for each of this thread's points
     uint steps = 0u, doubted = 0u;       // taken by the group; by this thread in float64
+    uint n_boxes = 0u, n_looked = 0u, n_tested = 0u;
     uint first = 0u, turn = 0u;
     bool finished = false;
     while (alive && !finished && steps < BUDGET) {
@@ -270,6 +272,7 @@ void main()
                 else stack[first + atomicAdd(n_pushed[turn], 1u)] = kept[i];
             }
             ++steps;
+            n_boxes += n_opened * WIDTH;
         }
         // triangles of the clusters listed: keep those that may hide a point of the packet; then the points test them
         uint todo = n_clusters * LEAF;
@@ -282,6 +285,7 @@ void main()
                 uint face = i < todo ? clusters[i / LEAF] * LEAF + i % LEAF : NONE;
                 if (face < n_faces) list_triangle(face);
                 base += THREADS;
+                n_looked += THREADS;
                 ++steps;
                 barrier();
                 listed = n_triangles;
@@ -314,13 +318,15 @@ void main()
                 if (hidden == ALL) j = listed;
             }
             steps += listed;
+            n_tested += listed;
             if (hidden != ALL) any_alive = 1u;
             if (doubted > BUDGET / 8u) over_budget = 1u;
             barrier();
             alive = any_alive != 0u;
             if (over_budget != 0u) steps = BUDGET;
+            if (lane == 0u) n_triangles = 0u;
             barrier();
-            if (lane == 0u) n_triangles = any_alive = 0u;
+            if (lane == 0u) any_alive = 0u;
         }
         finished = finished && base >= todo;
         barrier();
@@ -328,6 +334,15 @@ void main()
     }
 
     if (lane == 0u && alive && !finished) unfinished[atomicAdd(n_unfinished, 1u)] = uvec2(eye_row * n_packets + packet, root);
+    if (COUNTING) {
+        if (lane == 0u) {
+            atomicAdd(done[0], 1u);
+            atomicAdd(done[1], n_boxes);
+            atomicAdd(done[2], n_looked);
+            atomicAdd(done[3], n_tested);
+        }
+        atomicAdd(done[4], doubted);
+    }
     for (uint q = 0u; q < PER_THREAD; ++q) {
         uint order = exact_points[packet * PACKET + q * THREADS + lane].order;
         if ((hidden >> q & 1u) != 0u && order != NONE)

@@ -170,6 +170,46 @@ def test_cutting_work_changes_no_answer(budget: int, gl: GlContext, monkeypatch:
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
 
 
+@pytest.mark.parametrize(
+    "shape", [exact_pass.HARDWARE, exact_pass.Shape(64, 1, 8), exact_pass.Shape(16, 31, 40)], ids=str
+)
+def test_the_shape_of_the_work_changes_no_answer(
+    shape: exact_pass.Shape, gl: GlContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it is cut for a GPU, in groups of several vectors, with as many points to a thread as there are bits."""
+    mesh = mesh_of(soup(700, 0.1))
+    points = zo.sample_surface(mesh, n_points=1500, seed=1)
+    monkeypatch.setattr(exact_pass, "SOFTWARE", shape)
+    assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
+
+
+def work_of(mesh: zo.Mesh, points: zo.SurfacePoints, gl: GlContext) -> exact_pass.Work:
+    eyes = zo.views.paper100().eyes[::20] * mesh.diagonal + mesh.centre
+    contact = 1e-5 * mesh.diagonal
+    engine = exact_pass.ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, counting=True)
+    engine.visible(points.positions, points.face_ids, eyes)
+    engine.release()
+    return engine.work
+
+
+def test_little_is_left_to_float64(gl: GlContext) -> None:
+    """Without a bound this tight the method would be right and slow: 0.1 to 0.4 % of the answers ask it on closed meshes."""
+    mesh = mesh_of(sphere(20))
+    points = zo.sample_surface(mesh, n_points=20_000, seed=1)
+    work = work_of(mesh, points, gl)
+    assert 0 < work.doubts < 0.01 * len(points) * 5
+
+
+def test_a_huge_face_does_not_make_the_tiny_ones_dear(gl: GlContext) -> None:
+    """Of 3,000 tiny faces a packet looks at a part, and still does with one beside them that is wider than all."""
+    tiny, mixed = mesh_of(soup(3000, 2e-3)), mesh_of(one_huge_many_tiny())
+    points = zo.sample_surface(tiny, n_points=3000, seed=1)
+    alone = work_of(tiny, points, gl)
+    beside = work_of(mixed, zo.SurfacePoints(points.positions, points.face_ids + 1, points.normals), gl)
+    assert alone.triangles / alone.groups < 1000
+    assert beside.triangles / beside.groups < 1.2 * alone.triangles / alone.groups
+
+
 def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:
     mesh = mesh_of(sphere(6))
     points = zo.sample_surface(mesh, n_points=300, seed=1)

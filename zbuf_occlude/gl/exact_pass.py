@@ -30,6 +30,9 @@ _ANSWER_BYTES = 1 << 26
 
 _BINDINGS = 10
 
+_HEAD = 8
+"""Numbers before the list of the unfinished."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -57,6 +60,29 @@ HARDWARE = Shape(32, 2, 16)
 """For a GPU: one warp to a group, and little shared memory so that many groups are in flight."""
 
 
+@dataclass
+class Work:
+    """What was done to answer, summed over all calls.
+
+    Attributes
+    ----------
+    groups : int
+        Work groups: packets x eyes, and those that were cut out of too large ones.
+    boxes, triangles : int
+        Held against a packet's shaft.
+    tests : int
+        Of a triangle by all points of a packet.
+    doubts : int
+        Of a triangle by one point, decided in float64.
+    """
+
+    groups: int = 0
+    boxes: int = 0
+    triangles: int = 0
+    tests: int = 0
+    doubts: int = 0
+
+
 @dataclass(frozen=True)
 class _FacePart:
     """Faces that fit into one storage block, with their tree."""
@@ -82,6 +108,8 @@ class ExactPass:
         In world units.
     shape : Shape, optional
         By default `SOFTWARE` or `HARDWARE`, as the context is.
+    counting : bool
+        Whether to sum up what is done in `work`, which costs some time.
 
     Notes
     -----
@@ -97,6 +125,7 @@ class ExactPass:
         diagonal: float,
         contact: float,
         shape: Shape | None = None,
+        counting: bool = False,
     ) -> None:
         self._ctx = gl.ctx
         available = int(gl.ctx.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
@@ -104,6 +133,8 @@ class ExactPass:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
         self._unit = Unit.of(centre, diagonal)
         shape = shape or (SOFTWARE if gl.is_software else HARDWARE)
+        self.work = Work()
+        self.shape = shape
         self._packet = shape.threads * shape.per_thread
         opened = max(shape.threads // WIDTH, 1)
         constants = {
@@ -113,6 +144,7 @@ class ExactPass:
             "WIDTH": WIDTH,
             "LEAF": LEAF,
             "BUDGET": BUDGET,
+            "COUNTING": counting,
             "MAX_LEVELS": MAX_LEVELS,
             # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
             "STACK": MAX_LEVELS * opened * (WIDTH + 1),
@@ -167,8 +199,9 @@ class ExactPass:
         self._program["n_packets"].value = n_packets
         self._program["words"].value = words
         bits = np.empty((most, words), dtype=np.uint32)
-        # the list of the unfinished: its length, then at most all pairs of eye and packet
-        with Buffers(self._ctx, bits=bits.nbytes, unfinished=8 * (1 + most * n_packets)) as buffer:
+        # the list of the unfinished: a head with its length, then at most all pairs of eye and packet
+        unfinished = 8 * most * n_packets + 4 * _HEAD
+        with Buffers(self._ctx, bits=bits.nbytes, unfinished=unfinished) as buffer:
             buffer.bind(bits=7, unfinished=9)
             for first in range(0, k, most):
                 last = min(first + most, k)
@@ -206,14 +239,19 @@ class ExactPass:
 
     def _run(self, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
         """Dispatch, and return the tasks left unfinished: (tasks, 2), pair of eye and packet, box."""
-        answers.write("unfinished", np.zeros(2, dtype=np.uint32))
+        head = np.zeros(_HEAD, dtype=np.uint32)
+        answers.write("unfinished", head)
         self._program.run(columns, rows)
         self._ctx.memory_barrier()
-        count = np.zeros(2, dtype=np.uint32)
-        answers.read_into("unfinished", count)
-        tasks = np.empty((int(count[0]), 2), dtype=np.uint32)
+        answers.read_into("unfinished", head)
+        tasks = np.empty((int(head[0]), 2), dtype=np.uint32)
         if len(tasks):
-            answers.read_into("unfinished", tasks, offset=count.nbytes)
+            answers.read_into("unfinished", tasks, offset=head.nbytes)
+        self.work.groups += int(head[2])
+        self.work.boxes += int(head[3])
+        self.work.triangles += int(head[4])
+        self.work.tests += int(head[5])
+        self.work.doubts += int(head[6])
         return tasks
 
     def release(self) -> None:
