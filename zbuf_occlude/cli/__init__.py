@@ -12,6 +12,7 @@ COMMANDS = {
     "report": "Write the report of a comparison again from its rows.",
     "figure": "Draw one of the paper's figures of any mesh.",
     "status": "Say how far a dataset is.",
+    "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
     "methods": "List the methods of hidden-surface removal, and what they need.",

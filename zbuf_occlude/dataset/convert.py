@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, read_finished, read_manifest
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, checksums, read_finished, read_manifest
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import claim, write_names
 from zbuf_occlude.dataset.plan import Plan
@@ -82,6 +82,7 @@ def convert(
         "fingerprint": plan.fingerprint,
         "format": format,
         "files": files,
+        "sha256": checksums(out, files),
         "converted_from": {"format": old.format, "fingerprint": old.fingerprint},
     }
     atomic.write_json(out / MANIFEST, document)

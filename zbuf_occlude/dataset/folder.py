@@ -1,5 +1,6 @@
 """A dataset's folder: what its files are called, and its plan and manifest read back."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -63,3 +64,12 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
             f"{out} must hold a complete dataset; it has no {MANIFEST}. Finish it: zbuf-occlude status {out}"
         )
     return plan, manifest
+
+
+def checksums(out: Path, files: dict[str, list[str]]) -> dict[str, str]:
+    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name."""
+    digests = {}
+    for name in (name for names in files.values() for name in names):
+        with open(out / name, "rb") as file:
+            digests[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return digests

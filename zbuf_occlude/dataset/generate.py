@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, PLAN, SHAPE_NAMES, read_manifest
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, PLAN, SHAPE_NAMES, checksums, read_manifest
 from zbuf_occlude.dataset.formats import FORMATS, find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
@@ -138,6 +138,7 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
     write_names(plan, out)
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = summed_up(plan, sidecars, files, source.n_clouds, {**seconds, "writing": time.perf_counter() - began})
+    document["sha256"] = checksums(out, files)
     atomic.write_json(out / MANIFEST, document)
     shutil.rmtree(out / FOLDER)
     return document

@@ -1,0 +1,47 @@
+"""`zbuf-occlude verify`: is a finished dataset what its manifest says?"""
+
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.cli.options import up_option
+from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.meshes.collection import MeshCollection
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@up_option
+@click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds to ask of the oracle.")
+def command(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) -> None:
+    """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
+
+    For the oracle give the meshes the dataset was made of; built-in shapes are known. Exit code 1 when it is not sound.
+
+    \b
+    Example:
+      zbuf-occlude verify modelnet40-occluded ModelNet40
+    """
+    plan, manifest = read_finished(folder)
+    collection = None
+    if meshes:
+        collection = MeshCollection.from_paths(meshes, up=up)
+    elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
+        from zbuf_occlude.meshes import shapes  # late: only needed without files
+
+        collection = shapes.collection()
+    with tqdm(total=manifest["counts"]["clouds"], unit=" clouds", desc="verify") as bar:
+        verdict = verify(folder, collection, n_samples=samples, progress=bar.update)
+    click.echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
+    if verdict.false_visible is not None:
+        click.echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+    elif collection is None:
+        click.echo("not asked of the oracle: give the meshes the dataset was made of")
+    for fault in verdict.faults:
+        click.echo(f"fault: {fault}", err=True)
+    click.echo("faults found" if verdict.faults else "the dataset is what its manifest says")
+    if verdict.faults:
+        raise SystemExit(1)

@@ -1,0 +1,151 @@
+"""Verify a finished dataset: checksums, counts, readability, and a few clouds asked again of the oracle."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.dataset.folder import checksums, read_finished
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.visibility import prepare
+
+POINTS_A_CLOUD = 64
+"""Of each cloud that is checked so many points are asked of the oracle."""
+ROUNDING = 0.002
+"""What rounding the positions (float32, or the packed format's step) may add to the fraction of false visible."""
+DEVIATIONS = 5.0
+"""A measured fraction may be so many standard deviations above the manifest's."""
+
+
+@dataclass
+class Verdict:
+    """What was looked at, and what was wrong with it.
+
+    Attributes
+    ----------
+    n_files, n_clouds : int
+        Read whole.
+    n_checked : int
+        Points asked again of the oracle; 0 when the meshes were not at hand.
+    false_visible : float or None
+        The fraction of them that the oracle says are hidden.
+    faults : list of str
+        One line each; empty: the dataset is what its manifest says.
+    """
+
+    n_files: int
+    n_clouds: int
+    n_checked: int
+    false_visible: float | None
+    faults: list[str]
+
+
+def verify(
+    out: Path, meshes: MeshCollection | None, *, n_samples: int = 50, progress: Callable[[int], None] = lambda n: None
+) -> Verdict:
+    """Check a finished dataset against its manifest and, where its meshes are at hand, against the oracle.
+
+    Parameters
+    ----------
+    out : Path
+    meshes : MeshCollection or None
+        With the keys of the dataset's meshes; None leaves the oracle out.
+    n_samples : int
+        Clouds asked again of the oracle, chosen at random by the dataset's seed.
+    progress : callable
+        Told the number of clouds read, as they are read.
+
+    Raises
+    ------
+    DatasetError
+        There is no finished dataset in the folder.
+    """
+    plan, manifest = read_finished(out)
+    faults = list(_damaged(out, manifest))
+    source, n_clouds = None, 0
+    if not faults:
+        source = find_format(plan.format).load().read(out, plan, manifest["files"])
+        n_clouds = _read_all(source, plan, manifest, faults, progress)
+    n_checked, rate = 0, None
+    if source is not None and not faults and meshes is not None:
+        n_checked, rate = _ask_oracle(source, plan, manifest, meshes, n_samples, faults)
+    return Verdict(sum(map(len, manifest["files"].values())), n_clouds, n_checked, rate, faults)
+
+
+def _damaged(out: Path, manifest: dict[str, Any]) -> Iterator[str]:
+    missing = [name for names in manifest["files"].values() for name in names if not (out / name).is_file()]
+    yield from (f"{name} must be there; it is missing." for name in missing)
+    if not missing:
+        for name, found in checksums(out, manifest["files"]).items():
+            if found != manifest["sha256"][name]:
+                yield f"{name} must have the checksum {manifest['sha256'][name][:12]}...; it has {found[:12]}..."
+
+
+def _read_all(
+    source: Source, plan: Plan, manifest: dict[str, Any], faults: list[str], progress: Callable[[int], None]
+) -> int:
+    """Read every cloud; note what cannot be a cloud of this dataset."""
+    total = 0
+    for split, expected in manifest["counts"]["clouds_by_split"].items():
+        n_clouds = 0
+        for records in source.batches(split):
+            n_clouds += len(records)
+            progress(len(records))
+            if not np.isfinite(records["data"]).all():
+                faults.append(f"all positions must be finite; some of split {split} are not.")
+            if records["label"].min() < 0 or records["label"].max() >= len(plan.classes):
+                faults.append(f"labels must lie in [0, {len(plan.classes)}); some of split {split} do not.")
+            if records["n_visible"].min() < 1:
+                faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
+        if n_clouds != expected:
+            faults.append(f"split {split} must have {expected} clouds; it has {n_clouds}.")
+        total += n_clouds
+    return total
+
+
+def _ask_oracle(
+    source: Source, plan: Plan, manifest: dict[str, Any], meshes: MeshCollection, n_samples: int, faults: list[str]
+) -> tuple[int, float | None]:
+    """Ask about some points of some clouds; return how many, and what fraction of them is hidden."""
+    rng = np.random.default_rng(plan.recipe.seed)
+    everything = np.concatenate(list(source.order.values()))
+    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+    by_key = {entry.key: entry for entry in meshes}
+    n_checked = n_hidden = 0
+    for record in records:
+        key = plan.meshes[int(record["mesh_id"])].key
+        if key not in by_key:
+            faults.append(f"the meshes given must have {key}; they have not. Give those that the dataset was made of.")
+            break
+        try:
+            mesh = by_key[key].load()
+        except MeshError as error:
+            faults.append(str(error))
+            continue
+        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
+        some = rng.choice(len(record["data"]), min(POINTS_A_CLOUD, len(record["data"])), replace=False)
+        positions = record["data"][some] / record["factor"] + record["centre"]
+        if plan.recipe.frame == "camera":
+            positions = (positions - translation) @ rotation
+        points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
+        with prepare(mesh, "oracle") as oracle:
+            visible = oracle.visible(points, (-rotation.T @ translation)[None])
+        n_checked, n_hidden = n_checked + visible.size, n_hidden + int((~visible).sum())
+    promised = manifest["error"]["false_visible"]
+    if n_checked and promised is not None:
+        # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
+        promised = min(1.0, promised / float(records["visible_fraction"].mean()))
+        allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
+        if n_hidden / n_checked > allowed:
+            faults.append(
+                f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
+                f"{n_hidden / n_checked:.2%} of {n_checked} are."
+            )
+    return n_checked, n_hidden / n_checked if n_checked else None
