@@ -20,8 +20,6 @@ from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import prepare
 
 ORIGIN = np.zeros(3)
-RADIUS = 0.66
-"""Half of a panel's side, in longest sides of the mesh."""
 GREY = "0.35"
 Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
 """How hidden surfaces are removed: (mesh, points, eyes (k, 3)) to (k, n) bool."""
@@ -60,6 +58,11 @@ def eye_at(azimuth: float, elevation: float, distance: float = 4.0) -> FloatArra
     return Views(np.radians([azimuth]), np.radians([elevation]), np.array([distance])).eyes[0]
 
 
+def radius_of(mesh: Mesh) -> float:
+    """Return half of a panel's side that holds a centred mesh from wherever it is seen."""
+    return 0.52 * mesh.diagonal
+
+
 def figure_4(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     """Division of faces of large area into smaller ones: before and after."""
     division = divide_faces(mesh, 1.0 / 600.0, max(20_000, len(mesh.faces)))
@@ -76,7 +79,7 @@ def figure_7(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     seen = points.select(mask(mesh, points, eye_at(40, 20)[None])[0])
     fewer = seen.select(np.random.default_rng(seed).permutation(len(seen))[:6_000])
     figure, axes = new_figure(2, 3, panel=3.4)
-    fixed: dict[str, Any] = {"eye": eye_at(40, 20), "target": ORIGIN, "radius": RADIUS}
+    fixed: dict[str, Any] = {"eye": eye_at(40, 20), "target": ORIGIN, "radius": radius_of(mesh)}
     draw_mesh(axes[0, 0], mesh, edges=len(mesh.faces) < 6_000, **fixed)
     title(axes[0, 0], f"(A) mesh, {len(mesh.faces):,} faces")
     draw_cloud(axes[0, 1], points.positions, normals=points.normals, **fixed)
@@ -87,7 +90,7 @@ def figure_7(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     sides = ((40, 20, "from the camera"), (130, 20, "from its left"), (220, 35, "from behind"))
     for panel, letter, (azimuth, elevation, where) in zip(axes[1], "DEF", sides, strict=True):
         eye = eye_at(azimuth, elevation)
-        draw_cloud(panel, fewer.positions, normals=fewer.normals, eye=eye, target=ORIGIN, radius=RADIUS)
+        draw_cloud(panel, fewer.positions, normals=fewer.normals, eye=eye, target=ORIGIN, radius=radius_of(mesh))
         title(panel, f"({letter}) occluded, {where}")
     return figure
 
@@ -105,7 +108,7 @@ def figure_8(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     draw_mesh(axes[0, 0], mesh, **fixed)
     draw_camera(axes[0, 0], camera, ORIGIN, **fixed)
     title(axes[0, 0], "(A) object and camera")
-    near: dict[str, Any] = {"eye": eye_at(95, 28), "target": ORIGIN, "radius": RADIUS}
+    near: dict[str, Any] = {"eye": eye_at(95, 28), "target": ORIGIN, "radius": radius_of(mesh)}
     if kept.any():
         left = Mesh(divided.vertices, divided.faces[kept], mesh.name)
         draw_mesh(axes[0, 1], left, **near)
@@ -224,7 +227,7 @@ def _four_views(mesh: Mesh, mask: Mask, seed: int, angles: Sequence[tuple[float,
         cloud = points.select(seen)
         for row, place in enumerate((eye_at(110, 20), eye)):
             panel = axes[row, column]
-            draw_cloud(panel, cloud.positions, normals=cloud.normals, eye=place, target=ORIGIN, radius=RADIUS)
+            draw_cloud(panel, cloud.positions, normals=cloud.normals, eye=place, target=ORIGIN, radius=radius_of(mesh))
         angle = angles[column][0 if varied == "azimuth" else 1]
         title(axes[0, column], f"{varied} {angle:.0f}°, {seen.mean():.0%} visible")
     figure.suptitle("Above: from a fixed viewpoint. Below: from each camera's.", fontsize=10, color=GREY)

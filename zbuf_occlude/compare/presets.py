@@ -24,7 +24,7 @@ TABLE_VIEWS = 5
 TABLE_SECONDS = 30.0
 """Budget of a row of the paper's tables: enough for the paper's methods to be asked from all of those views."""
 IMAGE_SPACE = ("depth_buffer:resolution=512", "pyrender", "exact", "exact_gl", "embree")
-SCALING = ("exact_hsr", "vertex_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_removal")
+SCALING = ("exact_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_removal")
 POINT_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
 FACE_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000)
 SWEEP_SHAPE = ("chair", 2)
