@@ -91,7 +91,7 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
     with Bench(limit=60.0) as bench:
         with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
-        assert bench.measure(plates(), "oracle", {}, 0.1).mask.shape == (2, 400), "a new process goes on"
+        assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
         bench._limit = 0.0
         with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
             bench.measure(plates(), "oracle", {}, 0.1)
