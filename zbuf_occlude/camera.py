@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
 from zbuf_occlude.errors import ArgumentError
 
 WIDEST = 1.5
@@ -108,7 +108,7 @@ def _rigid(rotations: FloatArray, eyes: FloatArray) -> FloatArray:
     return matrices
 
 
-def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -> tuple[FloatArray, Frusta]:
+def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -> tuple[BoolArray, Frusta]:
     """Fit each camera's frustum tightly around a set of points.
 
     Parameters

@@ -56,6 +56,10 @@ class Buffers:
         for name, binding in bindings.items():
             self._buffers[name].bind_to_storage_buffer(binding)
 
+    def bind_uniforms(self, name: str, binding: int, *, offset: int, size: int) -> None:
+        """Bind a range of a buffer to a uniform block's binding point; drivers want offsets in multiples of 256."""
+        self._buffers[name].bind_to_uniform_block(binding, offset=offset, size=size)
+
     def clear(self, name: str) -> None:
         """Set a buffer's bytes to zero, on the GPU."""
         self._buffers[name].clear()
@@ -67,6 +71,15 @@ class Buffers:
     def read_into(self, name: str, array: np.ndarray[Any, Any], offset: int = 0) -> None:
         """Read all of `array` from a buffer, from a byte offset."""
         self._buffers[name].read_into(array, array.nbytes, offset=offset)
+
+    def vertex_array(self, program: Any, vertices: str, corners: str) -> Any:
+        """Return a vertex array that draws triangles of positions (v, 3) float32, the input `in_position`.
+
+        It is the caller's, who releases it before the buffers.
+        """
+        bound = self._buffers[vertices]
+        content = [(bound, "3f", "in_position")]
+        return bound.ctx.vertex_array(program, content, index_buffer=self._buffers[corners])
 
     def __enter__(self) -> Self:
         return self

@@ -5,6 +5,7 @@ import. One context a process: a context made before a fork hangs the children, 
 on the shared display (pyrender) takes every other context of the process with it.
 """
 
+import ctypes
 import os
 from collections.abc import Callable
 from ctypes.util import find_library
@@ -15,6 +16,7 @@ import moderngl
 
 from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.gl.osmesa import OsMesaContext
+from zbuf_occlude.gl.shaders import compile_program
 
 BACKENDS = ("egl", "osmesa")
 """In the order in which they are tried."""
@@ -46,10 +48,12 @@ class GlContext:
     ctx : moderngl.Context
     """
 
-    def __init__(self, backend: str, device_index: int | None, ctx: Any) -> None:
+    def __init__(self, backend: str, device_index: int | None, native: Any, ctx: Any) -> None:
         self.backend = backend
         self.device_index = device_index
         self.ctx = ctx
+        self._native = native
+        self._programs: dict[Any, Any] = {}
         self._process = os.getpid()
         self._closed = False
         self.renderer: str = ctx.info["GL_RENDERER"]
@@ -129,6 +133,31 @@ class GlContext:
         # moderngl's own `with ctx` would leave no context current at its end
         self.ctx.__enter__()
 
+    def function(self, name: str, *arguments: Any) -> Callable[..., None]:
+        """Return an OpenGL function that moderngl does not wrap, by its C name and the ctypes of its arguments.
+
+        Raises
+        ------
+        GlError
+            The driver has no such function.
+        """
+        address = self._native.load_opengl_function(name)
+        if not address:
+            raise GlError(f"{self.renderer} must have the function {name}; it has not. Is its driver very old?")
+        prototype: Callable[[int], Callable[..., None]] = ctypes.CFUNCTYPE(None, *arguments)
+        return prototype(address)
+
+    def program(self, *names: str, **constants: object) -> Any:
+        """Return the program of shader files and constants (`shaders.compile_program`), compiled once a context.
+
+        It belongs to the context, since compiling costs more than a small mesh; do not release it. Set all its
+        uniforms before each use: another occluder may have left its own.
+        """
+        key = (names, tuple(sorted(constants.items())))
+        if key not in self._programs:
+            self._programs[key] = compile_program(self.ctx, *names, constants=constants)
+        return self._programs[key]
+
     def check(self) -> None:
         """Raise GlError if OpenGL has recorded an error since the last check, and clear it. Call it once a batch."""
         error = self.ctx.error
@@ -169,7 +198,7 @@ def _from_environment() -> tuple[str | None, int | None]:
     return backend or None, int(device) if device else None
 
 
-def _open_egl(device_index: int | None) -> tuple[int | None, Any]:
+def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
     device_index = device_index or 0
     libegl = os.environ.get("GLCONTEXT_LINUX_LIBEGL") or find_library("EGL") or "libEGL.so.1"
     libgl = os.environ.get("GLCONTEXT_LINUX_LIBGL") or find_library("GL") or find_library("OpenGL") or libegl
@@ -180,23 +209,23 @@ def _open_egl(device_index: int | None) -> tuple[int | None, Any]:
         context = egl.create_context(
             mode="standalone", glversion=REQUIRED, libegl=libegl, libgl=libgl, device_index=device_index
         )
-        return device_index, moderngl.create_context(require=REQUIRED, context=context)
+        return device_index, context, moderngl.create_context(require=REQUIRED, context=context)
     except Exception as error:  # glcontext and moderngl raise bare Exception
         if "requested device index" in str(error):  # "requested device index 7, but found 1 devices"
             raise GlError(f"{error}; count from 0.") from None
         raise GlError(f"device_index {device_index}: {error}. On Debian: {FIXES['egl']}") from None
 
 
-def _open_osmesa(device_index: int | None) -> tuple[int | None, Any]:
+def _open_osmesa(device_index: int | None) -> tuple[int | None, Any, Any]:
     try:
         context: Any = OsMesaContext()
     except GlError as error:
         raise GlError(f"{error} On Debian: {FIXES['osmesa']}") from None
     try:
-        return None, moderngl.create_context(require=REQUIRED, context=context)
+        return None, context, moderngl.create_context(require=REQUIRED, context=context)
     except Exception as error:  # moderngl raises bare Exception
         context.release()
         raise GlError(f"{error}. On Debian: {FIXES['osmesa']}") from None
 
 
-_OPENERS: dict[str, Callable[[int | None], tuple[int | None, Any]]] = {"egl": _open_egl, "osmesa": _open_osmesa}
+_OPENERS: dict[str, Callable[[int | None], tuple[int | None, Any, Any]]] = {"egl": _open_egl, "osmesa": _open_osmesa}

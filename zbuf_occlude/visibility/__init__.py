@@ -8,6 +8,12 @@ from zbuf_occlude.visibility.interface import Method, Occluder
 
 METHODS: tuple[Method, ...] = (
     Method(
+        "depth_buffer",
+        "the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU",
+        "zbuf_occlude.visibility.depth_buffer:prepare",
+        needs_gl=True,
+    ),
+    Method(
         "exact",
         "image space made exact on the CPU: the oracle's answers, faster than a ray caster",
         "zbuf_occlude.visibility.exact:prepare",

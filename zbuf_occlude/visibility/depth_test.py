@@ -6,6 +6,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import Frusta
 from zbuf_occlude.sampling import SurfacePoints
 
+MOST_HIDDEN = 0.3
+"""Without a witness, a point is visible when no more than this of the votes around it says hidden (`witness_test`)."""
+
 
 def depth_test(
     depths: FloatArray, view: FloatArray, frustum: Frusta, points: SurfacePoints, *, tolerance: float, slope_bias: float

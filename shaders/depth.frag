@@ -1,0 +1,11 @@
+// Keeps the id of the nearest face at each pixel's centre, beside the depth that fixed hardware keeps.
+#version 430
+
+#if $FACES
+flat in int face;
+out int seen;
+
+void main() { seen = face; }
+#else
+void main() {}
+#endif

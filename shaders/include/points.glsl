@@ -1,0 +1,51 @@
+// Points and eyes as the compute passes of the depth test see them, and a point's place in window space.
+struct Point {
+    vec3 position;  // unit space
+    int own;        // the face it lies on, -1 for none
+    vec3 normal;    // of that face; 0 for none
+};
+
+layout(std430, binding = 0) readonly buffer Points { uvec4 points[]; };
+layout(std430, binding = 1) readonly buffer Eyes { vec4 eyes[]; };  // unit space
+layout(std430, binding = 2) buffer Answers { uint answers[]; };     // 8 eyes a byte, 4 points a word
+
+uniform float tolerance;  // eye depth, unit space
+
+Point point_at(uint slot)
+{
+    uvec4 first = points[2u * slot], second = points[2u * slot + 1u];
+    return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz));
+}
+
+// The tile in which an eye sees a point: its only one, or that of the cube face on which the point lies.
+int tile_of(int eye, vec3 position)
+{
+#if $CUBE
+    vec3 d = position - eyes[first_eye + eye].xyz, size = abs(d);
+    int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+    float along = axis == 0 ? d.x : axis == 1 ? d.y : d.z;
+    return 6 * eye + 2 * axis + int(along < 0.0);
+#else
+    return eye;
+#endif
+}
+
+// A point in window space, and its own plane there: where it lies, and what its depth gains from pixel to pixel.
+struct Place {
+    vec2 pixel;
+    float depth;      // reversed: larger is nearer
+    vec2 gain;        // of the plane's depth, a pixel in x and y; 0 for a free point
+    float allowance;  // depth that `tolerance` of eye depth is worth here
+};
+
+Place place_of(int tile, Point point)
+{
+    vec4 c = tiles[tile].window * vec4(point.position, 1.0);
+    float inverse = 1.0 / c.w;
+    vec4 plane = vec4(point.normal, -dot(point.normal, point.position));
+    vec3 q = vec3(dot(tiles[tile].plane[0], plane), dot(tiles[tile].plane[1], plane), dot(tiles[tile].plane[2], plane));
+    // one unit of eye depth, and the whole frustum's range: no plane gains more than that from a pixel to the next
+    float unit = tiles[tile].depth.x * inverse * inverse, most = tiles[tile].depth.y * unit;
+    vec2 gain = q.z == 0.0 ? vec2(0.0) : clamp(-q.xy / q.z, -most, most);
+    return Place(c.xy * inverse, c.z * inverse, gain, tolerance * unit);
+}

@@ -1,0 +1,177 @@
+"""The depth atlas: one big depth buffer, cut into square tiles, with the id of the nearest face beside each depth."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl.context import GlContext
+
+NO_FACE = -1
+
+_UINT, _INT, _FLOAT = ctypes.c_uint, ctypes.c_int, ctypes.c_float
+_UINTS, _INTS, _FLOATS = ctypes.POINTER(_UINT), ctypes.POINTER(_INT), ctypes.POINTER(_FLOAT)
+
+# names of the OpenGL registry
+_TEXTURE_2D, _TEXTURE0, _NEAREST = 0x0DE1, 0x84C0, 0x2600
+_MIN_FILTER, _MAG_FILTER = 0x2801, 0x2800
+_DEPTH_COMPONENT32F, _DEPTH_COMPONENT = 0x8CAC, 0x1902
+_FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0, _COMPLETE = 0x8D40, 0x8D00, 0x8CE0, 0x8CD5
+_DEPTH, _COLOR, _NONE = 0x1801, 0x1800, 0
+_CLIP_DISTANCE0 = 0x3000
+_LOWER_LEFT, _NEGATIVE_ONE_TO_ONE, _ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
+
+
+class Atlas:
+    """Tiles to draw into, and to read in shaders.
+
+    Parameters
+    ----------
+    gl : GlContext
+    resolution : int
+        Pixels along a tile's side.
+    n_tiles : int
+    faces : bool
+        Whether face ids are kept beside the depths.
+
+    Raises
+    ------
+    GlError
+        The driver has no memory left, or cannot do it.
+
+    Notes
+    -----
+    moderngl knows depth textures of 24 bits only and no reversed depth, so the few calls that this takes are OpenGL's
+    own. Depth is reversed (`tiles.Pictures`) and in 32-bit floats. Takes 4 bytes a pixel, 8 with faces.
+    """
+
+    def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:
+        self.resolution, self.n_tiles, self.faces = resolution, n_tiles, faces
+        largest = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"]) // resolution
+        self.columns = min(int(np.ceil(np.sqrt(n_tiles))), largest)
+        rows = -(-n_tiles // max(self.columns, 1))
+        if rows > largest:
+            raise GlError(
+                f"{n_tiles} tiles of {resolution} pixels must fit into a texture of {gl.renderer}; they do not."
+            )
+        self.size = (self.columns * resolution, rows * resolution)
+        self._gl = gl
+        self._call = _Calls(gl)
+        gl.check()
+        self._depth, self._framebuffer = _UINT(0), _UINT(0)
+        self._ids: Any = None
+        try:
+            self._make()
+        except BaseException:
+            self.release()
+            raise
+
+    def _make(self) -> None:
+        call = self._call
+        call.gen_textures(1, ctypes.byref(self._depth))
+        self._bind(_TEXTURE0, self._depth)
+        call.tex_storage(_TEXTURE_2D, 1, _DEPTH_COMPONENT32F, *self.size)
+        for parameter in (_MIN_FILTER, _MAG_FILTER):
+            call.tex_parameter(_TEXTURE_2D, parameter, _NEAREST)
+        call.gen_framebuffers(1, ctypes.byref(self._framebuffer))
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.framebuffer_texture(_FRAMEBUFFER, _DEPTH_ATTACHMENT, self._depth, 0)
+        drawn = _NONE
+        if self.faces:
+            self._ids = self._gl.ctx.texture(self.size, 1, dtype="i4")
+            self._ids.filter = (_NEAREST, _NEAREST)
+            call.framebuffer_texture(_FRAMEBUFFER, _COLOR_ATTACHMENT0, self._ids.glo, 0)
+            drawn = _COLOR_ATTACHMENT0
+        call.draw_buffers(1, (_UINT * 1)(drawn))
+        call.bind_framebuffer(_FRAMEBUFFER, 0)
+        error = self._gl.ctx.error
+        if error != "GL_NO_ERROR":
+            self._gl.ctx.clear_errors()
+            raise GlError(
+                f"a depth atlas of {self.size[0]} x {self.size[1]} pixels must fit into {self._gl.renderer}'s memory; "
+                f"it reports {error}. Take a lower resolution."
+            )
+
+    def _bind(self, unit: int, texture: Any) -> None:
+        self._call.active_texture(unit)
+        self._call.bind_texture(_TEXTURE_2D, texture)
+
+    def draw(self, mesh: Any, n_tiles: int, *, n_clips: int) -> None:
+        """Clear the atlas and draw a vertex array into its first tiles, one instance each, cut by so many planes."""
+        call, ctx = self._call, self._gl.ctx
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.viewport(0, 0, *self.size)
+        call.clip_control(_LOWER_LEFT, _ZERO_TO_ONE)
+        call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
+        if self.faces:
+            call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
+        ctx.enable_only(ctx.DEPTH_TEST)
+        ctx.depth_func = ">"
+        for plane in range(n_clips):
+            ctx.enable_direct(_CLIP_DISTANCE0 + plane)
+        try:
+            mesh.render(instances=n_tiles)
+        finally:
+            for plane in range(n_clips):
+                ctx.disable_direct(_CLIP_DISTANCE0 + plane)
+            ctx.depth_func = "<"
+            ctx.enable_only(ctx.NOTHING)
+            call.clip_control(_LOWER_LEFT, _NEGATIVE_ONE_TO_ONE)
+            call.bind_framebuffer(_FRAMEBUFFER, 0)
+
+    def use(self, *, depths: int, faces: int) -> None:
+        """Bind the depths, and the face ids where they are kept, to texture units."""
+        self._bind(_TEXTURE0 + depths, self._depth)
+        if self.faces:
+            self._ids.use(faces)
+
+    def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Read a tile back: depths and face ids, (resolution, resolution) each, the lowest row first.
+
+        For images and tests; answering needs no read-back. Without faces the ids are all `NO_FACE`.
+        """
+        depths = np.empty(self.size[::-1], dtype=np.float32)
+        self._bind(_TEXTURE0, self._depth)
+        self._call.get_texture(_TEXTURE_2D, 0, _DEPTH_COMPONENT, 0x1406, depths.ctypes.data)  # GL_FLOAT
+        ids = np.full(self.size[::-1], NO_FACE, dtype=np.int32)
+        if self.faces:
+            self._ids.read_into(ids)
+        row, column = (self.resolution * place for place in divmod(tile, self.columns))
+        window = np.s_[row : row + self.resolution, column : column + self.resolution]
+        return depths[window].copy(), ids[window].copy()
+
+    def release(self) -> None:
+        """Give the memory back; calling it again does nothing."""
+        if self._framebuffer.value:
+            self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))
+            self._framebuffer = _UINT(0)
+        if self._depth.value:
+            self._call.delete_textures(1, ctypes.byref(self._depth))
+            self._depth = _UINT(0)
+        if self._ids is not None:
+            self._ids.release()
+            self._ids = None
+
+
+class _Calls:
+    """OpenGL's own functions, by the names of its C interface."""
+
+    def __init__(self, gl: GlContext) -> None:
+        self.gen_textures = gl.function("glGenTextures", _INT, _UINTS)
+        self.active_texture = gl.function("glActiveTexture", _UINT)
+        self.bind_texture = gl.function("glBindTexture", _UINT, _UINT)
+        self.tex_storage = gl.function("glTexStorage2D", _UINT, _INT, _UINT, _INT, _INT)
+        self.tex_parameter = gl.function("glTexParameteri", _UINT, _UINT, _INT)
+        self.get_texture = gl.function("glGetTexImage", _UINT, _INT, _UINT, _UINT, ctypes.c_void_p)
+        self.delete_textures = gl.function("glDeleteTextures", _INT, _UINTS)
+        self.gen_framebuffers = gl.function("glGenFramebuffers", _INT, _UINTS)
+        self.bind_framebuffer = gl.function("glBindFramebuffer", _UINT, _UINT)
+        self.framebuffer_texture = gl.function("glFramebufferTexture", _UINT, _UINT, _UINT, _INT)
+        self.draw_buffers = gl.function("glDrawBuffers", _INT, _UINTS)
+        self.delete_framebuffers = gl.function("glDeleteFramebuffers", _INT, _UINTS)
+        self.viewport = gl.function("glViewport", _INT, _INT, _INT, _INT)
+        self.clip_control = gl.function("glClipControl", _UINT, _UINT)
+        self.clear_floats = gl.function("glClearBufferfv", _UINT, _INT, _FLOATS)
+        self.clear_ints = gl.function("glClearBufferiv", _UINT, _INT, _INTS)
