@@ -23,7 +23,8 @@ import numpy as np
 
 import zbuf_occlude as zo
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, ExactPass, Shape
+from zbuf_occlude.gl.exact_pass import ExactPass
+from zbuf_occlude.gl.exact_shapes import Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
 from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh
 from zbuf_occlude.visibility import oracle
@@ -31,7 +32,16 @@ from zbuf_occlude.visibility.interface import CONTACT
 
 METHODS = ("exact_gl", "depth_buffer")
 
-SHAPES = (Shape(32, 1, 16), HARDWARE, Shape(32, 4, 16), Shape(64, 1, 32), Shape(64, 2, 32), SOFTWARE)
+SHAPES = (
+    Shape(32, 1, 8, 16),
+    Shape(32, 1, 2, 16),
+    Shape(32, 1, 1, 16),
+    Shape(32, 2, 1, 16),
+    Shape(32, 4, 1, 16),
+    Shape(64, 1, 1, 32),
+    Shape(64, 2, 1, 32),
+    Shape(8, 16, 1, 24),
+)
 
 # floating-point operations, counted by hand in shaders/exact.comp
 FLOPS_BOX, FLOPS_TRIANGLE, FLOPS_TEST = 55, 250, 31
@@ -126,15 +136,15 @@ def run_method(
     }
 
 
-def exact_pass(gl: GlContext, mesh: zo.Mesh, shape: Shape | None, counting: bool = False) -> ExactPass:
+def exact_pass(gl: GlContext, mesh: zo.Mesh, shapes: Shapes | None, counting: bool = False) -> ExactPass:
     contact = CONTACT * mesh.diagonal
-    return ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, shape=shape, counting=counting)
+    return ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, shapes=shapes, counting=counting)
 
 
 def run_shape(
     shape: Shape, gl: GlContext, mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, repeats: int
 ) -> dict[str, Any]:
-    engine = exact_pass(gl, mesh, shape)
+    engine = exact_pass(gl, mesh, ((0.0, shape),))
     engine.visible(points.positions, points.face_ids, eyes[:1])
     times = measured(gl, lambda: engine.visible(points.positions, points.face_ids, eyes), repeats)
     engine.release()
@@ -145,7 +155,7 @@ def limits(gl: GlContext, mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndar
     """Count the work of `exact_gl`, and say how fast the hardware could do it."""
     engine = exact_pass(gl, mesh, None, counting=True)
     engine.visible(points.positions, points.face_ids, eyes)
-    work, packet = engine.work, engine.shape.threads * engine.shape.per_thread
+    work, packet = engine.work, best_shape(engine.shapes, len(points), len(mesh.faces)).packet
     engine.release()
     answers = len(points) * len(eyes)
     flops = work.boxes * FLOPS_BOX + work.triangles * FLOPS_TRIANGLE + work.tests * packet * FLOPS_TEST

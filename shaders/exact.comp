@@ -16,7 +16,9 @@
 #version 430
 layout(local_size_x = $THREADS) in;
 
-const uint THREADS = $THREADS, PER_THREAD = $PER_THREAD, PACKET = THREADS * PER_THREAD;
+const uint THREADS = $THREADS, PER_THREAD = $PER_THREAD;
+const uint STRANDS = $STRANDS;           // threads that share a point and divide its triangles, where points are few
+const uint COLUMNS = THREADS / STRANDS, PACKET = COLUMNS * PER_THREAD;
 const uint WIDTH = $WIDTH;               // children of a box
 const uint LEAF = $LEAF;                 // faces of a cluster
 const uint OPENED = max(THREADS / WIDTH, 1u);  // boxes opened at once
@@ -58,6 +60,7 @@ shared uint clusters[CLUSTERS + OPENED * WIDTH], n_clusters;
 shared vec4 planes[(TRIANGLES + THREADS) * 4u];  // u, v, w: edges seen from the eye; s: the face's own
 shared float contact_slope[TRIANGLES + THREADS];
 shared uint triangle[TRIANGLES + THREADS], n_triangles;
+shared uint hidden_of[COLUMNS];          // bits of each column's points
 shared uint any_alive, over_budget;
 
 #include "blocks64.glsl"
@@ -161,7 +164,8 @@ void list_triangle(uint face)
 
 void main()
 {
-    uint lane = gl_LocalInvocationID.x, packet, eye_row, root = 0u;
+    uint lane = gl_LocalInvocationID.x, column = lane % COLUMNS, strand = lane / COLUMNS;
+    uint packet, eye_row, root = 0u;
     bool alive = true;                   // some point of the packet may still be visible
     if (n_tasks == 0u) {
         packet = gl_WorkGroupID.x;
@@ -202,16 +206,17 @@ void main()
         n_clusters = leaf ? 1u : 0u;
         n_triangles = any_alive = over_budget = 0u;
     }
+    if (strand == 0u) hidden_of[column] = 0u;
     barrier();
 
-    // this thread's points: places lane + i THREADS of the packet
+    // this thread's points: places column + i COLUMNS of the packet
     vec3 p[PER_THREAD];
     float inverse_g[PER_THREAD];
     uint own[PER_THREAD];
     vec2 low = vec2(1e30), high = vec2(-1e30);
     low_z = 1e30;
     for (uint i = 0u; i < PER_THREAD; ++i) {
-        uvec4 point = points[packet * PACKET + i * THREADS + lane];
+        uvec4 point = points[packet * PACKET + i * COLUMNS + column];
         p[i] = uintBitsToFloat(point.xyz);
         own[i] = point.w;
         inverse_g[i] = depth_trusted ? 1.0 / (length(towards_g - p[i] * g) - contact * g) : 0.0;
@@ -291,10 +296,11 @@ void main()
                 listed = n_triangles;
                 barrier();
             }
-            uint j = hidden == ALL ? listed : 0u;
+            uint j = hidden == ALL ? listed : strand;
             while (j < listed) {
-                uint doubts = 0u;
+                uint doubts = 0u, at;
                 while (j < listed && doubts == 0u) {
+                    at = j;
                     vec4 u = planes[4u * j], v = planes[4u * j + 1u], w = planes[4u * j + 2u], s = planes[4u * j + 3u];
                     float slope = contact_slope[j];
                     uint face = triangle[j];
@@ -306,19 +312,24 @@ void main()
                         else if (least >= -1.0) doubts |= bit;
                     }
                     doubts &= ~hidden;
-                    ++j;
+                    j += STRANDS;
                 }
                 while (doubts != 0u) {
                     uint q = uint(findLSB(doubts));
                     doubts &= doubts - 1u;
                     ++doubted;
-                    uint face = triangle[j - 1u] - first_face;
-                    if (blocked64(face, packet * PACKET + q * THREADS + lane, eye)) hidden |= 1u << q;
+                    uint face = triangle[at] - first_face;
+                    if (blocked64(face, packet * PACKET + q * COLUMNS + column, eye)) hidden |= 1u << q;
                 }
                 if (hidden == ALL) j = listed;
             }
             steps += listed;
             n_tested += listed;
+            if (STRANDS > 1u) {
+                atomicOr(hidden_of[column], hidden);
+                barrier();
+                hidden = hidden_of[column];
+            }
             if (hidden != ALL) any_alive = 1u;
             if (doubted > BUDGET / 8u) over_budget = 1u;
             barrier();
@@ -344,8 +355,8 @@ void main()
         atomicAdd(done[4], doubted);
     }
     for (uint q = 0u; q < PER_THREAD; ++q) {
-        uint order = exact_points[packet * PACKET + q * THREADS + lane].order;
-        if ((hidden >> q & 1u) != 0u && order != NONE)
+        uint order = exact_points[packet * PACKET + q * COLUMNS + column].order;
+        if ((hidden >> q & 1u) != 0u && order != NONE && strand == 0u)
             atomicOr(hidden_bits[eye_row * words + (order >> 5u)], 1u << (order & 31u));
     }
 }

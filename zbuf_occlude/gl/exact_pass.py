@@ -11,6 +11,7 @@ from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.exact_data import LEAF, WIDTH, Unit, arrange_eyes, arrange_faces, arrange_points
+from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
 
 MAX_LEVELS = 9
@@ -32,32 +33,6 @@ _BINDINGS = 10
 
 _HEAD = 8
 """Numbers before the list of the unfinished."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """How work is cut for the hardware; no answer depends on it.
-
-    Attributes
-    ----------
-    threads : int
-        Of a work group.
-    per_thread : int
-        Points of a thread, at most 31; a packet has ``threads * per_thread``.
-    triangles : int
-        Listed before the points test them.
-    """
-
-    threads: int
-    per_thread: int
-    triangles: int
-
-
-SOFTWARE = Shape(8, 16, 24)
-"""For llvmpipe: one vector to a group, and many points a thread to make up for its slow shared memory."""
-
-HARDWARE = Shape(32, 2, 16)
-"""For a GPU: one warp to a group, and little shared memory so that many groups are in flight."""
 
 
 @dataclass
@@ -106,7 +81,7 @@ class ExactPass:
         Of the mesh's bounding box.
     contact : float
         In world units.
-    shape : Shape, optional
+    shapes : Shapes, optional
         By default `SOFTWARE` or `HARDWARE`, as the context is.
     counting : bool
         Whether to sum up what is done in `work`, which costs some time.
@@ -124,7 +99,7 @@ class ExactPass:
         centre: FloatArray,
         diagonal: float,
         contact: float,
-        shape: Shape | None = None,
+        shapes: Shapes | None = None,
         counting: bool = False,
     ) -> None:
         self._ctx = gl.ctx
@@ -132,31 +107,15 @@ class ExactPass:
         if available < _BINDINGS:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
         self._unit = Unit.of(centre, diagonal)
-        shape = shape or (SOFTWARE if gl.is_software else HARDWARE)
+        self.shapes = shapes or (SOFTWARE if gl.is_software else HARDWARE)
         self.work = Work()
-        self.shape = shape
-        self._packet = shape.threads * shape.per_thread
-        opened = max(shape.threads // WIDTH, 1)
-        constants = {
-            "THREADS": shape.threads,
-            "PER_THREAD": shape.per_thread,
-            "TRIANGLES": shape.triangles,
-            "WIDTH": WIDTH,
-            "LEAF": LEAF,
-            "BUDGET": BUDGET,
-            "COUNTING": counting,
-            "MAX_LEVELS": MAX_LEVELS,
-            # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
-            "STACK": MAX_LEVELS * opened * (WIDTH + 1),
-        }
-        self._program: Any = compile_program(gl.ctx, "exact.comp", constants=constants)
-        self._program["contact"].value = contact * self._unit.scale
-        self._program["contact64"].value = contact
-        limit = block_limit(gl.ctx)
-        self._most_points = min(limit // _POINT_BYTES, _MAX_GROUPS * self._packet) // self._packet * self._packet
+        self._contact = contact
+        self._counting = counting
+        self._programs: dict[Shape, Any] = {}
+        self._limit = block_limit(gl.ctx)
         self._places = np.empty(len(corners), dtype=np.int32)
         self._face_parts = []
-        for part in parts(len(corners), limit // _FACE_BYTES):
+        for part in parts(len(corners), self._limit // _FACE_BYTES):
             arrays = arrange_faces(corners[part], self._unit)
             self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
             buffers = Buffers(gl.ctx, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
@@ -180,24 +139,49 @@ class ExactPass:
         -------
         (k, n) bool
         """
+        shape = best_shape(self.shapes, len(positions), len(self._places))
+        program = self._program(shape)
+        largest = min(self._limit // _POINT_BYTES, _MAX_GROUPS * shape.packet) // shape.packet * shape.packet
         own = np.where(face_ids >= 0, self._places[face_ids], -1)
         answer = np.empty((len(eyes), len(positions)), dtype=np.bool_)
         with Buffers(self._ctx, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
             eye_buffer.bind(eyes=6)
-            for part in parts(len(positions), self._most_points):
-                arrays = arrange_points(positions[part], own[part], self._packet, self._unit)
+            for part in parts(len(positions), largest):
+                arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
                 with Buffers(self._ctx, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets) as b:
                     b.bind(points=3, exact=4, packets=5)
-                    self._answer(arrays.n_packets, answer[:, part])
+                    self._answer(program, arrays.n_packets, answer[:, part])
         return answer
 
-    def _answer(self, n_packets: int, answer: BoolArray) -> None:
+    def _program(self, shape: Shape) -> Any:
+        """Compile the pass for a shape when it is first needed."""
+        if shape not in self._programs:
+            opened = max(shape.threads // WIDTH, 1)
+            constants = {
+                "THREADS": shape.threads,
+                "PER_THREAD": shape.per_thread,
+                "STRANDS": shape.strands,
+                "TRIANGLES": shape.triangles,
+                "WIDTH": WIDTH,
+                "LEAF": LEAF,
+                "BUDGET": BUDGET,
+                "COUNTING": self._counting,
+                "MAX_LEVELS": MAX_LEVELS,
+                # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
+                "STACK": MAX_LEVELS * opened * (WIDTH + 1),
+            }
+            program = self._programs[shape] = compile_program(self._ctx, "exact.comp", constants=constants)
+            program["contact"].value = self._contact * self._unit.scale
+            program["contact64"].value = self._contact
+        return self._programs[shape]
+
+    def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
         """Answer for the points bound, into (k, n)."""
         k, n = answer.shape
         words = -(-n // 32)
         most = max(1, min(_ANSWER_BYTES // (4 * words), _MAX_GROUPS, k))
-        self._program["n_packets"].value = n_packets
-        self._program["words"].value = words
+        program["n_packets"].value = n_packets
+        program["words"].value = words
         bits = np.empty((most, words), dtype=np.uint32)
         # the list of the unfinished: a head with its length, then at most all pairs of eye and packet
         unfinished = 8 * most * n_packets + 4 * _HEAD
@@ -206,25 +190,25 @@ class ExactPass:
             for first in range(0, k, most):
                 last = min(first + most, k)
                 buffer.clear("bits")
-                self._program["first_eye"].value = first
+                program["first_eye"].value = first
                 for part in self._face_parts:
-                    self._ask(part, buffer, n_packets, last - first)
+                    self._ask(program, part, buffer, n_packets, last - first)
                 buffer.read_into("bits", bits)
                 np.invert(bits, out=bits)
                 unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=1, count=n, bitorder="little")
                 answer[first:last] = unpacked.view(np.bool_)
 
-    def _ask(self, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
+    def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
         """Let every packet and eye test a part of the faces; what is too much for one work group is cut smaller."""
         part.buffers.bind(faces=0, corners=1, boxes=2)
-        self._program["first_face"].value = part.first
-        self._program["n_faces"].value = part.n_faces
-        self._program["n_levels"].value = len(part.level_size)
-        self._program["level_start"].value = _padded(part.level_start)
-        self._program["level_size"].value = _padded(part.level_size)
-        self._program["n_tasks"].value = 0
+        program["first_face"].value = part.first
+        program["n_faces"].value = part.n_faces
+        program["n_levels"].value = len(part.level_size)
+        program["level_start"].value = _padded(part.level_start)
+        program["level_size"].value = _padded(part.level_size)
+        program["n_tasks"].value = 0
         largest = n_packets * n_eyes
-        tasks = self._run(answers, n_packets, n_eyes)
+        tasks = self._run(program, answers, n_packets, n_eyes)
         while len(tasks):
             tasks = _cut(tasks, part.level_size)
             left = []
@@ -232,16 +216,16 @@ class ExactPass:
                 with Buffers(self._ctx, tasks=tasks[some]) as task_buffer:
                     task_buffer.bind(tasks=8)
                     n_tasks = some.stop - some.start
-                    self._program["n_tasks"].value = n_tasks
+                    program["n_tasks"].value = n_tasks
                     columns = min(n_tasks, _MAX_GROUPS)
-                    left.append(self._run(answers, columns, -(-n_tasks // columns)))
+                    left.append(self._run(program, answers, columns, -(-n_tasks // columns)))
             tasks = np.concatenate(left)
 
-    def _run(self, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
+    def _run(self, program: Any, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
         """Dispatch, and return the tasks left unfinished: (tasks, 2), pair of eye and packet, box."""
         head = np.zeros(_HEAD, dtype=np.uint32)
         answers.write("unfinished", head)
-        self._program.run(columns, rows)
+        program.run(columns, rows)
         self._ctx.memory_barrier()
         answers.read_into("unfinished", head)
         tasks = np.empty((int(head[0]), 2), dtype=np.uint32)
@@ -258,7 +242,8 @@ class ExactPass:
         """Give the GPU's memory back."""
         for part in self._face_parts:
             part.buffers.release()
-        self._program.release()
+        for program in self._programs.values():
+            program.release()
 
 
 def _padded(values: list[int]) -> tuple[int, ...]:
