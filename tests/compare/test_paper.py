@@ -39,14 +39,18 @@ def test_the_papers_reductions_are_its_own_seconds() -> None:
 
 def test_table_1a_compares_reductions() -> None:
     rows = [
-        row("table1a", "Car (5)", "vertex_hsr", 10.0, tests_per_view=1000.0),
-        row("table1a", "Car (5)", "vertex_hsr_culled:suggestion=2", 4.0, tests_per_view=300.0),
+        row("table1a", "Car (5)", "vertex_hsr", 10.0, tests_per_view=1000.0, cpu_seconds_per_view=2.0),
+        row(
+            "table1a", "Car (5)", "vertex_hsr_culled:suggestion=2", 4.0, tests_per_view=300.0, cpu_seconds_per_view=1.0
+        ),
         row("table1a", "Car (5)", "exact", 1.0),
     ]
     (table,) = paper_tables(rows)
     text = table.as_markdown()
     assert "| Car (5) | **paper** | 18,014 · 12,759 | 228.1 s | 94.8 s | 58.4 % |" in text
-    assert "| here: a built-in car | 18,000 · 123 | 10.0 ms | 4.00 ms | 60.0 % | 70.0 % | 10 % · 10 % |" in text
+    assert (
+        "| here: a built-in car | 18,000 · 123 | 10.0 ms | 4.00 ms | 60.0 % | 50.0 % | 70.0 % | 10 % · 10 % |" in text
+    )
     assert "| `exact` | 18,000 · 123 |  | 1.00 ms | 90.0 % |" in text
     assert "Chair (3)" not in text, "what was not measured is left out"
 

@@ -15,6 +15,7 @@ SWEEP: dict[str, tuple[dict[str, Any], ...]] = {
         {"resolution": 512},
         {"resolution": 1024},
     ),
+    "pyrender": ({"resolution": 512}, {"resolution": 1024}),
     "vertex_hsr_culled": ({"suggestion": 1}, {"suggestion": 2}),
     "exact_hsr": ({}, {"cull": "second"}),
     "occupancy_grid": ({"n": 16}, {"n": 32}, {"n": 64}, {"n": 128}),
