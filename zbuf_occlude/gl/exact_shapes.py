@@ -36,7 +36,12 @@ Shapes = tuple[tuple[float, Shape], ...]
 SOFTWARE: Shapes = ((0.5, Shape(8, 16, 1, 24)), (0.0, Shape(8, 1, 1, 24)))
 """For llvmpipe: one vector to a group, and many points a thread to make up for its slow shared memory."""
 
-HARDWARE: Shapes = ((12.0, Shape(32, 2, 1, 16)), (0.7, Shape(32, 1, 2, 16)), (0.0, Shape(32, 1, 8, 16)))
+HARDWARE: Shapes = (
+    (20.0, Shape(32, 2, 1, 16)),
+    (4.0, Shape(32, 1, 1, 16)),
+    (0.7, Shape(32, 1, 2, 16)),
+    (0.0, Shape(32, 1, 8, 16)),
+)
 """For a GPU: one warp to a group, little shared memory so that many groups are in flight, and the packets for which
 the fewest operations were counted: small ones where points are sparse, or each would look at too many faces."""
 
