@@ -113,10 +113,11 @@ def command(
     with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
 
         def progress(text: str) -> None:
-            bar.set_postfix_str(text, refresh=False)
-            bar.update()
+            bar.update(1 if bar.postfix else 0)  # what was announced before is done
+            bar.set_postfix_str(text)
 
         tally = run(cases, out, budget=seconds, judge_points=judge_points, progress=progress)
+        bar.update(total - bar.n)
     written = write_report(out)
     click.echo(summary(out))
     click.echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
