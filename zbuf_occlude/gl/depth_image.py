@@ -1,0 +1,73 @@
+"""One depth image of a mesh, read back to look at. (Answering about points never reads depth back: `depth_pass`.)"""
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.camera import Frusta, fitted_frusta, view_matrices
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.gl.buffers import Buffers
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
+from zbuf_occlude.gl.exact_data import Unit
+from zbuf_occlude.gl.tiles import TILE, arrange_tiles, reversed_depth
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.views import Views
+
+MARGIN = 0.05
+"""Free border around the mesh, as a fraction of the picture."""
+
+
+def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
+    """Render a mesh's depth as one camera sees it.
+
+    Parameters
+    ----------
+    gl : GlContext
+    mesh : Mesh
+    view : Views
+        One view, distance in world units; the camera looks at its target.
+    size : int
+        Pixels along a side. Pixels are square; the frustum is as small as holds the mesh.
+
+    Returns
+    -------
+    (size, size) float64
+        Eye depth (along the camera's axis) at the pixels' centres, world units, the highest row first;
+        infinite where nothing is.
+
+    Raises
+    ------
+    ArgumentError
+        The eye is within the mesh's bounding box, or so near that no single picture holds the mesh.
+    """
+    gl.make_current()
+    unit = Unit.of(mesh.centre, mesh.diagonal)
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    positions = unit.to(mesh.vertices[used])
+    views = view_matrices(unit.to(view.eyes), unit.to(np.asarray(view.target)), view.ups)
+    fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
+    if not fits[0]:
+        raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
+    cameras = reversed_depth(views, _square(frusta))
+    with mesh_buffers(gl, positions, faces.reshape(-1, 3).astype(np.int32)) as mesh_on_gpu:
+        depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_an_eye=1)
+        try:
+            tiles = np.zeros(MOST_TILES, dtype=TILE)
+            tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)
+            with Buffers(gl.ctx, tiles=tiles) as buffers:
+                buffers.bind_uniforms("tiles", 0, offset=0, size=tiles.nbytes)
+                depth_pass.draw(1)
+                depths = depth_pass.atlas.read(0)[0].astype(np.float64)
+        finally:
+            depth_pass.release()
+    gl.check()
+    near, far = cameras.frusta.near[0], cameras.frusta.far[0]
+    eye_depth = cameras.gains[0] / (depths + near / (far - near))
+    return np.asarray(np.where(depths > 0.0, eye_depth / unit.scale, np.inf)[::-1])
+
+
+def _square(frusta: Frusta) -> Frusta:
+    """Widen each frustum's shorter side, so that pixels are square."""
+    x, y = (frusta.left + frusta.right) / 2.0, (frusta.bottom + frusta.top) / 2.0
+    half = np.maximum(frusta.right - frusta.left, frusta.top - frusta.bottom) / 2.0
+    return frusta._replace(left=x - half, right=x + half, bottom=y - half, top=y + half)
