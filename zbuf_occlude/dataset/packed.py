@@ -179,8 +179,12 @@ class Archives:
 
     def place(self, number: int) -> tuple[int, int]:
         """Return the block and the view of a cloud's number."""
-        block = int(np.searchsorted(self._ends, number, side="right"))
+        block = int(self.blocks_of(np.asarray(number)))
         return block, int(self._seeing[block][number - self._ends[block]])  # counted from the block's end: negative
+
+    def blocks_of(self, numbers: Numbers) -> Numbers:
+        """Return the block of each cloud."""
+        return np.searchsorted(self._ends, numbers, side="right")
 
     def order(self) -> dict[str, Numbers]:
         """Return the numbers of each split's clouds in the order of the files that are written of them."""

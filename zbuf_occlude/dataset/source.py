@@ -29,11 +29,15 @@ class Source:
         The numbers of a split's clouds in the order of its files; splits without clouds are not there.
     take : callable
         Returns the records (`record_type`) of some numbers, in the order of the numbers.
+    blocks_of : callable
+        Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
+        where neighbours in the order are.
     """
 
     plan: Plan
     order: dict[str, Numbers]
     take: Callable[[Numbers], NDArray[Any]]
+    blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
 
     @property
     def n_clouds(self) -> dict[str, int]:

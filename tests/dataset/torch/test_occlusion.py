@@ -1,0 +1,196 @@
+"""Occlusion on the fly: only visible points, another eye each time, in workers, of any kind of mesh."""
+
+import copy
+import math
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+
+from tests.scenes import sphere  # noqa: E402
+from zbuf_occlude import ArgumentError, Mesh, MeshError, OptionError, SurfacePoints, prepare  # noqa: E402
+from zbuf_occlude.dataset.torch import OnTheFlyOcclusion  # noqa: E402
+
+BALL = sphere(24)
+
+
+def mean_direction(cloud: Any) -> np.ndarray:
+    mean = np.asarray(cloud, dtype=float).mean(axis=0)
+    return mean / np.linalg.norm(mean)
+
+
+def test_a_ball_is_seen_as_a_cap_from_everywhere() -> None:
+    """From d = 4 diameters = 8 radii the cap is what has cos > 1/8, whose uniform points have mean (1 + 1/8) / 2."""
+    torch.manual_seed(0)
+    occlude = OnTheFlyOcclusion(512, scale="mesh")
+    directions = []
+    for _ in range(60):
+        cloud = occlude(BALL)
+        assert (cloud.shape, cloud.dtype) == ((512, 3), torch.float32)
+        towards = mean_direction(cloud)
+        heights = cloud.numpy() @ towards
+        assert heights.min() > 1 / 8 - 0.15, "nothing beyond the horizon"
+        assert abs(heights.mean() - 9 / 16) < 0.06
+        assert len(np.unique(cloud.numpy(), axis=0)) == 512, "no point twice where enough are visible"
+        directions.append(towards)
+    spread = np.array(directions)
+    assert np.abs(spread.mean(axis=0)).max() < 5 / math.sqrt(3 * 60), "eyes are uniform over the sphere"
+    assert len(np.unique(spread.round(2), axis=0)) > 55, "another eye each time"
+
+
+def test_every_point_is_visible_by_the_oracles_word() -> None:
+    """For the one elevation whose eye is known: straight above a ring."""
+    mesh = Mesh.from_trimesh(__import__("trimesh").creation.annulus(0.3, 0.5, 0.4))
+    occlude = OnTheFlyOcclusion(200, scale="mesh", elevations=(math.pi / 2, math.pi / 2))  # straight above
+    eye = mesh.centre + np.array([0, 0, 4 * mesh.longest_side])
+    with prepare(mesh, "oracle", contact=1e-4) as oracle:  # positions are float32
+        for _ in range(3):
+            cloud = occlude(mesh).numpy().astype(float)
+            towards = eye - cloud
+            lifted = cloud + 1e-3 * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+            assert oracle.visible(SurfacePoints.free(lifted), eye[None]).all()
+            outer = np.linalg.norm(cloud[:, :2], axis=1) > 0.49
+            assert (cloud[~outer, 2] > -0.21).all()
+            assert (cloud[outer, 2] > 0.19).all(), "from above the outer wall is behind the rim"
+
+
+def test_scale_makes_the_longest_side_one() -> None:
+    cloud = OnTheFlyOcclusion(100)(BALL.transformed(37.0, [5, 6, 7]))
+    assert np.ptp(cloud.numpy(), axis=0).max() == pytest.approx(1.0)
+    assert np.allclose(cloud.numpy().min(axis=0) + cloud.numpy().max(axis=0), 0, atol=1e-6)
+
+
+def test_seeded_by_torch() -> None:
+    def one() -> Any:
+        torch.manual_seed(5)
+        occlude = OnTheFlyOcclusion(64, eyes_a_sampling=2)
+        return torch.stack([occlude(BALL) for _ in range(5)])
+
+    assert torch.equal(one(), one())
+
+
+def test_any_kind_of_mesh() -> None:
+    import trimesh
+
+    def first(mesh: Any) -> Any:
+        torch.manual_seed(5)
+        return OnTheFlyOcclusion(64)(mesh)
+
+    expected = first(BALL)
+    assert torch.equal(first(trimesh.Trimesh(BALL.vertices, BALL.faces, process=False)), expected)
+    data = SimpleNamespace(pos=torch.tensor(BALL.vertices), face=torch.tensor(BALL.faces.T.copy()).long(), y=3)
+    before = copy.copy(data)
+    after = first(data)
+    assert torch.equal(after.pos, expected)
+    assert (after.face, after.y, type(after)) == (None, 3, SimpleNamespace)
+    assert data.pos is before.pos, "the one given stays"
+    assert data.face is before.face
+
+
+class Meshes(torch.utils.data.Dataset):  # type: ignore[misc]  # torch is not typed here
+    """As a user would write it: a mesh and its label, through a transform."""
+
+    def __init__(self, transform: Any) -> None:
+        self.transform = transform
+
+    def __len__(self) -> int:
+        return 12
+
+    def __getitem__(self, index: int) -> Any:
+        return self.transform(sphere(6 + index % 3)), index
+
+
+def test_in_workers() -> None:
+    occlude = OnTheFlyOcclusion(128)
+    loader = torch.utils.data.DataLoader(
+        Meshes(occlude), batch_size=3, num_workers=2, multiprocessing_context="spawn", timeout=120
+    )
+    batches = [clouds for _ in range(2) for clouds, _ in loader]
+    assert all(clouds.shape == (3, 128, 3) for clouds in batches)
+    assert len({cloud.numpy().tobytes() for clouds in batches for cloud in clouds}) == 24, "no eye twice"
+
+
+def test_in_forked_workers() -> None:
+    """In an interpreter of its own: one that has used numba's threads cannot be forked and use them again."""
+    program = (
+        "import torch; from tests.dataset.torch.test_occlusion import Meshes, OnTheFlyOcclusion\n"
+        "loader = torch.utils.data.DataLoader(Meshes(OnTheFlyOcclusion(128)), batch_size=3, num_workers=2,\n"
+        "                                     multiprocessing_context='fork', timeout=120)\n"
+        "assert all(clouds.shape == (3, 128, 3) for clouds, _ in loader)"
+    )
+    root = Path(__file__).parents[3]
+    child = subprocess.run([sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+
+
+def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    from zbuf_occlude.dataset.torch import occlusion
+
+    prepared: list[int] = []
+
+    def counting(mesh: Mesh, *arguments: Any, **options: Any) -> Any:
+        prepared.append(len(mesh.faces))
+        return prepare(mesh, *arguments, **options)
+
+    monkeypatch.setattr(occlusion, "prepare", counting)
+    occlude = OnTheFlyOcclusion(16, cache_megabytes=0.5)
+    small, other, large = sphere(6), sphere(7), sphere(16)  # 120, 168 and 960 faces
+    for mesh in (small, other, small, sphere(6), other):
+        occlude(mesh)
+    assert prepared == [120, 168], "known by content"
+    occlude(large)
+    occlude(small)
+    assert prepared == [120, 168, 960, 120]
+    assert pickle.loads(pickle.dumps(occlude))._subjects == {}
+
+
+def test_where_little_is_visible_points_are_found_all_the_same() -> None:
+    """A hollow box of many inner walls shows less than a tenth of its surface."""
+    shells = [BALL.transformed(0.05 * i) for i in range(4, 21)]
+    corners = np.concatenate([shell.corners for shell in shells]).reshape(-1, 3)
+    mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+    cloud = OnTheFlyOcclusion(300, scale="mesh")(mesh).numpy()
+    assert len(np.unique(cloud, axis=0)) == 300
+    assert np.linalg.norm(cloud, axis=1).min() > 0.97, "all of them on the outermost shell"
+
+
+def test_a_mesh_never_seen_is_an_error() -> None:
+    """A flat square seen edge on from everywhere on its horizon, by a method that removes everything."""
+    occlude = OnTheFlyOcclusion(16)
+    subject = occlude._subject(BALL.vertices, BALL.faces)
+
+    class Blind:
+        def visible(self, points: Any, eyes: Any) -> Any:
+            return np.zeros((len(eyes), len(points)), dtype=bool)
+
+    subject.occluder = Blind()  # type: ignore[assignment]
+    with pytest.raises(MeshError, match="a mesh must be seen from somewhere"):
+        occlude(BALL)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "exact_gl"}, "method must need no GL to run in DataLoader workers; 'exact_gl' does. Take 'exact'"),
+        ({"method": "magic"}, "method must be one of"),
+        ({"method_options": {"colour": 3}}, "must be given one of its options"),
+        ({"n_points": 0}, "n_points must be positive; got 0"),
+        ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
+        ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
+    ],
+)
+def test_errors(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        OnTheFlyOcclusion(**options)
+
+
+def test_a_cloud_is_no_mesh() -> None:
+    with pytest.raises(ArgumentError, match="a mesh must have vertices and faces, or pos and face; got Tensor"):
+        OnTheFlyOcclusion()(torch.zeros(5, 3))

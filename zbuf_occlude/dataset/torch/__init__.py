@@ -1,0 +1,25 @@
+"""Training straight from a dataset, or from meshes without one (extra ``learn``): what a DataLoader takes.
+
+    train = CloudStream("occluded", "train", n_points=1024, transform=augmentation())
+    for clouds, labels in torch.utils.data.DataLoader(train, batch_size=32, num_workers=2): ...
+
+    occlude = OnTheFlyOcclusion(n_points=1024)
+    cloud = occlude(mesh)                                 # another eye each time
+
+Everything random here comes from torch's generators: `torch.manual_seed`, and in workers their own seeds, decide it.
+"""
+
+from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
+from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream
+from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
+
+__all__ = [
+    "CloudDataset",
+    "CloudStream",
+    "Compose",
+    "Jitter",
+    "OnTheFlyOcclusion",
+    "Rescale",
+    "Rotate",
+    "augmentation",
+]

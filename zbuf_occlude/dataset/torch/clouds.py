@@ -1,0 +1,164 @@
+"""A split of a dataset for PyTorch: by index, or as a stream shuffled by shard."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset, IterableDataset, get_worker_info
+
+from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.errors import OptionError
+
+Transform = Callable[[torch.Tensor], torch.Tensor]
+Sample = tuple[torch.Tensor, torch.Tensor]
+
+NEIGHBOURS = 64
+"""Clouds of a group where files hold them in random order."""
+
+
+class _Split:
+    """One split, its files opened by whichever process reads them."""
+
+    def __init__(
+        self, folder: str | os.PathLike[str], split: str, n_points: int | None, transform: Transform | None
+    ) -> None:
+        self.folder, self.split, self.transform = Path(folder), split, transform
+        source = self._open()
+        if split not in source.order:
+            raise OptionError(f"split must be one of {', '.join(source.order)}; got {split!r}.")
+        size = source.plan.recipe.sample_size
+        if n_points is not None and not 1 <= n_points <= size:
+            raise OptionError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
+        self.n_points = n_points or size
+        self.classes = source.plan.classes
+        self.numbers = source.order[split]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
+
+    @property
+    def source(self) -> Source:
+        """The dataset, opened by this process."""
+        return self._source if self._process == os.getpid() else self._open()
+
+    def _open(self) -> Source:
+        self._source, self._process = open_dataset(self.folder), os.getpid()
+        return self._source
+
+    def sample(self, record: Any) -> Sample:
+        """Turn a record into what a training loop takes; points are stored in random order, so the first will do."""
+        cloud = torch.from_numpy(np.array(record["data"][: self.n_points]))
+        return cloud if self.transform is None else self.transform(cloud), torch.tensor(int(record["label"][0]))
+
+
+class CloudDataset(_Split, Dataset[Sample]):
+    """The clouds of one split of a dataset, by index; worker-safe.
+
+    Parameters
+    ----------
+    folder : path-like
+        A complete dataset of any format: `hdf5`, or `packed` for a fiftieth of the disk.
+    split : {"train", "val", "test"}
+    n_points : int, optional
+        The first so many points of each cloud, whose order is random; all by default.
+    transform : callable, optional
+        Applied to each cloud, (n, 3) float32 tensor to tensor: see `augmentation`.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset in the folder.
+    OptionError
+        It has no such split, or `n_points` is more than its clouds have.
+
+    Notes
+    -----
+    Items are (cloud, label): (n_points, 3) float32 and () int64, an index into `classes`. In random order `packed`
+    unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_points: int | None = None,
+        transform: Transform | None = None,
+    ) -> None:
+        super().__init__(folder, split, n_points, transform)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, index: int) -> Sample:
+        """Return (cloud, label)."""
+        return self.sample(self.source.take(self.numbers[[index]])[0])
+
+    def __getitems__(self, indices: list[int]) -> list[Sample]:
+        """Return a batch; a DataLoader asks for all its clouds at once."""
+        return [self.sample(record) for record in self.source.take(self.numbers[indices])]
+
+
+class CloudStream(_Split, IterableDataset[Sample]):
+    """The clouds of one split of a dataset as a stream, shuffled by shard; worker-safe.
+
+    Parameters
+    ----------
+    folder, split, n_points, transform
+        As in `CloudDataset`.
+    pool : int
+        Groups read at a time, whose clouds are mixed; in memory at once, 100 MB or so by default.
+
+    Raises
+    ------
+    DatasetError, OptionError
+        As in `CloudDataset`; `pool` is less than 1.
+
+    Notes
+    -----
+    A group is what is quickly read together: neighbours in a file, or in `packed` the clouds of one sampling of one
+    object (all of one class: hence the pool). Each epoch takes the groups in another order and mixes the clouds of each
+    pool. Workers share the groups, so every cloud comes once an epoch, however many they are.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_points: int | None = None,
+        transform: Transform | None = None,
+        pool: int = 32,
+    ) -> None:
+        super().__init__(folder, split, n_points, transform)
+        if pool < 1:
+            raise OptionError(f"pool must be at least 1; got {pool}.")
+        self.pool, self._epoch = pool, 0
+        blocks = self.source.blocks_of(self.numbers)
+        if blocks is None:
+            self.groups = np.split(self.numbers, range(NEIGHBOURS, len(self.numbers), NEIGHBOURS))
+        else:
+            order = np.argsort(blocks, kind="stable")
+            self.groups = np.split(self.numbers[order], np.flatnonzero(np.diff(blocks[order])) + 1)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Sample]:
+        worker = get_worker_info()
+        # the same in all workers, and another in the next epoch: by torch's seed, or by the count where workers persist
+        seed = int(torch.randint(2**62, ())) if worker is None else worker.seed - worker.id
+        generator = torch.Generator().manual_seed((seed + 1_000_003 * self._epoch) % 2**63)
+        self._epoch += 1
+        order = torch.randperm(len(self.groups), generator=generator).tolist()
+        if worker is not None:
+            order = order[worker.id :: worker.num_workers]
+        for start in range(0, len(order), self.pool):
+            numbers = np.concatenate([self.groups[group] for group in order[start : start + self.pool]])
+            records = self.source.take(numbers)
+            for row in torch.randperm(len(records), generator=generator).tolist():
+                yield self.sample(records[row])

@@ -1,0 +1,188 @@
+"""Occlusion on the fly: a transform that makes another occluded cloud of a mesh each time, so no dataset is stored."""
+
+import copy
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.data import get_worker_info
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.dataset.clouds import draw, fit
+from zbuf_occlude.dataset.plan import SCALES
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import sample_surface
+from zbuf_occlude.views import PAPER_DISTANCE
+from zbuf_occlude.views import random as random_views
+from zbuf_occlude.visibility import find_method, prepare
+
+BYTES_A_FACE = 1000
+"""About what a prepared mesh takes in memory, for each face."""
+ROUNDS = 8
+"""So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
+
+
+class OnTheFlyOcclusion:
+    """A mesh in, the cloud out that an eye at a random place sees: another eye each time.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of each cloud.
+    distance : float
+        Of the eye from the mesh's centre, in longest sides.
+    elevations : (float, float)
+        The eye is anywhere on the sphere between these elevations (radians), uniformly by area.
+    method : str
+        Of the table of methods; one that needs no GL.
+    method_options : mapping, optional
+    scale : {"cloud", "mesh"}
+        As in `zbuf_occlude.dataset.plan.Recipe`.
+    eyes_a_sampling : int
+        So many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then it is sampled anew.
+        1: every cloud has points of its own.
+    cache_megabytes : float
+        Prepared meshes are kept, the least recently used given up beyond this; in each worker.
+
+    Raises
+    ------
+    OptionError
+        A value out of range, or a method that needs GL.
+
+    Notes
+    -----
+    Called with a `Mesh`, with a ``trimesh.Trimesh``, or with anything that has ``pos`` (v, 3) and ``face`` (3, f) such
+    as a PyTorch Geometric ``Data``. Of the first two it returns an (n_points, 3) float32 tensor; of the last a shallow
+    copy whose ``pos`` is that tensor and whose ``face`` is None, as PyTorch Geometric's own sampling transforms do.
+
+    Meshes are recognised by their content. A mesh met for the first time is cleaned and prepared, which costs several
+    times what a cloud does. Randomness comes from torch's default generator. In a worker one thread is used.
+
+    GNU OpenMP ends a process that was forked from one that had used it: give the DataLoader
+    ``multiprocessing_context="spawn"`` when the main process asks an exact method before the workers start.
+    """
+
+    def __init__(
+        self,
+        n_points: int = 1024,
+        *,
+        distance: float = PAPER_DISTANCE,
+        elevations: tuple[float, float] = (-math.pi / 2, math.pi / 2),
+        method: str = "exact",
+        method_options: Mapping[str, Any] | None = None,
+        scale: str = "cloud",
+        eyes_a_sampling: int = 8,
+        cache_megabytes: float = 500.0,
+    ) -> None:
+        for name, value in (("n_points", n_points), ("distance", distance), ("eyes_a_sampling", eyes_a_sampling)):
+            if not value > 0:
+                raise OptionError(f"{name} must be positive; got {value}.")
+        if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
+            raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
+        if scale not in SCALES:
+            raise OptionError(f"scale must be one of {', '.join(SCALES)}; got {scale!r}.")
+        if find_method(method).needs_gl:
+            raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
+        find_method(method).check_options(dict(method_options or {}))
+        self.n_points, self.distance, self.elevations = n_points, distance, elevations
+        self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
+        self.eyes_a_sampling, self.cache_megabytes = eyes_a_sampling, cache_megabytes
+        self._subjects: OrderedDict[int, _Subject] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_subjects": OrderedDict()}  # another process prepares its own
+
+    def __call__(self, mesh: Any) -> Any:
+        """Return the cloud that another eye sees of the mesh.
+
+        Raises
+        ------
+        ArgumentError
+            Not a mesh.
+        MeshError
+            The mesh has no face of any area, or nothing of it was seen from any eye.
+        """
+        if hasattr(mesh, "pos") and hasattr(mesh, "face"):
+            data = copy.copy(mesh)
+            data.pos, data.face = self._cloud(_array(mesh.pos), _array(mesh.face).T), None
+            return data
+        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+            return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        raise ArgumentError(
+            f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
+            "Keep the faces: apply this transform before any that samples points."
+        )
+
+    def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any]) -> torch.Tensor:
+        if get_worker_info() is not None:
+            numba.set_num_threads(1)  # the other cores belong to the other workers
+        positions = self._subject(vertices, faces).next_cloud(self)
+        if self.scale == "cloud":
+            centre, factor = fit(positions)
+            positions = (positions - centre) * factor
+        return torch.from_numpy(positions.astype(np.float32))
+
+    def _subject(self, vertices: NDArray[Any], faces: NDArray[Any]) -> "_Subject":
+        key = hash((vertices.tobytes(), faces.tobytes()))
+        if key not in self._subjects:
+            self._subjects[key] = _Subject(Mesh(vertices, faces).cleaned(), self)
+            while len(self._subjects) > 1 and sum(s.megabytes for s in self._subjects.values()) > self.cache_megabytes:
+                self._subjects.popitem(last=False)[1].occluder.close()
+        self._subjects.move_to_end(key)
+        return self._subjects[key]
+
+
+class _Subject:
+    """A prepared mesh, with the clouds of it that are drawn already."""
+
+    def __init__(self, mesh: Mesh, settings: OnTheFlyOcclusion) -> None:
+        self.mesh = mesh
+        self.occluder = prepare(mesh, settings.method, **settings.method_options)
+        self.megabytes = len(mesh.faces) * BYTES_A_FACE / 1e6
+        self._clouds: list[FloatArray] = []
+        self._visible_fraction = 0.3
+
+    def next_cloud(self, settings: OnTheFlyOcclusion) -> FloatArray:
+        """Return the positions (n_points, 3) that another eye sees, world space."""
+        for _ in range(ROUNDS):
+            if not self._clouds:
+                self._draw(settings)
+            if self._clouds:
+                return self._clouds.pop()
+        raise MeshError(f"a mesh must be seen from somewhere; {self.mesh.name} was not from {ROUNDS} samplings.")
+
+    def _draw(self, settings: OnTheFlyOcclusion) -> None:
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        mesh, wanted = self.mesh, settings.n_points
+        n_eyes = settings.eyes_a_sampling
+        views = random_views(n_eyes, settings.elevations, settings.distance, int(rng.integers(2**62)))
+        eyes = views.around(mesh.centre, mesh.longest_side).eyes
+        found: list[list[FloatArray]] = [[] for _ in eyes]
+        counts, lacking = np.zeros(n_eyes, dtype=int), np.arange(n_eyes)
+        n_sampled = int(1.15 * wanted / self._visible_fraction)
+        for sampling in range(ROUNDS):
+            points = sample_surface(mesh, n_points=n_sampled, seed=rng)
+            mask = self.occluder.visible(points, eyes[lacking])
+            for eye, seen in zip(lacking, mask, strict=True):
+                found[eye].append(points.positions[seen])
+            counts[lacking] += mask.sum(axis=1)
+            if sampling == 0:  # so that of the next sampling three eyes of four see enough
+                self._visible_fraction = float(np.clip(np.quantile(counts / n_sampled, 0.25), 0.02, 1.0))
+            lacking = np.flatnonzero(counts < wanted)
+            if not len(lacking):
+                break
+        for parts in found:
+            positions = np.concatenate(parts)
+            if len(positions):
+                self._clouds.append(positions[draw(np.arange(len(positions)), wanted, rng)])
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """A tensor's values, wherever it is, or an array's."""
+    return values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else np.asarray(values)
