@@ -127,11 +127,11 @@ void list_triangle(uint face)
     vec3 a_g = a * g - eye_g.xyz, b_g = a_g + ab * g;
     vec3 from_a = centre - a, from_b = from_a - ab;
     float reach_a = length(from_a) + radius, reach_b = length(from_b) + radius;
-    // one over each plane's error bound; docs/methods.md derives the numbers
+    // one over each plane's error bound; docs/error_bounds.md derives the numbers
     float unit = EPSILON * size_g;
-    float per_u = 1.0 / max(unit * length(bc) * (2.5 + 24.0 * reach_b), TINY);
-    float per_v = 1.0 / max(unit * length(ac) * (2.5 + 24.0 * reach_a), TINY);
-    float per_w = 1.0 / max(unit * length(ab) * (2.5 + 24.0 * reach_a), TINY);
+    float per_u = 1.0 / max(unit * length(bc) * (4.0 + 26.0 * reach_b), TINY);
+    float per_v = 1.0 / max(unit * length(ac) * (4.0 + 26.0 * reach_a), TINY);
+    float per_w = 1.0 / max(unit * length(ab) * (4.0 + 26.0 * reach_a), TINY);
     float steep = depth_trusted ? size_g / (nearest_g - contact * g) : 0.0;
     float size_n = max(length(n), TINY);
     float per_s = 0.5 / (EPSILON * size_n * (0.5 + 6.0 * reach_a + contact * steep * (11.0 + 6.0 * steep)));
@@ -309,7 +309,7 @@ void main()
                                           min(dot(w.xyz, p[q]) + w.w, dot(s.xyz, p[q]) + s.w + slope * inverse_g[q]));
                         uint bit = face != own[q] ? 1u << q : 0u;
                         if (least > 1.0) hidden |= bit;
-                        else if (least >= -1.0) doubts |= bit;
+                        else if (!(least < -1.0)) doubts |= bit;  // so written that NaN is a doubt
                     }
                     doubts &= ~hidden;
                     j += STRANDS;

@@ -34,7 +34,8 @@ class Unit:
     @classmethod
     def of(cls, centre: FloatArray, diagonal: float) -> "Unit":
         """Return the unit of a mesh by its box."""
-        return cls(centre, float(np.ldexp(1.0, -int(np.frexp(diagonal)[1]))) if diagonal > 0.0 else 1.0)
+        # 2^1023 is the largest there is
+        return cls(centre, float(np.ldexp(1.0, min(-int(np.frexp(diagonal)[1]), 1023))) if diagonal > 0.0 else 1.0)
 
     def to(self, positions: FloatArray) -> FloatArray:
         """World to unit space, (..., 3) float64."""

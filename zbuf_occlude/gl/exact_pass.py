@@ -27,7 +27,7 @@ _MAX_GROUPS = 65535
 """What every driver allows of work groups along an axis."""
 
 _ANSWER_BYTES = 1 << 26
-"""Most answer bits (in bytes) that one dispatch may produce."""
+"""Most bytes of answers, and of groups left unfinished, that one dispatch may produce."""
 
 _BINDINGS = 10
 
@@ -88,8 +88,9 @@ class ExactPass:
 
     Notes
     -----
-    GPU memory: 140 bytes a face; 48 bytes a point and 1/4 byte a point and eye while it answers, of the latter
-    two at most 2^22 points and 2^29 answers at once.
+    GPU memory: 141 bytes a face; while it answers 48 bytes a point, of at most 65,535 packets at once (4.2 million
+    points where they are dense, 262,000 where they are sparse), and at most 128 MiB of answers, whatever the number
+    of eyes. No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
     def __init__(
@@ -179,7 +180,7 @@ class ExactPass:
         """Answer for the points bound, into (k, n)."""
         k, n = answer.shape
         words = -(-n // 32)
-        most = max(1, min(_ANSWER_BYTES // (4 * words), _MAX_GROUPS, k))
+        most = max(1, min(_ANSWER_BYTES // (4 * words), _ANSWER_BYTES // (8 * n_packets), _MAX_GROUPS, k))
         program["n_packets"].value = n_packets
         program["words"].value = words
         bits = np.empty((most, words), dtype=np.uint32)
