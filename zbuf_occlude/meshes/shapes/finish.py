@@ -20,25 +20,28 @@ def finished(part: Part, draw: Draw) -> tuple[FloatArray, IntArray]:
     modelled one, coordinates are single precision; the shape rests on z = 0 or is centred at the origin. The front
     stays towards -y.
     """
+    # all is drawn before anything depends on the number of faces, so that another detail changes nothing else
+    winding, start = draw.pick(("modelled", "modelled", "run", "any")), draw.between(0.0, 0.5)
+    twice, first = draw.chance(0.15), draw.between(0.0, 1.0)
+    unshared, centred = draw.chance(0.35), draw.chance(0.5)
+    unit = float(np.exp(draw.between(np.log(0.05), np.log(500.0))))
     points, faces = part.points, part.faces
     while len(faces) < FEWEST_FACES:
         points, faces = quartered(points, faces)
-    winding = draw.pick(("modelled", "modelled", "run", "any"))
+    n = len(faces)
     if winding == "run":
-        start = draw.whole(0, len(faces) // 2)
-        faces = np.concatenate([faces[:start], faces[start : 2 * start, ::-1], faces[2 * start :]])
+        run = slice(int(start * n), int(2 * start * n))
+        faces = np.concatenate([faces[: run.start], faces[run, ::-1], faces[run.stop :]])
     elif winding == "any":
-        turned = draw.rng.random(len(faces)) < 0.5
-        faces = np.where(turned[:, None], faces[:, ::-1], faces)
-    if draw.chance(0.15):
-        first = draw.whole(0, len(faces) - 1)
-        faces = np.concatenate([faces, faces[first : first + len(faces) // 40]])
-    if draw.chance(0.35):
+        faces = np.where(draw.rng.random(n)[:, None] < 0.5, faces[:, ::-1], faces)
+    if twice:
+        again = int(first * n)
+        faces = np.concatenate([faces, faces[again : again + n // 40]])
+    if unshared:
         points, faces = points[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2
-    origin = middle if draw.chance(0.5) else np.array([middle[0], middle[1], low[2]])
-    unit = float(np.exp(draw.between(np.log(0.05), np.log(500.0))))
+    origin = middle if centred else np.array([middle[0], middle[1], low[2]])
     # single precision, as files have it; it also makes the last bits alike on all processors
     return ((points - origin) * unit).astype(np.float32).astype(np.float64), faces
 
