@@ -6,8 +6,8 @@
     python benchmarks/object_space.py growth                  # fitted exponents over points, faces and cells
 
 Without a mesh, built-in cars of the paper's 13,164 and 18,014 faces. Views are every 20th of the paper's 100. Times
-are medians of rounds in which the methods take turns, so that what slows the machine slows all of them; the first,
-which compiles, is thrown away. Ratios are what counts.
+are processor seconds of one core, which other programs on the machine disturb least: medians of rounds in which the
+methods take turns; the first, which compiles, is thrown away. Ratios are what counts.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import statistics
 import time
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 
 import zbuf_occlude as zo
@@ -33,6 +34,7 @@ def main() -> None:
     parser.add_argument("meshes", nargs="*")
     parser.add_argument("--faces", nargs="+", type=int, default=[13_164, 18_014], help="of the built-in cars")
     arguments = parser.parse_args()
+    numba.set_num_threads(1)
     if arguments.what == "growth":
         return growth()
     meshes = [load_mesh(path).normalized() for path in arguments.meshes]
@@ -46,10 +48,10 @@ def seconds_per_view(questions: Sequence[Question], rounds: int = ROUNDS) -> lis
     times: list[list[float]] = [[] for _ in questions]
     for turn in range(rounds + 1):
         for (occluder, points), taken in zip(questions, times, strict=True):
-            start = time.perf_counter()
+            start = time.process_time()
             occluder.visible(points, EYES)
             if turn:
-                taken.append((time.perf_counter() - start) / len(EYES))
+                taken.append((time.process_time() - start) / len(EYES))
     return [statistics.median(taken) for taken in times]
 
 
@@ -97,9 +99,9 @@ def grid(meshes: list[zo.Mesh]) -> None:
             grids = []
             preparing = []
             for n in (32, 64):
-                start = time.perf_counter()
+                start = time.process_time()
                 grids.append(zo.prepare(mesh, "occupancy_grid", n=n))
-                preparing.append(time.perf_counter() - start)
+                preparing.append(time.process_time() - start)
             slow = seconds_per_view([(exact, points)], rounds=1)[0]
             fast = seconds_per_view([(g, points) for g in grids], rounds=9)
             truth = exact.visible(points, EYES)
@@ -158,12 +160,18 @@ def growth() -> None:
     for n in (32, 64):
         occluder = zo.prepare(mesh, "occupancy_grid", n=n)
         fit(f"occupancy_grid n={n}", "points N", counts, seconds_per_view([(occluder, p) for p in samples], 9))
-    questions, cells = [], []
+    counts, times = [], []
     for n in (16, 32, 64, 128, 256):
-        occluder = zo.prepare(mesh, "occupancy_grid", n=n, n_samples=1_000_000)
-        questions.append((occluder, samples[-1]))
-        cells.append(int(occluder.grid.occupied.sum()))  # type: ignore[attr-defined]
-    fit("occupancy_grid n=16..256", "occupied cells", cells, seconds_per_view(questions, 9))
+        occupancy = zo.prepare(mesh, "occupancy_grid", n=n, n_samples=1_000_000).grid  # type: ignore[attr-defined]
+        cells = np.argwhere(occupancy.occupied).astype(np.int32)
+        taken = []
+        for eye in EYES:
+            start = time.process_time()
+            occupancy.occluded_cells(cells, eye)
+            taken.append(time.process_time() - start)
+        counts.append(len(cells))
+        times.append(statistics.median(taken))
+    fit("occupancy_grid n=16..256, lines of sight alone", "occupied cells", counts, times)
 
 
 def fit(method: str, over: str, numbers: Sequence[int], seconds: Sequence[float]) -> None:

@@ -32,6 +32,14 @@ def test_cells_of_positions() -> None:
     assert grid.contains(np.array([[4.0, 3, 2.5], [4.01, 1, 1], [0, -1, -1.5]])).tolist() == [True, False, True]
 
 
+def test_distinct_cells() -> None:
+    grid = grid_with(4, [])
+    positions = np.random.default_rng(0).random((500, 3)) ** 3
+    cells, which = grid.distinct_cells(positions)
+    assert (cells[which] == grid.cells_of(positions)).all()
+    assert len(np.unique(cells, axis=0)) == len(cells) == len(np.unique(grid.cells_of(positions), axis=0)) < 64
+
+
 def test_an_occupied_cell_on_the_line_occludes() -> None:
     eye = (10.0, 0.55, 0.55)
     for own in ([], [(2, 5, 5)]):  # whether the cell itself is occupied does not matter

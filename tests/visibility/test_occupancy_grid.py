@@ -91,9 +91,9 @@ def test_an_eye_within_the_grid() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"n": 1}, r"n must be an int in \[2, 1024\], cells along a side; got 1"),
-        ({"n": 32.0}, r"n must be an int in \[2, 1024\], cells along a side; got 32.0"),
-        ({"n": 5000}, r"n must be an int in \[2, 1024\]"),
+        ({"n": 1}, r"n must be an int in \[2, 512\], cells along a side; got 1"),
+        ({"n": 32.0}, r"n must be an int in \[2, 512\], cells along a side; got 32.0"),
+        ({"n": 5000}, r"n must be an int in \[2, 512\]"),
         ({"n_samples": 0}, "n_samples must be a positive int; got 0"),
     ],
 )

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 
@@ -61,6 +62,20 @@ class OccupancyGrid:
     def cells_of(self, positions: FloatArray) -> IntArray:
         """Cells that positions (world space, in the grid) lie in, (s, 3) int32."""
         return np.clip(np.floor(self._in_cells(positions)), 0, self.n - 1).astype(np.int32)
+
+    def distinct_cells(self, positions: FloatArray) -> tuple[IntArray, NDArray[np.intp]]:
+        """Cells that positions (world space) lie in, each once, (c, 3), and for each position which, (s,).
+
+        O(s + n^3): the cells are marked, not sorted. Positions outside the grid count as in the cell nearest to them.
+        """
+        numbers = np.ravel_multi_index(tuple(self.cells_of(positions).T), self.occupied.shape)
+        marked = np.zeros(self.occupied.size, dtype=bool)
+        marked[numbers] = True
+        distinct = np.flatnonzero(marked)
+        place = np.empty(self.occupied.size, dtype=np.int32)
+        place[distinct] = np.arange(len(distinct))
+        cells = np.stack(np.unravel_index(distinct, self.occupied.shape), axis=1).astype(np.int32)
+        return cells, place[numbers].astype(np.intp)
 
     def contains(self, positions: FloatArray) -> BoolArray:
         """Whether positions (world space) lie in the grid, its border included, (s,) bool."""

@@ -9,8 +9,8 @@ from zbuf_occlude.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.visibility.interface import Occluder
 
-LARGEST = 1024
-"""The finest grid: 1 GiB of cells."""
+LARGEST = 512
+"""The finest grid: 128 MiB of cells, and 512 MiB while points are asked."""
 
 
 def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0) -> "OccupancyGridOccluder":
@@ -72,14 +72,14 @@ class OccupancyGridOccluder(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         grid = self.grid
-        inside = grid.contains(points.positions)
-        outside = points.positions[~inside]
-        numbers = np.ravel_multi_index(tuple(grid.cells_of(points.positions[inside]).T), grid.occupied.shape)
-        asked, which = np.unique(numbers, return_inverse=True)
-        cells = np.stack(np.unravel_index(asked, grid.occupied.shape), axis=1).astype(np.int32)
+        outside = np.flatnonzero(~grid.contains(points.positions))
+        cells, which = grid.distinct_cells(points.positions)
+        which[outside] = len(cells) + np.arange(len(outside))
         self.n_lines = len(cells) + len(outside)
         answer = np.empty((len(eyes), len(points)), dtype=bool)
-        for j, eye in enumerate(eyes):
-            answer[j, inside] = ~grid.occluded_cells(cells, eye)[which]
-            answer[j, ~inside] = ~grid.occluded_positions(outside, eye)
+        for row, eye in zip(answer, eyes, strict=True):
+            occluded = np.concatenate(
+                [grid.occluded_cells(cells, eye), grid.occluded_positions(points.positions[outside], eye)]
+            )
+            np.take(~occluded, which, out=row)
         return answer
