@@ -1,7 +1,7 @@
-"""Fixtures of the whole suite: the one OpenGL context of the test process."""
+"""Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
 
@@ -16,6 +16,37 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "gl" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.gl)
+
+
+NO_SKIP = "ZBUF_OCCLUDE_NO_SKIP"
+"""With this variable set, as in continuous integration, a test that is skipped for lack of software fails."""
+FINE = ("ZBUF_OCCLUDE_DATA", "root may read everything", "this machine may have a GPU")
+"""A reason that holds one of these is fine there too: data that may not be handed on, facts of the machine."""
+
+
+def _refused(report: pytest.TestReport | pytest.CollectReport) -> None:
+    if not (os.environ.get(NO_SKIP) and report.skipped and isinstance(report.longrepr, tuple)):
+        return
+    reason = str(report.longrepr[2])
+    if not any(words in reason for words in FINE):
+        report.outcome = "failed"
+        report.longrepr = f"nothing may be skipped here ({NO_SKIP} is set), but this was: {reason}"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Turn a test's skip into a failure where skips are refused."""
+    report = yield
+    _refused(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Turn a whole module's skip into a failure where skips are refused."""
+    report = yield
+    _refused(report)
+    return report
 
 
 @pytest.fixture(scope="session")
