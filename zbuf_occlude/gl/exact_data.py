@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
@@ -101,12 +102,10 @@ class PointArrays:
 
     Attributes
     ----------
-    order : (packets * size,) uint32
-        The question's point at each place; `NONE` pads the last packet.
     points : (packets * size, 4) uint32
         Bits of the float32 offset from the packet's centre, and the own face's place (`NONE`: free).
     exact_points : (packets * size,) EXACT_POINT
-        World positions in float64, and `order`.
+        World positions in float64, and the question's point at each place; `NONE` pads the last packet.
     packets : (packets, 8) float32
         Centre and radius, half size; unit space.
     """
@@ -124,24 +123,50 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     order = np.empty(n_packets * size, dtype=np.int64)
     order[:n] = hilbert_order(positions)
     order[n:] = order[n - 1]
-    exact_points = np.zeros(len(order), dtype=EXACT_POINT)
-    exact_points["position"] = positions[order]
+    exact_points = np.empty(len(order), dtype=EXACT_POINT)
+    points = np.empty((len(order), 4), dtype=np.uint32)
+    packets = np.zeros((n_packets, 8), dtype=np.float32)
+    offsets, world = points.view(np.float32), exact_points.view(np.float64).reshape(-1, 4)
+    _pack(positions, order, size, unit.centre, unit.scale, offsets, world, packets)
+    points[:, 3] = own_places[order].astype(np.uint32)
     exact_points["order"] = order
     exact_points["order"][n:] = NONE
-    local = unit.to(exact_points["position"]).reshape(n_packets, size, 3)
-    low, high = local.min(axis=1), local.max(axis=1)
-    centre = ((low + high) / 2.0).astype(np.float32)
-    local -= centre[:, None]
-    offsets = local.astype(np.float32)
-    packets = np.zeros((n_packets, 8), dtype=np.float32)
-    packets[:, :3] = centre
-    # a hair more than the largest, for the rounding to float32
-    packets[:, 3] = np.sqrt((local**2).sum(axis=2).max(axis=1)) * (1.0 + 1e-6)
-    packets[:, 4:7] = np.abs(local).max(axis=1) * (1.0 + 1e-6)
-    points = np.empty((len(order), 4), dtype=np.uint32)
-    points[:, :3] = offsets.reshape(-1, 3).view(np.uint32)
-    points[:, 3] = own_places[order].astype(np.uint32)
     return PointArrays(n_packets, points, exact_points, packets)
+
+
+@njit(parallel=True, cache=True)
+def _pack(
+    positions: FloatArray,
+    order: NDArray[np.int64],
+    size: int,
+    unit_centre: FloatArray,
+    scale: float,
+    offsets: NDArray[np.float32],
+    world: FloatArray,
+    packets: NDArray[np.float32],
+) -> None:
+    """Fill in the geometry of packets: offsets and world get a column more than three, which is left alone."""
+    for packet in prange(len(packets)):
+        first = packet * size
+        largest = 0.0
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            for i in range(first, first + size):
+                world[i, axis] = positions[order[i], axis]
+                local = (world[i, axis] - unit_centre[axis]) * scale
+                low, high = min(low, local), max(high, local)
+            packets[packet, axis] = (low + high) / 2.0
+            # a hair more than it is, for the rounding to float32
+            centre = np.float64(packets[packet, axis])
+            packets[packet, 4 + axis] = max(high - centre, centre - low) * (1.0 + 1e-6)
+        for i in range(first, first + size):
+            squared = 0.0
+            for axis in range(3):
+                offset = (world[i, axis] - unit_centre[axis]) * scale - np.float64(packets[packet, axis])
+                offsets[i, axis] = offset
+                squared += offset * offset
+            largest = max(largest, squared)
+        packets[packet, 3] = np.sqrt(largest) * (1.0 + 1e-6)
 
 
 def arrange_eyes(eyes: FloatArray, unit: Unit) -> NDArray[Any]:
