@@ -15,6 +15,7 @@ COMMANDS = {
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
+    "show": "Draw a dataset: a gallery to turn by hand, a contact sheet; the paper's Table 2 with its row.",
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }

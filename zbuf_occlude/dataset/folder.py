@@ -8,7 +8,8 @@ from typing import Any
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
 
-PLAN, MANIFEST, CONTACT_SHEET = "plan.json", "manifest.json", "contact_sheet.png"
+PLAN, MANIFEST = "plan.json", "manifest.json"
+CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 
 

@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, PLAN, SHAPE_NAMES, checksums, read_manifest
+from zbuf_occlude.dataset.folder import (
+    CONTACT_SHEET,
+    GALLERY,
+    MANIFEST,
+    MESH_KEYS,
+    PLAN,
+    SHAPE_NAMES,
+    checksums,
+    read_manifest,
+)
 from zbuf_occlude.dataset.formats import FORMATS, find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
@@ -178,6 +187,10 @@ def remove(out: Path) -> None:
         return
     shutil.rmtree(out / FOLDER, ignore_errors=True)
     patterns = {pattern for row in FORMATS for pattern in row.patterns}
-    patterns |= {MANIFEST, CONTACT_SHEET, SHAPE_NAMES, MESH_KEYS, PLAN}
+    patterns |= {MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, PLAN}
     for path in [path for pattern in sorted(patterns) for path in out.glob(pattern)]:
         path.unlink(missing_ok=True)
+        folder = path.parent
+        while folder != out and not any(folder.iterdir()):
+            folder.rmdir()
+            folder = folder.parent

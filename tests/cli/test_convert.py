@@ -1,0 +1,118 @@
+"""`generate --format`, `generate --preset`, `convert`: from the command line to the files."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.packed import PackedDataset
+
+SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 300, "--sample-size", 32, "--workers", 1)
+
+
+@pytest.mark.parametrize(
+    ("format", "file"),
+    [
+        ("hdf5", "ply_data_train0.h5"),
+        ("packed", "packed-000000.zip"),
+        ("webdataset", "train-000000.tar"),
+        ("npz", "test-000000.npz"),
+        ("ply", "ply/test/brick/*.ply"),
+    ],
+)
+def test_every_format_from_the_command_line(run: Run, modelnet: Path, tmp_path: Path, format: str, file: str) -> None:
+    out = tmp_path / "out"
+    outcome = run("generate", modelnet, "--out", out, *SMALL, "--format", format)
+    assert outcome.code == 0, outcome.err
+    assert list(out.glob(file))
+    assert not (out / "shards").exists()
+    document = json.loads((out / "manifest.json").read_text())
+    assert document["format"] == format
+    assert document["counts"]["clouds_by_split"] == {"train": 16, "test": 16} == open_dataset(out).n_clouds
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", format).out == outcome.out
+    outcome = run("generate", modelnet, "--out", out, *SMALL, "--format", format, "--seed", 1, "--overwrite")
+    assert outcome.code == 0, outcome.err
+    kept = {path.name for path in out.rglob("*") if path.is_file()}
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "npz", "--overwrite").code == 0
+    left = {path.name for path in out.rglob("*") if path.is_file()}
+    assert {n for n in left & kept if n.endswith((".h5", ".zip", ".tar", ".ply", "_files.txt"))} == set()
+
+
+def test_another_format_in_the_folder_is_an_error(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--format", "packed")
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL)
+    assert outcome.code == 1
+    assert "must be empty or hold this same plan" in outcome.err
+
+
+def test_packed_resumes_between_its_last_steps(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    """Shards moved to their place, the manifest not written: the same command goes on from there."""
+    out = tmp_path / "out"
+    arguments = ("generate", modelnet, "--out", out, *SMALL, "--format", "packed", "--shard", "0/1")
+    assert run(*arguments[:-2]).code == 0
+    before = (out / "packed-000000.zip").read_bytes()
+    # the state after a kill: the sidecar is there, one shard moved, no manifest
+    other = tmp_path / "other"
+    assert run("generate", modelnet, "--out", other, *SMALL, "--format", "packed", "--shard", "0/2").code == 0
+    assert (other / "shards" / "000000.zip").exists()
+    (other / "shards" / "000000.zip").rename(other / "packed-000000.zip")
+    assert run("generate", modelnet, "--out", other, *SMALL, "--format", "packed").code == 0
+    assert (other / "packed-000000.zip").read_bytes() == before
+    assert len(PackedDataset(other)) == 32
+
+
+def test_convert(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    run("generate", modelnet, "--out", tmp_path / "packed", *SMALL, "--format", "packed")
+    outcome = run("convert", tmp_path / "packed", "--format", "webdataset", "--out", tmp_path / "tars")
+    assert outcome.code == 0, outcome.err
+    assert "32 clouds (" in outcome.out
+    assert "convert: 100%" in outcome.err
+    assert run("convert", tmp_path / "tars", "--format", "hdf5", "--out", tmp_path / "h5").code == 0
+    assert (tmp_path / "h5" / "train_files.txt").read_text() == "ply_data_train0.h5\n"
+    outcome = run("convert", tmp_path / "h5", "--format", "packed", "--out", tmp_path / "back")
+    assert outcome.code == 1
+    assert "error: a packed dataset must be made of all points of its objects" in outcome.err
+    outcome = run("convert", tmp_path / "tars", "--format", "npz", "--out", tmp_path / "h5")
+    assert outcome.code == 1
+    assert "must be empty or hold this same plan" in outcome.err
+    assert run("convert", tmp_path / "meshes", "--format", "npz", "--out", tmp_path / "x").code == 1
+
+
+@pytest.mark.parametrize("preset", ["paper-modelnet40", "paper-modelnet8"])
+def test_presets_plan_the_papers_numbers(run: Run, tmp_path: Path, preset: str) -> None:
+    outcome = run("generate", "--preset", preset, "--dry-run", "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    if preset == "paper-modelnet40":
+        assert "200 meshes x 100 views x 10 variations = 200000 clouds" in outcome.out
+    else:
+        assert "600 meshes x 25 views x 1 variations = 15000 clouds" in outcome.out
+        assert "600 meshes x 1 views x 1 variations = 600 clouds" in outcome.out
+        assert f"into {tmp_path / 'out' / 'original'}" in outcome.out
+    assert not (tmp_path / "out").exists()
+
+
+def test_options_given_override_the_preset(run: Run, tmp_path: Path) -> None:
+    common = ("generate", "--preset", "paper-modelnet40", "--dry-run", "--out", tmp_path)
+    assert "by occupancy_grid" in run(*common, "--method", "occupancy_grid", "--set", "n=32").out
+    assert "200 meshes x 100 views x 2 variations" in run(*common, "--variations", 2).out
+    plain, dense = run(*common), run(*common, "--density", 500)
+    assert (plain.code, dense.code) == (0, 0)
+    assert plain.out.splitlines()[-1] != dense.out.splitlines()[-1]
+    assert run(*common, "--density", 500, "--points", 7).code == 2
+
+
+def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ("--limit", 4, "--points", 500, "--sample-size", 100, "--views", "ring:2@0", "--workers", 1)
+    outcome = run("generate", "--preset", "paper-modelnet8", "--out", out, *arguments, "--method", "oracle")
+    assert outcome.code == 0, outcome.err
+    assert "nothing was removed, so nothing was measured" in outcome.out
+    original = open_dataset(out / "original")
+    records = original.take(original.order["train"])
+    assert (records["n_visible"] == 500).all()
+    assert (records["visible_fraction"] == 1).all()
+    assert (open_dataset(out).take(open_dataset(out).order["train"])["visible_fraction"] < 0.9).all()
+    assert sum(open_dataset(out).n_clouds.values()) == 8
+    assert run("generate", "--preset", "paper-modelnet8", "--out", out, *arguments, "--method", "oracle").code == 0

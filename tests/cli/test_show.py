@@ -1,0 +1,108 @@
+"""`show`: the gallery in a real browser, used as a person would; the contact sheet; Table 2."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.browser import MISSING, find_browser, open_page
+from tests.cli.conftest import Run
+
+SMALL = ("--method", "oracle", "--views", "fibonacci:9", "--points", 400, "--sample-size", 100, "--workers", 1)
+
+
+@pytest.fixture
+def dataset(run: Run, modelnet: Path, tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "packed").code == 0
+    return out
+
+
+def test_pictures_go_where_they_are_wanted(run: Run, dataset: Path, tmp_path: Path) -> None:
+    outcome = run("show", dataset, "--out", tmp_path / "pictures")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.split() == [
+        "gallery",
+        str(tmp_path / "pictures" / "gallery.html"),
+        "picture",
+        str(tmp_path / "pictures" / "contact_sheet.png"),
+    ]
+    assert (tmp_path / "pictures" / "contact_sheet.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "pictures" / "gallery.html").read_text()
+    assert "src=" not in text, "one file, needs nothing else"
+    assert "http" not in text
+
+
+def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:
+    outcome = run("show", dataset, "--table2")
+    assert outcome.code == 0
+    assert not (dataset / "gallery.html").exists()
+    last = [cell.strip() for cell in outcome.out.splitlines()[-1].strip("|").split("|")]
+    assert last[:5] == ["This one (packed)", "72", "2", "Synthesized", "Point Cloud"]
+
+
+def test_no_dataset_is_one_line(run: Run, tmp_path: Path) -> None:
+    outcome = run("show", tmp_path)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: ")
+    assert "it has no plan.json" in outcome.err
+
+
+@pytest.mark.skipif(find_browser() is None, reason=MISSING)
+def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> None:
+    run("show", dataset)
+    with open_page(dataset / "gallery.html", tmp_path) as page:
+        assert page.ask("return [...document.querySelectorAll('.row h3')].map((e) => e.textContent)") == [
+            "ball",
+            "brick",
+        ]
+        assert page.ask(
+            "return [...document.querySelectorAll('.row')].map((r) => r.querySelectorAll('canvas').length)"
+        ) == [
+            6,
+            6,
+        ]
+        # every canvas shows something: pixels that are not background
+        inked = """
+            await frame();
+            return [...document.querySelectorAll("canvas")].map((canvas) => {
+              const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+              let n = 0;
+              for (let i = 0; i < pixels.length; i += 4) n += pixels[i] !== 255 || pixels[i + 1] !== 255;
+              return n;
+            });"""
+        counts = page.ask(inked)
+        assert len(counts) == 13
+        assert min(counts) > 100
+        assert page.ask("return document.querySelector('.cell.chosen canvas').getAttribute('aria-label')").startswith(
+            "ball"
+        )
+
+        # a click on another cloud shows it large, and says which it is
+        place = page.ask(
+            "const box = document.querySelectorAll('.row')[1].querySelectorAll('canvas')[2].getBoundingClientRect();"
+            "return [box.x + box.width / 2, box.y + box.height / 2, box.y + box.height];"
+        )
+        assert place[2] < 900, "in the window"
+        page.drag((place[0], place[1]), (place[0], place[1]))
+        fact = page.ask("return document.getElementById('fact').textContent")
+        assert fact.startswith("brick, brick/")
+        assert "camera at azimuth" in fact
+        assert page.ask("return document.querySelectorAll('.cell.chosen').length") == 1
+
+        # dragging the large one turns it; all turn when they are told to
+        before = page.ask("return [gallery.large.azimuth, ...gallery.small.map((v) => v.azimuth)]")
+        box = page.ask(
+            "const b = gallery.large.canvas.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]"
+        )
+        page.drag((box[0], box[1]), (box[0] + 50, box[1]))
+        after = page.ask("return [gallery.large.azimuth, ...gallery.small.map((v) => v.azimuth)]")
+        assert after[0] == pytest.approx(before[0] - 20)
+        assert after[1:] == before[1:]
+        page.ask("document.getElementById('all').click(); await frame();")
+        together = page.ask("return gallery.small.map((v) => v.azimuth)")
+        assert set(together) == {after[0]}
+        page.ask("document.getElementById('camera').click(); await frame();")
+        assert page.ask("return gallery.large.azimuth === gallery.large.camera.azimuth")
+
+        table = page.ask("return [...document.querySelectorAll('#table2 .ours td')].map((e) => e.textContent)")
+        assert table[:3] == ["This one (packed)", "72", "2"]

@@ -1,0 +1,60 @@
+/* The gallery's page: a CloudViewer for each cloud, and a large one for the cloud that was clicked last. */
+"use strict";
+
+(() => {
+  const data = JSON.parse(document.getElementById("clouds").textContent);
+  const place = document.getElementById("classes"), fact = document.getElementById("fact");
+  const all = document.getElementById("all");
+  const large = new CloudViewer(document.getElementById("large"));
+  const small = [];
+  let chosen = null;
+
+  // aside of the camera, so that the missing side shows
+  const aside = (cloud) => ({azimuth: cloud.azimuth + 60, elevation: Math.max(-40, Math.min(40, cloud.elevation + 10))});
+
+  const turn = large.turn.bind(large);
+  large.turn = (azimuth, elevation) => {
+    turn(azimuth, elevation);
+    if (all.checked) small.forEach((viewer) => viewer.turn(large.azimuth, large.elevation));
+  };
+
+  const choose = (cell, name, cloud) => {
+    if (chosen) chosen.classList.remove("chosen");
+    chosen = cell;
+    cell.classList.add("chosen");
+    large.camera = {azimuth: cloud.azimuth, elevation: cloud.elevation};
+    large.show(cloud, aside(cloud));
+    fact.textContent = name + ", " + cloud.mesh + ", variation " + cloud.variation + ": camera at azimuth " +
+      cloud.azimuth + "°, elevation " + cloud.elevation + "°; it sees " + cloud.n_visible.toLocaleString("en") +
+      " points, " + (100 * cloud.visible_fraction).toFixed(1) + " % of the object's; " + cloud.n + " are shown.";
+  };
+
+  for (const row of data.classes) {
+    const line = document.createElement("div"), title = document.createElement("h3");
+    const cells = document.createElement("div");
+    line.className = "row";
+    cells.className = "cells";
+    title.textContent = row.name;
+    for (const cloud of row.clouds) {
+      const cell = document.createElement("div"), canvas = document.createElement("canvas");
+      const caption = document.createElement("span");
+      cell.className = "cell";
+      caption.textContent = "az " + Math.round(cloud.azimuth) + "°, el " + Math.round(cloud.elevation) + "°";
+      canvas.setAttribute("aria-label", row.name + " " + caption.textContent);
+      cell.append(canvas, caption);
+      cells.append(cell);
+      const viewer = new CloudViewer(canvas);
+      viewer.show(cloud, aside(cloud));
+      small.push(viewer);
+      canvas.addEventListener("click", () => choose(cell, row.name, cloud));
+    }
+    line.append(title, cells);
+    place.append(line);
+  }
+  document.getElementById("camera").addEventListener("click", () => large.turn(large.camera.azimuth, large.camera.elevation));
+  document.getElementById("aside").addEventListener("click", () => large.reset());
+  all.addEventListener("change", () => large.turn(large.azimuth, large.elevation));
+  const first = place.querySelector(".cell");
+  if (first) choose(first, data.classes[0].name, data.classes[0].clouds[0]);
+  window.gallery = {large, small};
+})();
