@@ -195,7 +195,9 @@ def work_of(mesh: zo.Mesh, points: zo.SurfacePoints, gl: GlContext) -> exact_pas
     eyes = zo.views.paper100().eyes[::20] * mesh.diagonal + mesh.centre
     contact = 1e-5 * mesh.diagonal
     engine = exact_pass.ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, counting=True)
-    engine.visible(points.positions, points.face_ids, eyes)
+    uploaded = engine.upload(points.positions, points.face_ids)
+    engine.visible(uploaded, eyes)
+    uploaded.release()
     engine.release()
     return engine.work
 
@@ -226,6 +228,17 @@ def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:
         together = occluder.visible(points, eyes)
         for eye, row in zip(eyes, together, strict=True):
             assert (occluder.visible(points, eye[None])[0] == row).all()
+
+
+def test_other_points_take_the_place_of_the_last(gl: GlContext) -> None:
+    mesh = mesh_of(sphere(6))
+    eyes = [[3.0, 1.0, 1.0]]
+    some, others = (zo.sample_surface(mesh, n_points=300, seed=seed) for seed in (1, 2))
+    with exact_gl.prepare(mesh, gl=gl) as occluder:
+        first, second = occluder.visible(some, eyes), occluder.visible(others, eyes)
+        assert (first != second).any()
+        assert (occluder.visible(some, eyes) == first).all()
+        assert (occluder.visible(some, eyes) == first).all()
 
 
 def test_visible_fraction_of_a_sphere(gl: GlContext) -> None:

@@ -59,6 +59,20 @@ class Work:
 
 
 @dataclass(frozen=True)
+class UploadedPoints:
+    """Points on the GPU, in parts that fit into a storage block: which points, packets, buffers."""
+
+    n_points: int
+    shape: Shape
+    parts: list[tuple[slice, int, Buffers]]
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for _, _, buffers in self.parts:
+            buffers.release()
+
+
+@dataclass(frozen=True)
 class _FacePart:
     """Faces that fit into one storage block, with their tree."""
 
@@ -88,9 +102,8 @@ class ExactPass:
 
     Notes
     -----
-    GPU memory: 141 bytes a face; while it answers 48 bytes a point, of at most 65,535 packets at once (4.2 million
-    points where they are dense, 262,000 where they are sparse), and at most 128 MiB of answers, whatever the number
-    of eyes. No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
+    GPU memory: 141 bytes a face, 48 bytes a point, and while it answers at most 128 MiB, whatever the number of eyes.
+    No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
     def __init__(
@@ -124,8 +137,8 @@ class ExactPass:
                 _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
             )
 
-    def visible(self, positions: FloatArray, face_ids: IntArray, eyes: FloatArray) -> BoolArray:
-        """Answer which points each eye sees.
+    def upload(self, positions: FloatArray, face_ids: IntArray) -> "UploadedPoints":
+        """Put points on the GPU, ready to be asked about any number of times.
 
         Parameters
         ----------
@@ -133,25 +146,31 @@ class ExactPass:
             World space.
         face_ids : (n,) int
             Own faces, -1 for none.
-        eyes : (k, 3) float64
-            World space.
 
         Returns
         -------
-        (k, n) bool
+        UploadedPoints
+            The caller's, who releases it.
         """
         shape = best_shape(self.shapes, len(positions), len(self._places))
-        program = self._program(shape)
         largest = min(self._limit // _POINT_BYTES, _MAX_GROUPS * shape.packet) // shape.packet * shape.packet
         own = np.where(face_ids >= 0, self._places[face_ids], -1)
-        answer = np.empty((len(eyes), len(positions)), dtype=np.bool_)
+        uploaded = UploadedPoints(len(positions), shape, [])
+        for part in parts(len(positions), largest):
+            arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
+            buffers = Buffers(self._ctx, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets)
+            uploaded.parts.append((part, arrays.n_packets, buffers))
+        return uploaded
+
+    def visible(self, points: "UploadedPoints", eyes: FloatArray) -> BoolArray:
+        """Answer which points each eye (k, 3), world space, sees: (k, n) bool."""
+        program = self._program(points.shape)
+        answer = np.empty((len(eyes), points.n_points), dtype=np.bool_)
         with Buffers(self._ctx, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
             eye_buffer.bind(eyes=6)
-            for part in parts(len(positions), largest):
-                arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
-                with Buffers(self._ctx, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets) as b:
-                    b.bind(points=3, exact=4, packets=5)
-                    self._answer(program, arrays.n_packets, answer[:, part])
+            for part, n_packets, buffers in points.parts:
+                buffers.bind(points=3, exact=4, packets=5)
+                self._answer(program, n_packets, answer[:, part])
         return answer
 
     def _program(self, shape: Shape) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.gl.exact_pass import ExactPass
+from zbuf_occlude.gl.exact_pass import ExactPass, UploadedPoints
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
@@ -30,7 +30,8 @@ class ExactGl(Occluder):
     listed and each point tests them; nothing is binned for a whole screen, so nothing can overflow, and faces of any
     size go together. On closed meshes of 19,000 faces a packet of 64 out of a million points looks at some 160 boxes
     and 130 faces and tests 30 of them; in the worst case, where all faces lie behind each other, it is all of them.
-    Memory: `zbuf_occlude.gl.exact_pass.ExactPass`. Made for GPUs; on a software rasteriser `exact` is far faster.
+    The last points asked about stay on the GPU. Memory: `zbuf_occlude.gl.exact_pass.ExactPass`. Made for GPUs; on a
+    software rasteriser `exact` is far faster.
 
     References
     ----------
@@ -43,6 +44,7 @@ class ExactGl(Occluder):
         super().__init__(mesh)
         self._gl = gl
         gl.make_current()
+        self._last: tuple[SurfacePoints, UploadedPoints] | None = None
         self._pass = ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact * mesh.diagonal)
 
     @property
@@ -52,8 +54,19 @@ class ExactGl(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
-        return self._pass.visible(points.positions, points.face_ids, eyes)
+        if self._last is None or self._last[0] is not points:  # points are immutable: the same ones are there still
+            self._forget()
+            self._last = points, self._pass.upload(points.positions, points.face_ids)
+        answer = self._pass.visible(self._last[1], eyes)
+        self._gl.check()
+        return answer
+
+    def _forget(self) -> None:
+        if self._last is not None:
+            self._last[1].release()
+            self._last = None
 
     def _release(self) -> None:
         self._gl.make_current()
+        self._forget()
         self._pass.release()
