@@ -1,5 +1,6 @@
 """The plots of a report: from rows to matplotlib figures, nothing computed but means and fits."""
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -97,8 +98,9 @@ def pareto(ranking: Sequence[Standing]) -> Figure:
     place = {s.subject: (1e3 * s.seconds, max(s.wrong, zero)) for s in ranking}
     best = sorted((place[name] for name in front(ranking)), key=lambda at: at[0])
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#bbbbbb", linewidth=5, alpha=0.5)
-    for method in dict.fromkeys(s.method for s in ranking):
-        group = sorted((s for s in ranking if s.method == method), key=lambda s: s.seconds)
+    for family in dict.fromkeys(_family(s.subject) for s in ranking):
+        group = sorted((s for s in ranking if _family(s.subject) == family), key=lambda s: s.seconds)
+        method = group[0].method
         x, y = zip(*(place[s.subject] for s in group), strict=True)
         axes.plot(x, y, color=colour(method), linewidth=1.0, alpha=0.5 if len(group) > 1 else 0)
         axes.scatter(
@@ -111,8 +113,19 @@ def pareto(ranking: Sequence[Standing]) -> Figure:
     axes.set_xlim(low / 1.3, high * 1.3)
     axes.set_xlabel("milliseconds a view (geometric mean over the meshes)", fontsize=10)
     axes.set_ylabel("wrong answers outside the boundary band", fontsize=10)
-    label_points(figure, axes, [(place[s.subject], s.subject, colour(s.method)) for s in ranking])
+    label_points(figure, axes, [(place[s.subject], brief(s.subject), colour(s.method)) for s in ranking])
     return figure
+
+
+def _family(subject: str) -> str:
+    """What stays of a label when its numbers vary: the subjects of a family are joined by a line."""
+    return re.sub(r"\d+", "", subject)
+
+
+def brief(subject: str) -> str:
+    """Shorten a label for a plot: ``depth_buffer:resolution=256,refine=none`` is ``depth_buffer 256 none``."""
+    method, _, options = subject.partition(":")
+    return " ".join([method, *(pair.partition("=")[2] for pair in filter(None, options.split(",")))])
 
 
 def label_points(
@@ -130,7 +143,7 @@ def label_points(
     places = [axes.transData.transform(place) * to_points for place, _, _ in labels]
     box = axes.get_window_extent()
     taken = [(x - 4, y - 4, x + 4, y + 4) for x, y in places]
-    shifts = [0.0, 9.0, -9.0, 18.0, -18.0, 27.0, -27.0, 36.0, -36.0, 48.0, -48.0, 60.0, -60.0]
+    shifts = [sign * 9.0 * step for step in range(12) for sign in (1.0, -1.0)]
     for (x, y), (place, text, tint) in sorted(zip(places, labels, strict=True), key=lambda item: -item[0][1]):
         span = width * len(text)
         free = None
@@ -138,7 +151,7 @@ def label_points(
             for side in sides:
                 left = x + 8 if side == "left" else x - 8 - span
                 candidate = (left, y + shift - height / 2, left + span, y + shift + height / 2)
-                inside = candidate[0] > box.x0 * to_points and candidate[2] < box.x1 * to_points + 10
+                inside = candidate[0] > box.x0 * to_points and candidate[2] < box.x1 * to_points
                 inside &= candidate[1] > box.y0 * to_points
                 if inside and not any(_overlap(candidate, other) for other in taken):
                     free = (candidate, shift, side)
@@ -206,9 +219,10 @@ def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Standing]) ->
                 for view in row["judged"]["views"]:
                     sums.setdefault(round(view["elevation"]), []).append(1.0 - view["outside"]["agreement"])
         elevations = sorted(sums)
-        means = [max(float(np.mean(sums[e])), 1e-6) for e in elevations]
+        means = [float(np.mean(sums[e])) or np.nan for e in elevations]  # a logarithm has no place for 0
         axes.plot(elevations, means, color=colour(one.method), marker="o", markersize=3.5, linewidth=1.4)
-        labels.append(((elevations[-1], means[-1]), one.subject, colour(one.method)))
+        last = int(np.flatnonzero(np.isfinite(means))[-1])
+        labels.append(((elevations[last], means[last]), brief(one.subject), colour(one.method)))
     percent_log(axes)
     axes.set_xlim(-92, 168)
     axes.set_xticks(range(-90, 91, 30))
@@ -270,7 +284,9 @@ def time_against_size(rows: Sequence[Row]) -> Figure:
             tint = colour(subject.split(":")[0])
             axes.plot(x, y, color=tint, marker="o", markersize=4, linewidth=1.4)
             _, exponent = fit_power(x[-3:], y[-3:])
-            labels.append(((x[-1], y[-1]), f"{subject}  ∝ {'N' if sweep == 'points' else 'M'}^{exponent:.2f}", tint))
+            labels.append(
+                ((x[-1], y[-1]), f"{brief(subject)}  ∝ {'N' if sweep == 'points' else 'M'}^{exponent:.2f}", tint)
+            )
         axes.set_xscale("log")
         axes.set_yscale("log")
         plain_axis(axes.xaxis)
