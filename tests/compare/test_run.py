@@ -59,7 +59,7 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
     assert sum(b["n"] for b in grid["judged"]["by_silhouette"]) == 800
     assert sum(b["n"] for b in grid["judged"]["by_incidence"]) == 800
     assert (missing["status"], missing["reason"]) == ("failed", "broken.off is broken")
-    assert refused["reason"].startswith("n must be an int in [2, 1024]")
+    assert refused["reason"].startswith("n must be an int in [2, ")
 
     again = run(cases, tmp_path, budget=2.0)
     assert (again.made, again.found, again.failed) == (0, 2, 2), "failures are tried again"
