@@ -33,14 +33,15 @@ class Shape:
 Shapes = tuple[tuple[float, Shape], ...]
 """Points a face from which on a shape is the best, and the shape; the last from 0 on."""
 
-SOFTWARE: Shapes = ((0.5, Shape(8, 16, 1, 24)), (0.0, Shape(8, 1, 1, 24)))
+SOFTWARE: Shapes = ((0.4, Shape(8, 16, 1, 24)), (0.05, Shape(8, 1, 2, 24)), (0.0, Shape(8, 1, 8, 24)))
 """For llvmpipe: one vector to a group, and many points a thread to make up for its slow shared memory."""
 
 HARDWARE: Shapes = (
     (20.0, Shape(32, 2, 1, 16)),
     (4.0, Shape(32, 1, 1, 16)),
     (0.7, Shape(32, 1, 2, 16)),
-    (0.0, Shape(32, 1, 8, 16)),
+    (0.05, Shape(32, 1, 8, 16)),
+    (0.0, Shape(32, 1, 32, 16)),
 )
 """For a GPU: one warp to a group, little shared memory so that many groups are in flight, and the packets for which
 the fewest operations were counted: small ones where points are sparse, or each would look at too many faces."""
