@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.ordering import morton_codes
@@ -46,7 +47,7 @@ def make_clusters(mesh: Mesh) -> Clusters:
     long = (upper - lower).max(axis=1) > LARGE * mesh.longest_side
     codes = morton_codes((lower + upper) / 2.0, mesh.bounds[0], mesh.longest_side)
     blocking = (mesh.face_normals != 0.0).any(axis=1)
-    groups = [_rows(np.flatnonzero(blocking & kind), codes) for kind in (long, ~long)]
+    groups = [_rows(np.flatnonzero(blocking & kind).astype(np.int32), codes) for kind in (long, ~long)]
     face_ids = np.concatenate(groups)
     used = face_ids >= 0
     return Clusters(
@@ -56,7 +57,7 @@ def make_clusters(mesh: Mesh) -> Clusters:
     )
 
 
-def _rows(faces: IntArray, codes: FloatArray) -> IntArray:
+def _rows(faces: IntArray, codes: NDArray[np.uint64]) -> IntArray:
     """Sort faces by their code and cut them into rows of `WIDTH`, the last filled up with -1."""
     faces = faces[np.argsort(codes[faces], kind="stable")]
     rows = np.full((-(-len(faces) // WIDTH), WIDTH), -1, dtype=np.int32)

@@ -88,8 +88,8 @@ def hide_by_face(  # type: ignore[no-untyped-def]
     at : tuple of int
         Index of the packet's first point in `points.coordinates`, and in `image`.
     points : Packets
-    image : (512,) float32
-        x / w of the chunk's points, then y / w.
+    image : (2, ...) float32
+        x / w and y / w of the points.
     whole : as in `classify`
 
     Returns
@@ -99,10 +99,14 @@ def hide_by_face(  # type: ignore[no-untyped-def]
     """
     blur, reach, nearer, farther = whole[5], whole[6], whole[7], whole[8]
     row = slot * ROWS * 16 + lane
-    x, y = load(image, at[1]), load(image, len(image) // 2 + at[1])
+    x, y = load(image, at[1]), load(image, image.shape[1] + at[1])
     inside = muladd(x, splat(slots[row]), muladd(y, splat(slots[row + 16]), splat(slots[row + 32])))
-    inside = minimum(inside, muladd(x, splat(slots[row + 48]), muladd(y, splat(slots[row + 64]), splat(slots[row + 80]))))
-    inside = minimum(inside, muladd(x, splat(slots[row + 96]), muladd(y, splat(slots[row + 112]), splat(slots[row + 128]))))
+    inside = minimum(
+        inside, muladd(x, splat(slots[row + 48]), muladd(y, splat(slots[row + 64]), splat(slots[row + 80])))
+    )
+    inside = minimum(
+        inside, muladd(x, splat(slots[row + 96]), muladd(y, splat(slots[row + 112]), splat(slots[row + 128])))
+    )
     possible = not_less(inside, splat(-blur * SURE)) & undecided
     if not possible:
         return 0, 0
@@ -127,25 +131,21 @@ def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, whole):  #
 
     Returns
     -------
-    hidden : bool
-        Whether one of them certainly hides it.
-    doubt : int
-        Mask of the faces that float64 must decide, if it is not.
+    sure, doubt : int
+        Masks of the faces that certainly hide it, and of those that float64 must decide.
     """
     blur, reach, nearer, farther = whole[5], whole[6], whole[7], whole[8]
     row = slot * ROWS * 16
     px, py = splat(x), splat(y)
-    inside = muladd(px, load(slots, row), muladd(py, load(slots, row + 16), load(slots, row + 32)))
-    inside = minimum(inside, muladd(px, load(slots, row + 48), muladd(py, load(slots, row + 64), load(slots, row + 80))))
-    inside = minimum(
-        inside, muladd(px, load(slots, row + 96), muladd(py, load(slots, row + 112), load(slots, row + 128)))
-    )
-    possible = not_less(inside, splat(-blur * SURE)) & used
+    first = muladd(px, load(slots, row), muladd(py, load(slots, row + 16), load(slots, row + 32)))
+    second = muladd(px, load(slots, row + 48), muladd(py, load(slots, row + 64), load(slots, row + 80)))
+    third = muladd(px, load(slots, row + 96), muladd(py, load(slots, row + 112), load(slots, row + 128)))
+    inside = minimum(minimum(first, second), third)
     own = points.own[i] - 16 * cluster
-    if 0 <= own < 16:
-        possible &= ~(1 << own)
+    others = used & ~(np.int64(0 <= own < 16) << (own & 15))
+    possible = not_less(inside, splat(-blur * SURE)) & others
     if not possible:
-        return False, 0
+        return 0, 0
     row += 16 * NORMAL
     depth = load(slots, row + 48)
     depth = depth - splat(points.coordinates[0, i]) * load(slots, row)
@@ -153,8 +153,83 @@ def hide_point(slots, slot, doubtful, used, cluster, i, x, y, points, whole):  #
     depth = depth - splat(points.coordinates[2, i]) * load(slots, row + 32)
     contact, error = load(slots, row + 16 * (CONTACT - NORMAL)), splat(PLANE * reach)
     possible &= not_less(depth + error, contact * splat(farther)) | doubtful
-    sure = possible & ~doubtful & greater(inside, splat(blur * SURE)) & greater(depth - error, contact * splat(nearer))
-    return sure != 0, possible & ~sure
+    sure = greater(inside, splat(blur * SURE)) & greater(depth - error, contact * splat(nearer)) & possible & ~doubtful
+    return sure, possible & ~sure
+
+
+@njit(_nrt=False, forceinline=True)
+def hide_points(  # type: ignore[no-untyped-def]
+    scene, slots, slot, doubtful, cluster, within, ids, base, image, at, points, whole, world_eye
+):
+    """Test a few points, one by one, against the 16 faces of a cluster.
+
+    Parameters
+    ----------
+    within : int
+        Mask of the points.
+    ids, base : (...) int32 and int
+        Point i of the mask is ``ids[base + i]`` in the packets' order.
+    image, at : (2, ...) float32 and int
+        Its place in the image is column ``at + i``.
+
+    Returns
+    -------
+    int
+        Mask of the points that some face hides.
+    """
+    used = scene.used[cluster]
+    hidden, unsure = 0, 0
+    rest = within
+    while rest:
+        lane = first_lane(rest)
+        rest &= rest - 1
+        sure, doubt = hide_point(
+            slots,
+            slot,
+            doubtful,
+            used,
+            cluster,
+            ids[base + lane],
+            image[0, at + lane],
+            image[1, at + lane],
+            points,
+            whole,
+        )
+        hidden |= np.int64(sure != 0) << lane
+        unsure |= np.int64(doubt != 0) << lane
+    unsure &= ~hidden
+    if unsure:
+        hidden |= settle_points(
+            scene, slots, slot, doubtful, cluster, unsure, ids, base, image, at, points, whole, world_eye
+        )
+    return hidden
+
+
+@njit(_nrt=False)
+def settle_points(  # type: ignore[no-untyped-def]
+    scene, slots, slot, doubtful, cluster, unsure, ids, base, image, at, points, whole, world_eye
+):
+    """Decide in float64 what `hide_points` left unsure."""
+    hidden = 0
+    while unsure:
+        lane = first_lane(unsure)
+        unsure &= unsure - 1
+        i = ids[base + lane]
+        _, doubt = hide_point(
+            slots,
+            slot,
+            doubtful,
+            scene.used[cluster],
+            cluster,
+            i,
+            image[0, at + lane],
+            image[1, at + lane],
+            points,
+            whole,
+        )
+        if settle(scene, points, world_eye, i, cluster, doubt):
+            hidden |= 1 << lane
+    return hidden
 
 
 @njit(_nrt=False)
@@ -168,5 +243,3 @@ def settle(scene, points, eye, i, cluster, faces):  # type: ignore[no-untyped-de
         if face_blocks(eye, point, scene.world_corners[scene.face_ids[cluster, lane]], scene.world_contact):
             return True
     return False
-
-

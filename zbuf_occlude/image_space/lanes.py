@@ -24,7 +24,7 @@ ALL = (1 << N_LANES) - 1
 """The mask of all lanes."""
 
 
-class VectorType(types.Type):
+class VectorType(types.Type):  # type: ignore[misc]  # numba ships no types
     """Numba's type of a vector of 16 float32."""
 
     def __init__(self) -> None:
@@ -172,7 +172,7 @@ def load(typing_context, array, index):  # type: ignore[no-untyped-def]
     _must_be_contiguous(array)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.load(_address(context, builder, signature.args[0], *args, _FLOATS), align=4)
+        return builder.load(_address(context, builder, signature.args[0], args[0], args[1], _FLOATS), align=4)
 
     return VECTOR(array, types.intp), codegen
 
@@ -183,7 +183,7 @@ def store(typing_context, array, index, vector):  # type: ignore[no-untyped-def]
     _must_be_contiguous(array)
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        builder.store(args[2], _address(context, builder, signature.args[0], *args[:2], _FLOATS), align=4)
+        builder.store(args[2], _address(context, builder, signature.args[0], args[0], args[1], _FLOATS), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, VECTOR), codegen
@@ -194,7 +194,7 @@ def equal(typing_context, array, index, value):  # type: ignore[no-untyped-def]
     """Mask of the 16 int32 of an array from a flat index on that equal a value."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        values = builder.load(_address(context, builder, signature.args[0], *args[:2], _INTS), align=4)
+        values = builder.load(_address(context, builder, signature.args[0], args[0], args[1], _INTS), align=4)
         return _to_word(builder, builder.icmp_signed("==", values, _repeat(builder, args[2], _INTS)))
 
     return types.int64(array, types.intp, types.int32), codegen

@@ -33,9 +33,9 @@ def overlapping(rectangles, i, whole):  # type: ignore[no-untyped-def]
 
 @njit(_nrt=False, forceinline=True)
 def list_clusters(scene, whole, space):  # type: ignore[no-untyped-def]
-    """List the clusters that may hide something of a chunk, nearest first; return how many.
+    """List the clusters that may hide something of the chunks in a rectangle, nearest first; return how many.
 
-    Fills `space.listed` and `space.listed_rectangles`; descends from the top level of nodes.
+    Fills `space.before` and `space.before_rectangles`; descends from the top level of nodes.
     """
     current, below = space.list_a, space.list_b
     top = len(scene.level_counts) - 1
@@ -67,13 +67,13 @@ def list_clusters(scene, whole, space):  # type: ignore[no-untyped-def]
         bucket = np.int64(max(space.rectangles[4, current[j]] - nearest, ZERO) * scale)
         below[j] = bucket
         starts[bucket + 1] += 1
-    for bucket in range(BUCKETS):
-        starts[bucket + 1] += starts[bucket]
+    for i in range(BUCKETS):
+        starts[i + 1] += starts[i]
     for j in range(n):
         to = starts[below[j]]
         starts[below[j]] = to + 1
         cluster = current[j]
-        space.listed[to] = cluster
+        space.before[to] = cluster
         for row in range(5):
-            space.listed_rectangles[row, to] = space.rectangles[row, cluster]
+            space.before_rectangles[row, to] = space.rectangles[row, cluster]
     return n

@@ -40,6 +40,8 @@ class Packets(NamedTuple):
         Largest of them.
     positions : (n, 3) float64
         World space, in the caller's order.
+    identity : (n',) int32
+        0, 1, 2, ...: for kernels that take points in yet another order.
     """
 
     n_points: int
@@ -52,6 +54,7 @@ class Packets(NamedTuple):
     chunk_reach: Float32
     farthest: np.float32
     positions: FloatArray
+    identity: IntArray
 
 
 def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets:
@@ -71,7 +74,19 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets
     chunk_boxes[:3, :n_chunks] = boxes[:3].reshape(3, n_chunks, CHUNK).min(axis=2)
     chunk_boxes[3:, :n_chunks] = boxes[3:].reshape(3, n_chunks, CHUNK).max(axis=2)
     chunk_reach = reach.reshape(n_chunks, CHUNK).max(axis=1)
-    return Packets(n, order, coordinates, own, boxes, chunk_boxes, reach, chunk_reach, reach.max(), points.positions)
+    return Packets(
+        n,
+        order,
+        coordinates,
+        own,
+        boxes,
+        chunk_boxes,
+        reach,
+        chunk_reach,
+        reach.max(),
+        points.positions,
+        np.arange(len(order), dtype=np.int32),
+    )
 
 
 @njit(parallel=True, cache=True)
@@ -105,8 +120,8 @@ def _radix_order(keys: NDArray[np.uint64], n_bits: int) -> IntArray:
         starts = np.zeros((1 << DIGIT) + 1, dtype=np.int64)
         for i in range(n):
             starts[np.int64((sorted_keys[i] >> np.uint64(shift)) & mask) + 1] += 1
-        for digit in range(1 << DIGIT):
-            starts[digit + 1] += starts[digit]
+        for i in range(1 << DIGIT):
+            starts[i + 1] += starts[i]
         for i in range(n):
             digit = np.int64((sorted_keys[i] >> np.uint64(shift)) & mask)
             to = starts[digit]

@@ -9,7 +9,7 @@ Error analysis, in float32 with unit roundoff u = 2^-24 and scene units (the mes
 * An edge function is the determinant of P = (x / w, y / w, 1) and the edge's projected ends A and B, computed as
   P . (A x (B - A)). Let S be the largest norm of the face's projected corners, L that of their differences, |P| < 1.8
   reach. Arithmetic errs by less than 8 u |P| S L; the point's error moves the value by less than (23 reach / w + 2) u S
-  L; the ends' by 14 u (\|B x P\| + \|A x P\|) where, for a P that sees the face, P is a combination of its corners with
+  L; the ends' by 14 u (|B x P| + |A x P|) where, for a P that sees the face, P is a combination of its corners with
   weights up to 1 / nearest (the smallest w at which the face is seen), hence by 28 u S L / nearest. `EDGE` = 80 u times
   S L max(1, 1 / nearest) times reach / w covers the sum; 80 u S (1 + L) does so without knowing `nearest`.
   A P that does not see the face needs no bound: the computed functions are those of one slightly moved triangle, and
@@ -299,7 +299,11 @@ def project_points(points, chunk, frame, window, near, eye, reach, contact, spac
         if left <= 0:
             continue
         own_reach = max(points.reach[index], reach)
-        x, y, z = load(points.coordinates, base), load(points.coordinates, n + base), load(points.coordinates, 2 * n + base)
+        x, y, z = (
+            load(points.coordinates, base),
+            load(points.coordinates, n + base),
+            load(points.coordinates, 2 * n + base),
+        )
         u = muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3]))))
         v = muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7]))))
         w = muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11]))))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.decide import line_is_blocked
 from zbuf_occlude.image_space.frames import Frames
-from zbuf_occlude.image_space.hiding import classify, hide_by_face, hide_point, settle
+from zbuf_occlude.image_space.hiding import classify, hide_by_face, hide_points, settle
 from zbuf_occlude.image_space.lanes import ALL, count_lanes, first_lane, load, not_less, splat
 from zbuf_occlude.image_space.listing import BUCKETS, list_clusters, overlapping
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, Packets
@@ -22,34 +22,53 @@ from zbuf_occlude.image_space.projection import (
     distance_bounds,
     project_boxes,
     project_points,
-    set_up,
 )
 from zbuf_occlude.image_space.scene import Float32, Scene
+from zbuf_occlude.image_space.slots import SLOTS, slot_of
+from zbuf_occlude.image_space.tiles import make_tiles, search_tiles
 
 NEAR = np.float32(1e-3)
 """Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
 
+GROUP = 16
+"""Chunks whose boxes are projected at once."""
+
+FEW_POINTS = 1
+"""With fewer points than so many times the faces, an eye outside goes by tiles."""
+
+MANY = 4
+"""With more points than so many times the faces, a quarter of a group shares a list of clusters."""
+
+TIGHT = 256
+"""Lists of at most so many clusters get the rectangles of the projected faces."""
+
 SHORT = 96
 """Lists of at most so many clusters are narrowed for a chunk before its packets go through them."""
 
-SLOTS = 4096
-"""Set-ups of clusters kept at a time; a power of two."""
+WIDE = 128
+"""In longer lists a packet's points are compared with every rectangle, one by one."""
+
+FEW = 3
+"""So few points are tested one by one against all faces of a cluster."""
 
 
 class Workspace(NamedTuple):
     """What one thread needs: up to 4 MB of set-ups, and about 5 bytes a face."""
 
     rectangles: Float32  # (6, total nodes)
-    chunk_rectangles: Float32  # (6, 16)
+    chunk_rectangles: Float32  # (6, GROUP)
+    chunks: Float32  # (GROUP, 9) the chunks' numbers, see `projection.project_points`
     list_a: NDArray[np.int64]  # (clusters + 16,) scratch
     list_b: NDArray[np.int64]  # the same
-    listed: NDArray[np.int64]  # the clusters before the current chunk, nearest first
-    listed_rectangles: Float32  # (6, clusters + 16) theirs
+    before: NDArray[np.int64]  # the clusters before the current chunks, nearest first
+    before_rectangles: Float32  # (6, clusters + 16) theirs
+    listed: NDArray[np.int64]  # of these, the clusters before the current chunk
+    listed_rectangles: Float32  # theirs
     slots: Float32  # (n_slots x ROWS x 16,)
     slot_rectangles: Float32  # (n_slots, 5)
     tags: NDArray[np.int64]  # (n_slots,) which cluster, in which frame
     doubtful: NDArray[np.int64]  # (n_slots,)
-    image: Float32  # (2 x CHUNK x PACKET,) x / w, then y / w of the chunk's points
+    image: Float32  # (2, CHUNK x PACKET) x / w and y / w of the chunk's points
     packets: Float32  # (CHUNK, 9) see `projection.project_points`
     undecided: NDArray[np.int64]  # (CHUNK,)
     buckets: NDArray[np.int64]  # (BUCKETS + 1,)
@@ -73,13 +92,16 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
     """
     n_eyes = len(frames.matrices)
     answer = np.ones((n_eyes, points.n_points), dtype=np.bool_)
-    n_chunks = points.coordinates.shape[1] // (CHUNK * PACKET)
+    n_groups = -(-points.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
+    few = points.n_points < FEW_POINTS * len(scene.world_corners)
+    span = GROUP // 4 if points.n_points > MANY * len(scene.world_corners) else 1
     for worker in prange(n_workers):
         space = make_workspace(scene)
+        tiles = make_tiles(points.coordinates.shape[1] if few else 0, len(scene.used) if few else 0)
         epoch = 0
         for task in range(worker, n_eyes * n_blocks, n_workers):
             view, block = task // n_blocks, task % n_blocks
-            begin, end = n_chunks * block // n_blocks, n_chunks * (block + 1) // n_blocks
+            begin, end = n_groups * block // n_blocks, n_groups * (block + 1) // n_blocks
             for face in range(frames.n_frames[view]):
                 epoch += 1
                 search_frame(
@@ -91,7 +113,9 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
                     face if frames.n_frames[view] > 1 else -1,
                     begin,
                     end,
+                    0 if few else span,
                     space,
+                    tiles,
                     epoch,
                     answer[view],
                 )
@@ -107,16 +131,19 @@ def make_workspace(scene):  # type: ignore[no-untyped-def]
         n_slots *= 2
     return Workspace(
         np.empty((6, scene.nodes.shape[1]), dtype=np.float32),
-        np.empty((6, 16), dtype=np.float32),
+        np.empty((6, GROUP), dtype=np.float32),
+        np.zeros((GROUP, 9), dtype=np.float32),
         np.empty(n_clusters + 16, dtype=np.int64),
         np.empty(n_clusters + 16, dtype=np.int64),
+        np.empty(n_clusters + 16, dtype=np.int64),
+        np.empty((6, n_clusters + 16), dtype=np.float32),
         np.empty(n_clusters + 16, dtype=np.int64),
         np.empty((6, n_clusters + 16), dtype=np.float32),
         np.empty(n_slots * ROWS * 16, dtype=np.float32),
         np.empty((n_slots, 5), dtype=np.float32),
         np.full(n_slots, -1, dtype=np.int64),
         np.zeros(n_slots, dtype=np.int64),
-        np.zeros(2 * CHUNK * PACKET, dtype=np.float32),
+        np.zeros((2, CHUNK * PACKET), dtype=np.float32),
         np.zeros((CHUNK, 9), dtype=np.float32),
         np.zeros(CHUNK, dtype=np.int64),
         np.zeros(BUCKETS + 1, dtype=np.int64),
@@ -127,10 +154,10 @@ def make_workspace(scene):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False)
-def search_frame(scene, points, frame, window, e, face, begin, end, space, epoch, answer):  # type: ignore[no-untyped-def]
-    """Answer for the chunks begin to end in one frame of an eye; writes False where a point is hidden.
+def search_frame(scene, points, frame, window, e, face, begin, end, span, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
+    """Answer for the groups begin to end in one frame of an eye; writes False where a point is hidden.
 
-    `face` is the number of the cube's face, -1 for an eye outside.
+    `face` is the number of the cube's face, -1 for an eye outside; `span` the chunks that share a list of clusters.
     """
     inside = face >= 0
     eye = (np.float32(e[0]), np.float32(e[1]), np.float32(e[2]))
@@ -149,74 +176,140 @@ def search_frame(scene, points, frame, window, e, face, begin, end, space, epoch
         for i in range(first, first + (-first % 16)):  # padding
             space.rectangles[0, i] = FAR
             space.rectangles[1, i] = -FAR
-    for chunk in range(begin, end):
-        own_reach = max(points.chunk_reach[chunk], reach)
+    if span == 0 and not inside:
+        size = GROUP * CHUNK * PACKET
+        first, last = begin * size, min(end * size, points.n_points)
+        search_tiles(scene, points, frame, window, eye, world_eye, first, last, space, tiles, epoch, answer)
+        return
+    for group in range(begin, end):
+        first, last = group * GROUP, min((group + 1) * GROUP, points.coordinates.shape[1] // (CHUNK * PACKET))
         if inside:
-            if face == 0:
-                hide_near(scene, points, chunk, eye, reach, world_eye, answer)
-            whole = project_points(points, chunk, frame, window, NEAR, eye, reach, contact, space)
-            if whole[4] < ZERO:
-                continue
+            for chunk in range(first, last):
+                if face == 0:
+                    hide_near(scene, points, chunk, eye, reach, world_eye, answer)
+                whole = project_points(points, chunk, frame, window, NEAR, eye, reach, contact, space)
+                for i in range(9):
+                    space.chunks[chunk - first, i] = whole[i]
         else:
-            if chunk == begin or chunk % 16 == 0:
-                first = chunk - chunk % 16
-                project_boxes(
-                    points.chunk_boxes,
-                    first,
-                    first + 16,
-                    frame,
-                    window,
-                    COORDINATE * points.farthest,
-                    space.chunk_rectangles,
-                    0,
-                )
-            nearer, farther = distance_bounds(points.chunk_boxes, chunk, eye, contact)
-            whole = (
-                space.chunk_rectangles[0, chunk % 16],
-                space.chunk_rectangles[1, chunk % 16],
-                space.chunk_rectangles[2, chunk % 16],
-                space.chunk_rectangles[3, chunk % 16],
-                space.chunk_rectangles[5, chunk % 16],
-                own_reach / min(ONE, space.chunk_rectangles[4, chunk % 16]),
-                own_reach,
-                nearer,
-                farther,
-            )
-        n_listed = list_clusters(scene, whole, space)
-        narrowed = n_listed <= SHORT
-        if narrowed:
-            n_listed = narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, space, epoch)
-        if n_listed == 0:
-            continue
-        if n_listed < 0:
-            for packet in range(CHUNK):
-                base = (chunk * CHUNK + packet) * PACKET
-                left = points.n_points - base
-                if inside:
-                    write(points, base, space.undecided[packet], answer)
-                elif left > 0:
-                    write(points, base, ALL if left >= PACKET else (1 << left) - 1, answer)
-            continue
-        if not inside:
-            project_points(points, chunk, frame, window, ZERO, eye, reach, contact, space)
-        for packet in range(CHUNK):
-            if space.undecided[packet]:
-                search_packet(
+            project_chunks(points, first, last, frame, window, eye, contact, space)
+        for start in range(first, last, max(span, 1)):
+            stop = min(start + max(span, 1), last)
+            n_before = list_clusters(scene, join(space.chunks, start - first, stop - first), space)
+            if n_before <= TIGHT:
+                n_before = tighten(scene, n_before, frame, window, eye, reach, space, epoch)
+            for chunk in range(start, stop):
+                search_chunk(
                     scene,
                     points,
                     chunk,
-                    packet,
-                    n_listed,
-                    narrowed,
+                    n_before,
                     frame,
                     window,
                     eye,
                     world_eye,
                     reach,
+                    inside,
+                    contact,
                     space,
                     epoch,
                     answer,
                 )
+
+
+@njit(_nrt=False)
+def project_chunks(points, first, last, frame, window, eye, contact, space):  # type: ignore[no-untyped-def]
+    """Fill the rows of `space.chunks` from the boxes of up to 16 chunks, for an eye outside."""
+    slack = COORDINATE * points.farthest
+    project_boxes(points.chunk_boxes, first, first + GROUP, frame, window, slack, space.chunk_rectangles, 0)
+    for i in range(last - first):
+        reach = points.chunk_reach[first + i]
+        for row in range(4):
+            space.chunks[i, row] = space.chunk_rectangles[row, i]
+        space.chunks[i, 4] = space.chunk_rectangles[5, i]
+        space.chunks[i, 5] = reach / min(ONE, space.chunk_rectangles[4, i])
+        space.chunks[i, 6] = reach
+        space.chunks[i, 7], space.chunks[i, 8] = distance_bounds(points.chunk_boxes, first + i, eye, contact)
+
+
+@njit(_nrt=False, forceinline=True)
+def join(rows, first, last):  # type: ignore[no-untyped-def]
+    """Rectangle and highest w of several chunks, as the first five of the numbers of one."""
+    x0, x1, y0, y1, w1 = rows[first, 0], rows[first, 1], rows[first, 2], rows[first, 3], rows[first, 4]
+    for i in range(first + 1, last):
+        x0, x1, y0, y1 = min(x0, rows[i, 0]), max(x1, rows[i, 1]), min(y0, rows[i, 2]), max(y1, rows[i, 3])
+        w1 = max(w1, rows[i, 4])
+    return x0, x1, y0, y1, w1
+
+
+@njit(_nrt=False, forceinline=True)
+def row_of(rows, i):  # type: ignore[no-untyped-def]
+    """The nine numbers of a chunk or packet."""
+    return (
+        rows[i, 0],
+        rows[i, 1],
+        rows[i, 2],
+        rows[i, 3],
+        rows[i, 4],
+        rows[i, 5],
+        rows[i, 6],
+        rows[i, 7],
+        rows[i, 8],
+    )
+
+
+@njit(_nrt=False)
+def tighten(scene, n_before, frame, window, eye, reach, space, epoch):  # type: ignore[no-untyped-def]
+    """Replace the rectangles of listed clusters' boxes by those of their projected faces; return how many."""
+    for j in range(n_before):
+        slot = slot_of(scene, space.before[j], frame, window, eye, reach, space, epoch)
+        for row in range(5):
+            space.before_rectangles[row, j] = space.slot_rectangles[slot, row]
+    return n_before
+
+
+@njit(_nrt=False, forceinline=True)
+def search_chunk(  # type: ignore[no-untyped-def]
+    scene, points, chunk, n_before, frame, window, eye, world_eye, reach, inside, contact, space, epoch, answer
+):
+    """Answer for one chunk, given the clusters before it and its neighbours."""
+    whole = row_of(space.chunks, chunk % GROUP)
+    if whole[4] < ZERO:
+        return
+    n_listed = 0
+    for j in range(0, n_before, 16):
+        found = overlapping(space.before_rectangles, j, whole)
+        if n_before - j < 16:
+            found &= (1 << (n_before - j)) - 1
+        while found:
+            entry = j + first_lane(found)
+            found &= found - 1
+            space.listed[n_listed] = space.before[entry]
+            for row in range(5):
+                space.listed_rectangles[row, n_listed] = space.before_rectangles[row, entry]
+            n_listed += 1
+    narrowed = n_listed <= SHORT
+    if narrowed:
+        n_listed = narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, space, epoch)
+    if n_listed == 0:
+        return
+    if inside:
+        project_points(points, chunk, frame, window, NEAR, eye, reach, contact, space)
+    if n_listed < 0:
+        for packet in range(CHUNK):
+            base = (chunk * CHUNK + packet) * PACKET
+            left = points.n_points - base
+            if inside:
+                write(points, base, space.undecided[packet], answer)
+            elif left > 0:
+                write(points, base, (1 << min(left, PACKET)) - 1, answer)
+        return
+    if not inside:
+        project_points(points, chunk, frame, window, ZERO, eye, reach, contact, space)
+    for packet in range(CHUNK):
+        if space.undecided[packet]:
+            search_packet(
+                scene, points, chunk, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch, answer
+            )
 
 
 @njit(_nrt=False)
@@ -257,19 +350,6 @@ def hide_near(scene, points, chunk, eye, reach, world_eye, answer):  # type: ign
 
 
 @njit(_nrt=False, forceinline=True)
-def slot_of(scene, cluster, frame, window, eye, reach, space, epoch):  # type: ignore[no-untyped-def]
-    """Slot that holds a cluster's set-up for this frame, after setting it up if none does."""
-    slot = cluster & (len(space.tags) - 1)
-    tag = epoch * len(scene.used) + cluster
-    if space.tags[slot] != tag:
-        space.doubtful[slot] = set_up(
-            scene, cluster, frame, window, eye, reach, space.slots, slot, space.slot_rectangles
-        )
-        space.tags[slot] = tag
-    return slot
-
-
-@njit(_nrt=False, forceinline=True)
 def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, space, epoch):  # type: ignore[no-untyped-def]
     """Drop the clusters none of whose faces can hide anything of a chunk; return how many stay.
 
@@ -294,25 +374,15 @@ def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, spa
 
 @njit(_nrt=False, forceinline=True)
 def search_packet(  # type: ignore[no-untyped-def]
-    scene, points, chunk, packet, n_listed, narrowed, frame, window, eye, world_eye, reach, space, epoch, answer
+    scene, points, chunk, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch, answer
 ):
     """Go through the listed clusters until every point of a packet is hidden or none is left."""
     undecided = space.undecided[packet]
     index = chunk * CHUNK + packet
     base = index * PACKET
-    rows, rectangles = space.packets, space.listed_rectangles
-    whole = (
-        rows[packet, 0],
-        rows[packet, 1],
-        rows[packet, 2],
-        rows[packet, 3],
-        rows[packet, 4],
-        rows[packet, 5],
-        rows[packet, 6],
-        rows[packet, 7],
-        rows[packet, 8],
-    )
+    whole, rectangles = row_of(space.packets, packet), space.listed_rectangles
     slack = COORDINATE * whole[5] * reach
+    wide = n_listed > WIDE
     hidden = 0
     for j in range(0, n_listed, 16):
         found = overlapping(rectangles, j, whole)
@@ -322,7 +392,8 @@ def search_packet(  # type: ignore[no-untyped-def]
             entry = j + first_lane(found)
             found &= found - 1
             within = undecided
-            if not narrowed:
+            cluster = space.listed[entry]
+            if wide:
                 x, y = load(space.image, packet * PACKET), load(space.image, (CHUNK + packet) * PACKET)
                 within &= (
                     not_less(x, splat(rectangles[0, entry] - slack))
@@ -332,21 +403,19 @@ def search_packet(  # type: ignore[no-untyped-def]
                 )
                 if not within:
                     continue
-            cluster = space.listed[entry]
             slot = slot_of(scene, cluster, frame, window, eye, reach, space, epoch)
             doubtful = space.doubtful[slot]
             n_within = count_lanes(within)
-            maybe = 0
-            if n_within > 2:
-                maybe, covers = classify(
-                    space.slots, slot, doubtful, scene.used[cluster], points.boxes, index, whole
-                )
+            maybe, n_maybe = 0, 16
+            if n_within > FEW:
+                maybe, covers = classify(space.slots, slot, doubtful, scene.used[cluster], points.boxes, index, whole)
                 if not maybe:
                     continue
                 if covers:
                     hidden |= undecided
                     within = 0
-            if n_within > 2 and count_lanes(maybe) <= n_within:
+                n_maybe = count_lanes(maybe)
+            if n_maybe <= n_within:
                 while maybe and within:
                     lane = first_lane(maybe)
                     maybe &= maybe - 1
@@ -366,24 +435,22 @@ def search_packet(  # type: ignore[no-untyped-def]
                         sure |= settle_face(scene, points, world_eye, base, cluster, lane, doubt)
                     hidden |= sure
                     within &= ~sure
-            else:
-                while within:
-                    i = first_lane(within)
-                    within &= within - 1
-                    gone, doubt = hide_point(
-                        space.slots,
-                        slot,
-                        doubtful,
-                        scene.used[cluster],
-                        cluster,
-                        base + i,
-                        space.image[packet * PACKET + i],
-                        space.image[(CHUNK + packet) * PACKET + i],
-                        points,
-                        whole,
-                    )
-                    if gone or (doubt and settle(scene, points, world_eye, base + i, cluster, doubt)):
-                        hidden |= 1 << i
+            elif within:
+                hidden |= hide_points(
+                    scene,
+                    space.slots,
+                    slot,
+                    doubtful,
+                    cluster,
+                    within,
+                    points.identity,
+                    base,
+                    space.image,
+                    packet * PACKET,
+                    points,
+                    whole,
+                    world_eye,
+                )
             undecided &= ~hidden
             if not undecided:
                 if entry > 0:

@@ -8,7 +8,7 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
 from zbuf_occlude.image_space.scene import make_scene
-from zbuf_occlude.image_space.search import find_visible
+from zbuf_occlude.image_space.search import GROUP, find_visible
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
@@ -39,6 +39,6 @@ class Exact(Occluder):
         packets = make_packets(points, scene, self._rows)
         frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
-        n_chunks = packets.coordinates.shape[1] // (CHUNK * PACKET)
-        n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_chunks, 4 * n_threads)
+        n_groups = -(-packets.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
+        n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_groups, 4 * n_threads)
         return find_visible(scene, packets, frames, n_blocks, min(n_threads, len(eyes) * n_blocks))

@@ -1,0 +1,277 @@
+"""Tiles: for few points on many faces, the image is cut into tiles and each point tests its tile's clusters."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import IntArray
+from zbuf_occlude.image_space.hiding import hide_points
+from zbuf_occlude.image_space.lanes import (
+    divide,
+    first_lane,
+    highest,
+    load,
+    lowest,
+    maximum,
+    minimum,
+    muladd,
+    not_less,
+    splat,
+    store,
+)
+from zbuf_occlude.image_space.packets import PACKET
+from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO
+from zbuf_occlude.image_space.scene import Float32
+from zbuf_occlude.image_space.slots import SLOTS, slot_of
+
+SIDE = 32
+"""Tiles along each side of the image, or a smaller power of two where lists would grow too long."""
+
+DEPTHS = 64
+"""Intervals of depth that the clusters are sorted into, nearest first."""
+
+
+class Tiles(NamedTuple):
+    """A thread's workspace for n points and m clusters: 32 bytes a point, 200 a cluster."""
+
+    unsorted: Float32  # (3, n') x / w, y / w, w
+    tile_ids: IntArray  # (n',)
+    order: IntArray  # (n' + 16,) points sorted by tile
+    image: Float32  # (3, n' + 16) x / w, y / w, w in this order
+    point_starts: NDArray[np.int64]  # (SIDE^2 + 1,)
+    deepest: Float32  # (SIDE^2,) highest w of a tile's points
+    cluster_order: IntArray  # (m,) nearest first
+    depth_starts: NDArray[np.int64]  # (DEPTHS + 1,)
+    list_starts: NDArray[np.int64]  # (SIDE^2 + 1,)
+    ends: NDArray[np.int64]  # (SIDE^2,)
+    listed: IntArray  # (capacity,) clusters of the tiles, one after the other
+    rectangles: Float32  # (5, capacity) theirs
+
+
+@njit
+def make_tiles(n_points, n_clusters):  # type: ignore[no-untyped-def]
+    """Allocate for so many points, padding included."""
+    capacity = 32 * n_clusters + SIDE * SIDE
+    return Tiles(
+        np.empty((3, n_points), dtype=np.float32),
+        np.empty(n_points, dtype=np.int32),
+        np.zeros(n_points + 16, dtype=np.int32),
+        np.zeros((3, n_points + 16), dtype=np.float32),
+        np.empty(SIDE * SIDE + 1, dtype=np.int64),
+        np.empty(SIDE * SIDE, dtype=np.float32),
+        np.empty(n_clusters, dtype=np.int32),
+        np.empty(DEPTHS + 1, dtype=np.int64),
+        np.empty(SIDE * SIDE + 1, dtype=np.int64),
+        np.empty(SIDE * SIDE, dtype=np.int64),
+        np.empty(capacity, dtype=np.int32),
+        np.empty((5, capacity), dtype=np.float32),
+    )
+
+
+@njit(_nrt=False)
+def search_tiles(scene, points, frame, window, eye, world_eye, first, last, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
+    """Answer for the points first to last (of the packets' order) and an eye outside; False where one is hidden."""
+    x0, x1, y0, y1, w0, w1 = _project(points, frame, first, last, tiles)
+    blur = points.farthest * max(ONE, ONE / w0)
+    slack = np.float32(3.0) * COORDINATE * blur
+    away = np.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
+    least = away * np.float32(0.999) - points.farthest - np.float32(scene.contact)
+    nearer = ONE / least if least > ZERO else FAR
+    farther = ONE / ((away + points.farthest) * np.float32(1.001))
+    whole = (x0, x1, y0, y1, w1 + slack, blur, points.farthest, nearer, farther)
+    if len(scene.used) <= SLOTS:
+        for cluster in range(len(scene.used)):
+            if space.rectangles[0, cluster] <= space.rectangles[1, cluster]:
+                slot = slot_of(scene, cluster, frame, window, eye, ONE, space, epoch)
+                for row in range(5):
+                    space.rectangles[row, cluster] = space.slot_rectangles[slot, row]
+    _sort_by_depth(scene, whole, space, tiles)
+    side = SIDE
+    while True:
+        scale_x = np.float32(side) / max(x1 - x0, np.float32(1e-30))
+        scale_y = np.float32(side) / max(y1 - y0, np.float32(1e-30))
+        grid = (x0, y0, scale_x, scale_y, side)
+        _bin_points(first, last, grid, tiles)
+        if _bin_clusters(grid, slack, space, tiles) or side == 1:
+            break
+        side //= 2
+    for tile in range(side * side):
+        for start in range(tiles.point_starts[tile], tiles.point_starts[tile + 1], PACKET):
+            left = min(tiles.point_starts[tile + 1] - start, PACKET)
+            _search_packet(
+                scene,
+                points,
+                start,
+                (1 << left) - 1,
+                tiles.list_starts[tile],
+                tiles.list_starts[tile + 1],
+                frame,
+                window,
+                eye,
+                world_eye,
+                whole,
+                space,
+                tiles,
+                epoch,
+                answer,
+            )
+
+
+@njit(_nrt=False)
+def _project(points, frame, first, last, tiles):  # type: ignore[no-untyped-def]
+    """Project points; return the lowest and highest x, y and w."""
+    n, total = points.coordinates.shape[1], tiles.unsorted.shape[1]
+    far, low = splat(FAR), splat(-FAR)
+    x0, x1, y0, y1, w0, w1 = far, low, far, low, far, low
+    for base in range(first, last, PACKET):
+        x, y, z = (
+            load(points.coordinates, base),
+            load(points.coordinates, n + base),
+            load(points.coordinates, 2 * n + base),
+        )
+        u = muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3]))))
+        v = muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7]))))
+        w = muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11]))))
+        inverse = divide(splat(ONE), w)
+        u, v = u * inverse, v * inverse
+        store(tiles.unsorted, base, u)
+        store(tiles.unsorted, total + base, v)
+        store(tiles.unsorted, 2 * total + base, w)
+        x0, x1, y0, y1 = minimum(x0, u), maximum(x1, u), minimum(y0, v), maximum(y1, v)
+        w0, w1 = minimum(w0, w), maximum(w1, w)
+    return lowest(x0), highest(x1), lowest(y0), highest(y1), lowest(w0), highest(w1)
+
+
+@njit(_nrt=False)
+def _sort_by_depth(scene, whole, space, tiles):  # type: ignore[no-untyped-def]
+    """Sort the clusters that are seen, and not behind all points, by their lowest w; `depth_starts[-1]` counts them."""
+    n_clusters = len(scene.used)
+    rectangles, starts = space.rectangles, tiles.depth_starts
+    nearest = whole[4]
+    for cluster in range(n_clusters):
+        nearest = min(nearest, rectangles[4, cluster])
+    scale = np.float32(DEPTHS - 1) / max(whole[4] - nearest, np.float32(1e-30))
+    starts[:] = 0
+    for cluster in range(n_clusters):
+        if rectangles[0, cluster] <= rectangles[1, cluster] and rectangles[4, cluster] <= whole[4]:
+            starts[np.int64((rectangles[4, cluster] - nearest) * scale) + 1] += 1
+    for i in range(DEPTHS):
+        starts[i + 1] += starts[i]
+    for cluster in range(n_clusters):
+        if rectangles[0, cluster] <= rectangles[1, cluster] and rectangles[4, cluster] <= whole[4]:
+            depth = np.int64((rectangles[4, cluster] - nearest) * scale)
+            tiles.cluster_order[starts[depth]] = cluster
+            starts[depth] += 1
+
+
+@njit(_nrt=False, forceinline=True)
+def _cell(value, origin, scale, side):  # type: ignore[no-untyped-def]
+    """Tile of a coordinate along one side. Monotone, so what lies within an interval lies within its tiles."""
+    return np.int64(min(max((value - origin) * scale, ZERO), np.float32(side - 1)))
+
+
+@njit(_nrt=False)
+def _bin_points(first, last, grid, tiles):  # type: ignore[no-untyped-def]
+    """Sort points by tile."""
+    side = grid[4]
+    starts = tiles.point_starts
+    starts[: side * side + 1] = 0
+    tiles.deepest[: side * side] = -FAR
+    for i in range(first, last):
+        x, y = tiles.unsorted[0, i], tiles.unsorted[1, i]
+        tile = _cell(y, grid[1], grid[3], side) * side + _cell(x, grid[0], grid[2], side)
+        tiles.tile_ids[i] = tile
+        tiles.deepest[tile] = max(tiles.deepest[tile], tiles.unsorted[2, i])
+        starts[tile + 1] += 1
+    for tile in range(side * side):
+        starts[tile + 1] += starts[tile]
+        tiles.ends[tile] = starts[tile]
+    for i in range(first, last):
+        tile = tiles.tile_ids[i]
+        to = tiles.ends[tile]
+        tiles.ends[tile] = to + 1
+        tiles.order[to] = i
+        for row in range(3):
+            tiles.image[row, to] = tiles.unsorted[row, i]
+
+
+@njit(_nrt=False)
+def _bin_clusters(grid, slack, space, tiles):  # type: ignore[no-untyped-def]
+    """List the clusters of each tile, nearest first; False where the lists would not fit."""
+    side, n = grid[4], tiles.depth_starts[DEPTHS - 1]
+    starts = tiles.list_starts
+    starts[: side * side + 1] = 0
+    for counting in (True, False):
+        for j in range(n):
+            cluster = tiles.cluster_order[j]
+            x0, x1 = space.rectangles[0, cluster] - slack, space.rectangles[1, cluster] + slack
+            y0, y1 = space.rectangles[2, cluster] - slack, space.rectangles[3, cluster] + slack
+            w0 = space.rectangles[4, cluster] - slack
+            left, right = _cell(x0, grid[0], grid[2], side), _cell(x1, grid[0], grid[2], side)
+            for row in range(_cell(y0, grid[1], grid[3], side), _cell(y1, grid[1], grid[3], side) + 1):
+                for tile in range(row * side + left, row * side + right + 1):
+                    if w0 > tiles.deepest[tile]:
+                        continue
+                    if counting:
+                        starts[tile + 1] += 1
+                    else:
+                        to = tiles.ends[tile]
+                        tiles.ends[tile] = to + 1
+                        tiles.listed[to] = cluster
+                        tiles.rectangles[0, to] = x0
+                        tiles.rectangles[1, to] = x1
+                        tiles.rectangles[2, to] = y0
+                        tiles.rectangles[3, to] = y1
+                        tiles.rectangles[4, to] = w0
+        if counting:
+            for tile in range(side * side):
+                starts[tile + 1] += starts[tile]
+                tiles.ends[tile] = starts[tile]
+            if starts[side * side] > len(tiles.listed):
+                return False
+    return True
+
+
+@njit(_nrt=False, forceinline=True)
+def _search_packet(  # type: ignore[no-untyped-def]
+    scene, points, base, undecided, start, stop, frame, window, eye, world_eye, whole, space, tiles, epoch, answer
+):
+    """Test up to 16 points of a tile, a mask of those sorted from `base` on, against the tile's clusters."""
+    total = tiles.image.shape[1]
+    x, y, w = load(tiles.image, base), load(tiles.image, total + base), load(tiles.image, 2 * total + base)
+    for j in range(start, stop):
+        within = (
+            undecided
+            & not_less(x, splat(tiles.rectangles[0, j]))
+            & not_less(splat(tiles.rectangles[1, j]), x)
+            & not_less(y, splat(tiles.rectangles[2, j]))
+            & not_less(splat(tiles.rectangles[3, j]), y)
+            & not_less(w, splat(tiles.rectangles[4, j]))
+        )
+        if not within:
+            continue
+        cluster = tiles.listed[j]
+        slot = slot_of(scene, cluster, frame, window, eye, ONE, space, epoch)
+        hidden = hide_points(
+            scene,
+            space.slots,
+            slot,
+            space.doubtful[slot],
+            cluster,
+            within,
+            tiles.order,
+            base,
+            tiles.image,
+            base,
+            points,
+            whole,
+            world_eye,
+        )
+        undecided &= ~hidden
+        while hidden:
+            answer[points.order[tiles.order[base + first_lane(hidden)]]] = False
+            hidden &= hidden - 1
+        if not undecided:
+            return
