@@ -112,6 +112,7 @@ def all_subjects(ranking: Sequence[Standing]) -> Table:
             f"{one.points_per_second / 1e6:.3g}",
             "–" if one.memory is None else f"{one.memory / 2**20:,.0f}",
             f"{one.n_meshes}",
+            f"{one.pairs:,}",
         ]
         for one in ranking
     ]
@@ -127,9 +128,10 @@ def all_subjects(ranking: Sequence[Standing]) -> Table:
     ]
     return Table(
         "Every subject",
-        [*header, "M points/s", "peak MiB", "meshes"],
+        [*header, "M points/s", "peak MiB", "meshes", "pairs"],
         rows,
         "Wrong, false visible, false hidden: shares of the judged pairs of view and point outside the boundary band, "
+        "so many as the last column says (a slow method is asked from fewer of the views), "
         "mean over the meshes. Chamfer: between the method's cloud and the judge's, in longest sides. Times: geometric "
         "means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while preparing and "
         "asking, the largest over the meshes.",
