@@ -1,5 +1,6 @@
 """Entry point of ``zbuf-occlude`` and ``python -m zbuf_occlude``: the only place that turns errors into exit codes."""
 
+import io
 import sys
 
 import click
@@ -12,6 +13,9 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = group.main(standalone_mode=False)
     except click.ClickException as error:
@@ -25,6 +29,9 @@ def main() -> None:
         code = USAGE
     except OccludeError as error:
         click.echo(f"error: {error}", err=True)
+        code = FAILED
+    except MemoryError as error:
+        click.echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)
         code = FAILED
     except BrokenPipeError:  # the reader of our standard output went away
         sys.stderr.close()

@@ -9,6 +9,9 @@ from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, fr
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 
+MAX_POINTS = int(np.iinfo(np.int32).max)
+"""Counts and ids are int32."""
+
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 
@@ -122,7 +125,7 @@ def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generato
     if not (np.isfinite(density) and density > 0):
         raise ArgumentError(f"density must be positive and finite; got {density}.")
     wanted = areas * density
-    if wanted.sum() > np.iinfo(np.int32).max:
+    if wanted.sum() > MAX_POINTS:
         raise ArgumentError(f"density {density} asks for {wanted.sum():.3g} points; at most 2^31 - 1 can be made.")
     whole = np.floor(wanted)
     return np.asarray(whole + (rng.random(len(areas)) < wanted - whole), dtype=np.int32)
@@ -132,6 +135,8 @@ def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> 
     """Draw how many of exactly `n_points` fall on each face, proportionally to area. (f,) int32."""
     if not isinstance(n_points, (int, np.integer)) or n_points < 1:
         raise ArgumentError(f"n_points must be a positive int; got {n_points!r}.")
+    if n_points > MAX_POINTS:
+        raise ArgumentError(f"n_points must be at most 2^31 - 1; got {n_points}.")
     total = areas.sum()
     if not total > 0:
         raise ArgumentError("a mesh must have area to be sampled; this one has none.")

@@ -15,6 +15,9 @@ from zbuf_occlude.errors import ArgumentError, OptionError
 PAPER_DISTANCE = 4.0
 """Distance of the camera in units of the object's longest side (paper 4.1)."""
 
+MAX_VIEWS = 1_000_000
+"""A mistyped specification must not fill the memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class Views:
@@ -236,10 +239,13 @@ def _band(low: str | None, high: str | None) -> tuple[float, float]:
 
 def _product(elevations: FloatArray, n_azimuths: int, distance: float) -> Views:
     azimuths = np.arange(_positive(n_azimuths, "n_azimuths")) * (2 * np.pi / n_azimuths)
+    _positive(len(elevations) * n_azimuths, "the number of views")
     return Views(np.tile(azimuths, len(elevations)), np.repeat(elevations, n_azimuths), np.asarray(distance))
 
 
 def _positive(count: int, name: str) -> int:
     if not isinstance(count, (int, np.integer)) or count < 1:
         raise OptionError(f"{name} must be a positive int; got {count!r}.")
+    if count > MAX_VIEWS:
+        raise OptionError(f"{name} must be at most {MAX_VIEWS:,}; got {count}.")
     return int(count)

@@ -19,7 +19,7 @@ from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
 from zbuf_occlude.dataset.presets import ORIGINAL, PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.errors import GlError
+from zbuf_occlude.errors import GlError, MeshError
 from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
 from zbuf_occlude.farm.supervisor import Limits
@@ -149,7 +149,7 @@ def command(
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
     plan = Plan(
-        collect(meshes, up, limit, preset),
+        collect(meshes, up, limit, preset, out),
         Recipe(
             method=method,
             method_options=parse_settings(method, settings),
@@ -162,12 +162,12 @@ def command(
     plans = [(plan, out)]
     if preset is not None and find_preset(preset).original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
+    part = parse_shard(shard) if shard is not None else from_environment(os.environ)
+    limits = Limits(mesh_seconds, mesh_gigabytes)
     if dry_run:
         click.echo("\n".join(describe(*each) for each in plans))
         return
-    part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     rehearse(plan.recipe, require_gpu)
-    limits = Limits(mesh_seconds, mesh_gigabytes)
     if engine == "ray":
         run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
     else:
@@ -211,10 +211,20 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
         occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
-def collect(paths: tuple[Path, ...], up: str | None, limit: int | None, preset: str | None = None) -> MeshCollection:
-    """Return the meshes that a person named, classes and splits interleaved, at most `limit` of them."""
+def collect(
+    paths: tuple[Path, ...], up: str | None, limit: int | None, preset: str | None = None, out: Path | None = None
+) -> MeshCollection:
+    """Return the meshes that a person named, classes and splits interleaved, at most `limit` of them.
+
+    What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
+    """
     if paths:
         meshes = MeshCollection.from_paths(paths, up=up)
+        if out is not None:
+            own = Path(os.path.realpath(out))
+            meshes = MeshCollection(e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
+        if not meshes:
+            raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
         from zbuf_occlude.meshes import shapes  # late: only needed without files
 

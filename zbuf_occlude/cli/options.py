@@ -1,6 +1,7 @@
 """Options that several commands share: meshes, method, camera; and how key=value becomes Python."""
 
 import ast
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,12 @@ def method_options(default: str = "depth_buffer") -> Decorator:
     return decorate
 
 
+def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a finite number.")
+    return value
+
+
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """--azimuth, --elevation, --distance of a single view."""
     function = click.option(
@@ -42,12 +49,19 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         type=click.FloatRange(0, min_open=True),
         default=4.0,
         show_default=True,
+        callback=_finite,
         help="From the mesh's centre, in multiples of its longest side.",
     )(function)
     function = click.option(
-        "--elevation", type=click.FloatRange(-90, 90), required=True, help="Degrees above the xy plane; 90 is +z."
+        "--elevation",
+        type=click.FloatRange(-90, 90),
+        required=True,
+        callback=_finite,
+        help="Degrees above the xy plane; 90 is +z.",
     )(function)
-    return click.option("--azimuth", type=float, required=True, help="Degrees from +x towards +y.")(function)
+    return click.option("--azimuth", type=float, required=True, callback=_finite, help="Degrees from +x towards +y.")(
+        function
+    )
 
 
 up_option = click.option(

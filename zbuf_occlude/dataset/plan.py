@@ -12,11 +12,14 @@ import numpy as np
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sampling import MAX_POINTS
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "mesh")
 FRAMES = ("object", "camera")
+MAX_SAMPLE_SIZE = 100_000_000
+"""NumPy's records end at 2 GB."""
 CLOUDS_A_SHARD = 500
 """A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
 
@@ -73,15 +76,17 @@ class Recipe:
     def __post_init__(self) -> None:
         if (self.n_points is None) == (self.density is None):
             raise OptionError(f"give points or density, not both; got {self.n_points} and {self.density}.")
-        for name, value in (
-            ("points", self.n_points),
-            ("density", self.density),
-            ("variations", self.variations),
-            ("sample size", self.sample_size),
-            ("distance", self.distance),
+        for name, value, most in (
+            ("points", self.n_points, MAX_POINTS),
+            ("density", self.density, MAX_POINTS),
+            ("variations", self.variations, MAX_POINTS),
+            ("sample size", self.sample_size, MAX_SAMPLE_SIZE),
+            ("distance", self.distance, np.finfo(np.float64).max),
         ):
-            if value is not None and not (value > 0 and np.isfinite(value)):
+            if value is not None and not value > 0:
                 raise OptionError(f"{name} must be positive; got {value}.")
+            if value is not None and value > most:
+                raise OptionError(f"{name} must be at most {most:,}; got {value}.")
         for name, word, known in (("scale", self.scale, SCALES), ("frame", self.frame, FRAMES)):
             if word not in known:
                 raise OptionError(f"{name} must be one of {', '.join(known)}; got {word!r}.")

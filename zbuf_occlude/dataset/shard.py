@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.packed import PackedStore
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import RecordStore
-from zbuf_occlude.errors import DatasetError, MeshError
+from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -111,7 +111,7 @@ def run_shard(
                 raise MeshError(lost[mesh_id])
             mesh = entry.load()
             kept, facts = occlude(mesh, plan.recipe, plan.views, entry.key, gl, store.keep)
-        except MeshError as error:
+        except (MeshError, ArgumentError) as error:  # the options have been tried: it is the mesh's numbers
             failures[entry.key] = str(error)
             continue
         except MemoryError:

@@ -41,7 +41,7 @@ def write_contact_sheet(path: Path, source: Source) -> None:
         draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0), radius=0.64)
         draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up, radius=0.64)
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
-        top.set_title(classes[labels[index]], fontsize=10)
+        top.set_title(classes[labels[index]], fontsize=10, parse_math=False)  # a folder may be called $x$
         bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
     figure.suptitle("Above: from a fixed viewpoint. Below: from the camera of each cloud.", fontsize=9, color="0.35")
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
@@ -64,6 +64,6 @@ def upright(cloud: Any, in_camera_frame: bool) -> tuple[FloatArray, FloatArray, 
     if in_camera_frame:
         positions = (positions - translation) @ rotation
     low, high = positions.min(axis=0), positions.max(axis=0)
-    centre, longest = (low + high) / 2, max(float((high - low).max()), np.finfo(np.float64).tiny)
+    centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
     eye = -rotation.T @ translation
     return (positions - centre) / longest, (eye - centre) / longest, rotation[1]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.errors import DatasetError, OptionError
 
 DEATHS_A_MESH = 5
 """A mesh at which so many workers have died is given up; below that the death may have had another cause."""
@@ -40,6 +40,11 @@ class Limits:
 
     seconds: float = 600.0
     gigabytes: float = 8.0
+
+    def __post_init__(self) -> None:
+        for what, value in (("seconds", self.seconds), ("gigabytes", self.gigabytes)):
+            if not value > 0:
+                raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
 
 class Worker(Protocol):
@@ -188,7 +193,7 @@ def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None
             raise DatasetError(f"workers must get an OpenGL context; {BREAKS} in a row did not: {value}")
         seat.mesh_id = None  # not the mesh's fault
     else:
-        raise DatasetError(f"{value}. What was finished is kept, and the same command resumes.")
+        raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
 
 
 def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool) -> None:

@@ -15,6 +15,7 @@ from zbuf_occlude.meshes.files import SUFFIXES, UP, load_mesh
 
 SPLITS = ("train", "val", "test")
 _SPLIT_FOLDERS = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
+_NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
@@ -122,6 +123,8 @@ class MeshCollection(Sequence[MeshEntry]):
 
         The key is the path from the class folder on (else from the path given), with forward slashes and the ending.
         A key that another path given earlier has taken already gets ``~2``, ``~3``... A file met twice is taken once.
+        In keys and labels, which are lines of text files, line breaks, control characters and bytes that are not UTF-8
+        are written as in Python, ``\\n``, ``\\xff``.
         Files of other formats and hidden ones are ignored, linked folders followed.
         """
         if up is not None and up not in UP:
@@ -196,6 +199,10 @@ class _Labelled:
     label: str
     split: str
 
+    def __post_init__(self) -> None:
+        for name in ("key", "label"):
+            object.__setattr__(self, name, _NOT_PRINTABLE.sub(_escaped, getattr(self, name)))
+
 
 def _found(path: Path) -> Iterator[tuple[Path, _Labelled]]:
     """Mesh files at a path that a person gave, each with its key, label and split."""
@@ -228,6 +235,13 @@ def _labelled(relative: PurePosixPath) -> _Labelled:
     folders = _class_folders(relative)
     splits = [_SPLIT_FOLDERS[part.lower()] for part in relative.parts[:-1] if part.lower() in _SPLIT_FOLDERS]
     return _Labelled(str(relative), folders[0] if folders else relative.stem, splits[0] if splits else "train")
+
+
+def _escaped(match: re.Match[str]) -> str:
+    character = match[0]
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8, as Python holds it
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode()
 
 
 def _class_folders(relative: PurePosixPath) -> list[str]:

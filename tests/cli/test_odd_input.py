@@ -1,0 +1,146 @@
+"""What people type and keep on their disks without thinking of this program: one clear line, or the right thing."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run, write_off
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.sheet import upright
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.meshes import MeshCollection
+
+SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 50, "--sample-size", 8, "--workers", 1)
+TETRAHEDRON = np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+
+
+@pytest.fixture
+def tetrahedron(tmp_path: Path) -> Path:
+    return write_off(tmp_path / "solids" / "tetrahedron_1.off", *TETRAHEDRON)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--views", "fibonacci:999999999999"), "n_views must be at most 1,000,000"),
+        (("--views", "grid:1000000x1000000"), "the number of views must be at most 1,000,000"),
+        (("--points", 10**26), "points must be at most 2,147,483,647"),
+        (("--variations", 10**26), "variations must be at most 2,147,483,647"),
+        (("--sample-size", 3_000_000_000), "sample size must be at most 100,000,000"),
+        (("--density", "inf"), "density must be at most 2,147,483,647; got inf"),
+        (("--mesh-seconds", "nan"), "seconds that a mesh may take must be positive; got nan"),
+        (("--shard", "5/2"), "--shard must be I/N"),
+    ],
+)
+def test_absurd_numbers_are_usage_errors(run: Run, tetrahedron: Path, arguments: Any, message: str) -> None:
+    outcome = run("generate", tetrahedron, "--dry-run", *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert message in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+@pytest.mark.parametrize("option", ["--azimuth", "--elevation", "--distance"])
+def test_a_camera_that_is_nowhere_is_a_usage_error(run: Run, tetrahedron: Path, tmp_path: Path, option: str) -> None:
+    camera = {"--azimuth": "0", "--elevation": "0", option: "nan"}
+    outcome = run("visible", tetrahedron, *(x for pair in camera.items() for x in pair), "--out", tmp_path / "a.ply")
+    assert outcome.code == 2
+    assert option in outcome.err
+
+
+def test_more_points_than_there_can_be(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
+    where = ("--azimuth", 0, "--elevation", 0, "--method", "oracle", "--out", tmp_path / "a.ply")
+    outcome = run("visible", tetrahedron, "--points", 10**26, *where)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: n_points must be at most 2^31 - 1")
+
+
+def test_too_little_memory_is_one_line(run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def starve(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 745. GiB")
+
+    monkeypatch.setattr("zbuf_occlude.cli.visible.sample_surface", starve)
+    outcome = run("visible", tetrahedron, "--azimuth", 0, "--elevation", 0, "--out", "a.ply")
+    assert outcome.code == 1
+    assert outcome.err == "error: it must fit in memory; it does not (Unable to allocate 745. GiB). " + (
+        "Ask for less: points, views, size.\n"
+    )
+
+
+def test_an_output_that_cannot_be_written_is_named_as_it_was_typed(run: Run, tetrahedron: Path) -> None:
+    for out in (tetrahedron.parent / "missing" / "a.ply", tetrahedron / "a.ply"):
+        where = ("--azimuth", 0, "--elevation", 0, "--points", 9, "--method", "oracle", "--out", out)
+        outcome = run("visible", tetrahedron, *where)
+        assert outcome.code == 1
+        assert outcome.err.endswith(f": {out}\n")
+        assert ".part" not in outcome.err
+
+
+def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        atomic.write(tmp_path / "a", lambda file: file.write(b"half") / 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_no_text_file_can_hold(run: Run, tmp_path: Path) -> None:
+    root = tmp_path / "meshes"
+    for label in (r"x$\foo$", "椅子 <b>"):
+        write_off(root / label / "a b_1.off", *TETRAHEDRON)
+        write_off(root / label / "two\nlines.off", *TETRAHEDRON)
+    odd = os.fsencode(root / "plain") + b"/\xff.off"
+    write_off(root / "plain" / "good.off", *TETRAHEDRON)
+    Path(os.fsdecode(odd)).write_text("OFF\n")
+    outcome = run("generate", root, "--out", tmp_path / "out", *SMALL)
+    assert outcome.code == 3, outcome.err
+    assert "Traceback" not in outcome.err
+    assert (tmp_path / "out/shape_names.txt").read_text().splitlines() == ["plain", r"x$\foo$", "椅子 <b>"]
+    keys = (tmp_path / "out/mesh_keys.txt").read_text().splitlines()
+    assert sorted(keys) == sorted(entry.key for entry in MeshCollection.from_paths(root))
+    assert {r"plain/\xff.off", "椅子 <b>/two\\nlines.off"} <= set(keys)
+    assert r"plain/\xff.off: " in outcome.out
+
+
+def test_a_run_before_in_a_folder_among_the_meshes_is_no_mesh(run: Run, tetrahedron: Path) -> None:
+    out = tetrahedron.parent / "out"
+    first = run("generate", tetrahedron.parent, "--out", out, "--format", "ply", *SMALL)
+    assert first.code == 0, first.err
+    again = run("generate", tetrahedron.parent, "--out", out, "--format", "ply", *SMALL)
+    assert (again.code, again.out) == (0, first.out)
+    within = run("generate", tetrahedron.parent, "--out", tetrahedron.parent, *SMALL)
+    assert within.code == 1
+    assert "--out must not be a folder of meshes" in within.err
+
+
+def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
+    tetrahedron: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = np.random.default_rng(0).uniform(size=(900, 3))  # far more area than its longest side says
+    write_off(tetrahedron.parent / "soup_1.off", corners, np.arange(900).reshape(300, 3))
+    monkeypatch.setattr("zbuf_occlude.sampling.MAX_POINTS", 2_000)
+    recipe = Recipe("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
+    document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), recipe), tmp_path / "out")
+    assert document["counts"]["clouds"] == 1
+    assert list(document["failures"]) == ["solids/soup_1.off"]
+    assert "points; at most 2^31 - 1 can be made" in document["failures"]["solids/soup_1.off"]
+
+
+def test_a_cloud_of_one_place_is_drawn_at_its_place() -> None:
+    record = np.zeros(1, record_type(3))[0]
+    record["factor"], record["centre"] = 1, (5, 6, 7)
+    record["pose"] = np.eye(4)
+    record["pose"][2, 3] = -9
+    positions, eye, up = upright(record, False)
+    assert not positions.any()
+    assert np.allclose(eye, (-5, -6, 2))
+    assert np.allclose(up, (0, 1, 0))
+
+
+def test_limits_must_be_positive() -> None:
+    with pytest.raises(OptionError, match="the gigabytes that a mesh may take must be positive; got 0"):
+        Limits(gigabytes=0)
