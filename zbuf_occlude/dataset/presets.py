@@ -78,7 +78,7 @@ PRESETS: tuple[Preset, ...] = (
         "paper-modelnet40",
         "section 4.1: 200 objects x 100 views x 10 variations, about 3,000 visible points each",
         MappingProxyType(
-            {"views": "paper100", "variations": 10, "points": 9_000, "format": "packed", "method": "exact"}
+            {"views": "paper100", "variations": 10, "points": 8_000, "format": "packed", "method": "exact"}
         ),
         two_hundred,
     ),

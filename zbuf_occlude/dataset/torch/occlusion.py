@@ -2,6 +2,7 @@
 
 import copy
 import math
+import os
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +16,7 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.plan import SCALES
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import PAPER_DISTANCE
@@ -65,7 +66,7 @@ class OnTheFlyOcclusion:
     times what a cloud does. Randomness comes from torch's default generator. In a worker one thread is used.
 
     GNU OpenMP ends a process that was forked from one that had used it: give the DataLoader
-    ``multiprocessing_context="spawn"`` when the main process asks an exact method before the workers start.
+    ``multiprocessing_context="spawn"`` where the main process asks a method before the workers start.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class OnTheFlyOcclusion:
         self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
         self.eyes_a_sampling, self.cache_megabytes = eyes_a_sampling, cache_megabytes
         self._subjects: OrderedDict[int, _Subject] = OrderedDict()
+        self._process = -1
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_subjects": OrderedDict()}  # another process prepares its own
@@ -105,6 +107,8 @@ class OnTheFlyOcclusion:
         ------
         ArgumentError
             Not a mesh.
+        UnavailableError
+            The worker was forked from a process that had used numba's threads.
         MeshError
             The mesh has no face of any area, or nothing of it was seen from any eye.
         """
@@ -120,13 +124,24 @@ class OnTheFlyOcclusion:
         )
 
     def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any]) -> torch.Tensor:
-        if get_worker_info() is not None:
-            numba.set_num_threads(1)  # the other cores belong to the other workers
+        if get_worker_info() is not None and self._process != os.getpid():
+            self._process = os.getpid()
+            self._settle()
         positions = self._subject(vertices, faces).next_cloud(self)
         if self.scale == "cloud":
             centre, factor = fit(positions)
             positions = (positions - centre) * factor
         return torch.from_numpy(positions.astype(np.float32))
+
+    def _settle(self) -> None:
+        """Make this worker use one thread: the other cores belong to the other workers."""
+        ours = not find_method(self.method).extra  # the others bring their own threads
+        if ours and _inherited_layer() == "omp":
+            raise UnavailableError(
+                "workers must not be forked from a process that has used numba's threads, GNU OpenMP would end them; "
+                "these were. Give the DataLoader multiprocessing_context='spawn'."
+            )
+        numba.set_num_threads(1)
 
     def _subject(self, vertices: NDArray[Any], faces: NDArray[Any]) -> "_Subject":
         key = hash((vertices.tobytes(), faces.tobytes()))
@@ -181,6 +196,14 @@ class _Subject:
             positions = np.concatenate(parts)
             if len(positions):
                 self._clouds.append(positions[draw(np.arange(len(positions)), wanted, rng)])
+
+
+def _inherited_layer() -> str:
+    """The threading layer that numba is bound to in this process before we have used it; "" for none."""
+    try:
+        return str(numba.threading_layer())
+    except ValueError:  # not initialised
+        return ""
 
 
 def _array(values: Any) -> NDArray[Any]:
