@@ -46,6 +46,23 @@ def test_absurd_numbers_are_usage_errors(run: Run, tetrahedron: Path, arguments:
     assert "Traceback" not in outcome.err
 
 
+@pytest.mark.parametrize(
+    ("method", "setting", "message"),
+    [
+        ("oracle", "contact=wide", "--set contact must be a finite number, like 1e-05; got 'wide'"),
+        ("oracle", "contact=1e400", "--set contact must be a finite number, like 1e-05; got inf"),
+        ("depth_buffer", "resolution=64.5", "--set resolution must be a whole number, like 512; got 64.5"),
+        ("depth_buffer", "resolution=True", "--set resolution must be a whole number, like 512; got True"),
+        ("depth_buffer", "refine=3", "--set refine must be a word, like witness; got 3"),
+        ("hidden_point_removal", "radius=[1]", "--set radius must be a finite number, like None; got '[1]'"),
+    ],
+)
+def test_settings_of_another_kind(run: Run, tetrahedron: Path, method: str, setting: str, message: str) -> None:
+    outcome = run("generate", tetrahedron, "--dry-run", "--method", method, "--set", setting)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert message in outcome.err
+
+
 @pytest.mark.parametrize("option", ["--azimuth", "--elevation", "--distance"])
 def test_a_camera_that_is_nowhere_is_a_usage_error(run: Run, tetrahedron: Path, tmp_path: Path, option: str) -> None:
     camera = {"--azimuth": "0", "--elevation": "0", option: "nan"}

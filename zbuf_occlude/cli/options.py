@@ -78,7 +78,7 @@ def parse_settings(method: str, settings: tuple[str, ...]) -> dict[str, Any]:
     Raises
     ------
     OptionError
-        Not KEY=VALUE, or not an option of the method.
+        Not KEY=VALUE, not an option of the method, or a value of another kind than its default.
     """
     options: dict[str, Any] = {}
     for setting in settings:
@@ -87,7 +87,18 @@ def parse_settings(method: str, settings: tuple[str, ...]) -> dict[str, Any]:
             raise OptionError(f"--set must be given KEY=VALUE; got {setting!r}.")
         options[key.strip()] = literal(text.strip())
     find_method(method).check_options(options)
+    for name, default in find_method(method).options().items():
+        if not _is_like(options.get(name, default), default):
+            kind = {int: "a whole number", str: "a word"}.get(type(default), "a finite number")
+            raise OptionError(f"--set {name} must be {kind}, like {default}; got {options[name]!r}.")
     return options
+
+
+def _is_like(value: Any, default: Any) -> bool:
+    """Whether an option's value is of its default's kind; where the default is None, a number is meant."""
+    if isinstance(default, (str, int)) or value is None:
+        return isinstance(value, type(default)) and isinstance(value, bool) == isinstance(default, bool)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def literal(text: str) -> Any:
