@@ -127,10 +127,29 @@ def test_silhouette_distance_is_that_of_the_edge() -> None:
     assert distance[4] == np.inf
 
 
+def test_silhouette_distance_on_a_ball_is_that_of_its_outline() -> None:
+    """Of a finely tessellated ball as many points are near the outline as of a true one; inner edges do not count."""
+    mesh = sphere(48)
+    points = zo.sample_surface(mesh, n_points=800, seed=0)
+    eye = np.array([1.0, 2.0, 7.0])
+    towards = (points.positions - eye) / np.linalg.norm(points.positions - eye, axis=1, keepdims=True)
+    to_outline = 1.0 - np.linalg.norm(np.cross(towards, eye), axis=1)  # of the line of sight
+    for width in (1e-3, 4e-3):
+        near = np.isfinite(oracle.prepare(mesh).silhouette_distance(points, eye[None], [width])[0])
+        assert near[to_outline < 0.3 * width * mesh.diagonal].all()
+        assert (to_outline < width * mesh.diagonal).mean() * 0.8 < near.mean()
+        assert near.mean() < (to_outline < width * mesh.diagonal).mean() * 1.5
+
+
 def test_silhouette_distance_and_band_agree() -> None:
-    mesh = sphere(8)
-    points = zo.sample_surface(mesh, n_points=300, seed=0)
-    judge = oracle.prepare(mesh, contact=0.0)
-    distance = judge.silhouette_distance(points, EYES, [1e-3])
-    assert set(np.unique(distance)) == {1e-3, np.inf}
-    assert (judge.decided(points, EYES, width=1e-3) == np.isinf(distance)).all()
+    """At a free-standing edge both definitions are the same."""
+    mesh = two_plates(0.5)
+    rng = np.random.default_rng(0)
+    free = zo.SurfacePoints.free(
+        np.stack([rng.uniform(0.99, 1.01, 500), np.full(500, 0.5), np.full(500, -1.0)], axis=1)
+    )
+    eye = np.array([[1.0, 0.5, 1.0]])
+    judge = oracle.prepare(mesh)
+    distance = judge.silhouette_distance(free, eye, np.array([1e-3, 2e-3]))
+    assert set(np.unique(distance)) == {1e-3, 2e-3, np.inf}
+    assert (judge.decided(free, eye, width=1e-3) == (distance > 1e-3)).all()

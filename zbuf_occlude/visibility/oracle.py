@@ -10,6 +10,10 @@ from zbuf_occlude.predicates import blocks
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
+SLANT = 5.0
+"""A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
+79 degrees, and no silhouette."""
+
 BAND = 1e-6
 """Default width of the boundary band, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
 
@@ -58,7 +62,7 @@ class Oracle(Occluder):
         """
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
-        still = self._still(points, eyes, answer, width)
+        still = self._still(points, eyes, answer, width, self.contact)
         targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
         for contact in (self.contact / 2.0, self.contact * 2.0):
             still &= _visible(self.mesh.corners, points.face_ids, targets, eyes, contact) == answer
@@ -80,29 +84,38 @@ class Oracle(Occluder):
         -------
         (k, n) float64
             The smallest of `widths` by which the point's end of the line, moved in one of eight directions across it,
-            gets another answer; infinity where none does. As fractions of the mesh's diagonal.
+            gets another answer; infinity where none does. As fractions of the mesh's diagonal. A visible point's line,
+            once moved, is blocked only by faces farther than `SLANT` widths from the point.
 
         Notes
         -----
+        Without `SLANT` the faces beside a point's own would hide the moved end on every surface that is seen at a
+        slant: on a ball of 9,000 faces a quarter of all points would be within 1e-3 of a silhouette, where a twelfth is.
+
         Up to 8 w times the cost of `visible`; a pair that has its distance is not asked again.
         """
         answer = self.visible(points, eyes)
         eyes = np.asarray(eyes, dtype=np.float64)
         nearest = np.full(answer.shape, np.inf)
         for width in np.unique(widths):
+            beyond = max(self.contact, SLANT * float(width) * self.mesh.diagonal)
             for j in range(len(eyes)):
-                unknown = np.flatnonzero(np.isinf(nearest[j]))
-                still = self._still(points.select(unknown), eyes[j : j + 1], answer[j : j + 1, unknown], float(width))
-                nearest[j, unknown[~still[0]]] = width
+                for seen, contact in ((True, beyond), (False, self.contact)):
+                    asked = np.flatnonzero(np.isinf(nearest[j]) & (answer[j] == seen))
+                    same = answer[j : j + 1, asked]
+                    still = self._still(points.select(asked), eyes[j : j + 1], same, float(width), contact)
+                    nearest[j, asked[~still[0]]] = width
         return nearest
 
-    def _still(self, points: SurfacePoints, eyes: FloatArray, answer: BoolArray, width: float) -> BoolArray:
+    def _still(
+        self, points: SurfacePoints, eyes: FloatArray, answer: BoolArray, width: float, contact: float
+    ) -> BoolArray:
         """Where the answer stays with the point's end of the line moved by `width` in eight directions across it."""
         still = np.ones_like(answer)
         across, upwards = _perpendiculars(points.positions[None] - eyes[:, None])
         for angle in np.arange(8) * (np.pi / 4.0):
             targets = points.positions + width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
-            still &= _visible(self.mesh.corners, points.face_ids, targets, eyes, self.contact) == answer
+            still &= _visible(self.mesh.corners, points.face_ids, targets, eyes, contact) == answer
         return still
 
 
