@@ -5,7 +5,7 @@
 Importing this package touches no GPU and imports no optional dependency.
 """
 
-from zbuf_occlude import views
+from zbuf_occlude import numba_cache, views
 from zbuf_occlude.errors import (
     ArgumentError,
     DatasetError,
@@ -23,6 +23,8 @@ from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, prepare
 
 __version__ = "0.1.0"
+
+numba_cache.ensure_writable()  # before any module compiles a function
 
 __all__ = [
     "METHODS",

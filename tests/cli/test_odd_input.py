@@ -105,6 +105,15 @@ def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_disk_that_fills_within_numpy_is_told_in_words(tmp_path: Path) -> None:
+    def tofile(file: object) -> None:  # as NumPy does when a write is short
+        raise OSError("3 requested and 0 written")
+
+    with pytest.raises(OSError, match="could not be written whole; is the disk full") as caught:
+        atomic.write(tmp_path / "a", tofile)
+    assert caught.value.filename == str(tmp_path / "a")
+
+
 def test_names_no_text_file_can_hold(run: Run, tmp_path: Path) -> None:
     root = tmp_path / "meshes"
     for label in (r"x$\foo$", "椅子 <b>"):

@@ -1,5 +1,6 @@
 """Files that are either whole or not there: written under a temporary name, synced, renamed."""
 
+import errno
 import json
 import os
 from collections.abc import Callable
@@ -18,6 +19,8 @@ def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
+        if error.errno is None:  # from inside NumPy
+            raise OSError(errno.EIO, "it could not be written whole; is the disk full?", str(path)) from error
         if error.filename is not None:
             error.filename = str(path)  # the name that people know
         raise

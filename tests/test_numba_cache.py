@@ -1,0 +1,33 @@
+"""Compiled functions find a folder also where nothing of the package's or the user's can be written."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from zbuf_occlude import numba_cache
+
+NOWHERE = "/dev/null"  # no folder, and nothing can be made in it, by root neither
+
+
+def test_a_temporary_folder_where_nothing_can_be_written(tmp_path: Path) -> None:
+    program = (
+        "import os, sys\n"
+        "import zbuf_occlude.numba_cache as c\n"  # its import has looked once, in a place that can be written
+        f"c.__file__ = {NOWHERE + '/numba_cache.py'!r}\n"
+        "c.ensure_writable()\n"
+        "print(os.environ['NUMBA_CACHE_DIR'])\n"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": NOWHERE, "NUMBA_CACHE_DIR": NOWHERE, "TMPDIR": str(tmp_path)}
+    child = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    folder = Path(child.stdout.strip())
+    assert folder.parent == tmp_path
+    assert not folder.exists(), "it goes with the process"
+
+
+def test_what_can_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
+    numba_cache.ensure_writable()
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "not" / "yet")
