@@ -3,10 +3,13 @@
 import errno
 import json
 import os
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
+
+_TEMPORARY = re.compile(r"\..+\.\d+\.part", re.DOTALL)
 
 
 def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
@@ -27,6 +30,11 @@ def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
     finally:
         with suppress(OSError):  # it is not there any more, or never was
             temporary.unlink()
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """Return the temporary files that killed processes have left in a folder and below it."""
+    return [path for path in folder.rglob(".*.part") if _TEMPORARY.fullmatch(path.name)]
 
 
 def write_json(path: Path, document: Any) -> None:

@@ -77,10 +77,17 @@ def generate(
         shutil.rmtree(out / FOLDER, ignore_errors=True)  # left when the run ended between its last two steps
         progress(plan.n_clouds)
         return finished
-    make_shards(plan, out, run or run_here, progress, part=part)
-    if part != (0, 1):
-        return {}
-    return merge(plan, out, {"making": time.perf_counter() - began})
+    try:
+        make_shards(plan, out, run or run_here, progress, part=part)
+        if part != (0, 1):
+            return {}
+        return merge(plan, out, {"making": time.perf_counter() - began})
+    except (DatasetError, OSError):
+        # the same command may run twice at a time; whoever comes first takes the other's shards away
+        if (finished := read_manifest(out)) is None or finished["fingerprint"] != plan.fingerprint:
+            raise
+        shutil.rmtree(out / FOLDER, ignore_errors=True)
+        return finished
 
 
 def make_shards(
@@ -149,7 +156,9 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
     document = summed_up(plan, sidecars, files, source.n_clouds, {**seconds, "writing": time.perf_counter() - began})
     document["sha256"] = checksums(out, files)
     atomic.write_json(out / MANIFEST, document)
-    shutil.rmtree(out / FOLDER)
+    shutil.rmtree(out / FOLDER, ignore_errors=True)  # all that matters is done
+    for path in atomic.leftovers(out):
+        path.unlink(missing_ok=True)
     return document
 
 
@@ -175,7 +184,7 @@ def claim(plan: Plan, out: Path) -> None:
                 "Choose another folder, or --overwrite."
             )
         remove(out)  # nothing of that plan was finished
-    elif out.is_dir() and any(out.iterdir()):
+    elif out.is_dir() and set(out.iterdir()) - set(atomic.leftovers(out)):
         raise DatasetError(f"{out} must be empty or hold a dataset; it has other files. Choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
     atomic.write_json(path, {"fingerprint": plan.fingerprint, **plan.document})
@@ -188,7 +197,7 @@ def remove(out: Path) -> None:
     shutil.rmtree(out / FOLDER, ignore_errors=True)
     patterns = {pattern for row in FORMATS for pattern in row.patterns}
     patterns |= {MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, PLAN}
-    for path in [path for pattern in sorted(patterns) for path in out.glob(pattern)]:
+    for path in [*(path for pattern in sorted(patterns) for path in out.glob(pattern)), *atomic.leftovers(out)]:
         path.unlink(missing_ok=True)
         folder = path.parent
         while folder != out and not any(folder.iterdir()):
