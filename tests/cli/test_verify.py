@@ -94,3 +94,19 @@ def test_an_unfinished_dataset(run: Run, dataset: Path, modelnet: Path) -> None:
     outcome = run("verify", dataset, modelnet)
     assert outcome.code == 1
     assert "must hold a complete dataset" in outcome.err
+
+
+def test_a_damaged_or_missing_cloud_of_the_many_of_a_list(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "ply").code == 0
+    cloud = sorted(out.glob("ply/train/*/*.ply"))[0]
+    content = bytearray(cloud.read_bytes())
+    content[-10] ^= 1
+    cloud.write_bytes(bytes(content))
+    outcome = run("verify", out)
+    assert outcome.code == 1
+    assert "must have the checksum" in outcome.err
+    cloud.unlink()
+    outcome = run("verify", out)
+    assert outcome.code == 1
+    assert f"{cloud.relative_to(out)} must be there; it is missing." in outcome.err

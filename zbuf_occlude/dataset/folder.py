@@ -68,9 +68,14 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
 
 
 def checksums(out: Path, files: dict[str, list[str]]) -> dict[str, str]:
-    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name."""
-    digests = {}
-    for name in (name for names in files.values() for name in names):
-        with open(out / name, "rb") as file:
-            digests[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    return digests
+    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name; of a list of files, with all it lists."""
+    return {name: _checksum(out, name) for names in files.values() for name in names}
+
+
+def _checksum(out: Path, name: str) -> str:
+    with open(out / name, "rb") as file:
+        digest = hashlib.file_digest(file, "sha256")
+    if name.endswith(".txt"):
+        for listed in (out / name).read_text().splitlines():
+            digest.update(_checksum(out, listed).encode())
+    return digest.hexdigest()

@@ -181,7 +181,7 @@ def claim(plan: Plan, out: Path) -> None:
         if (out / MANIFEST).exists() or any((out / FOLDER).glob("*.json")):
             raise DatasetError(
                 f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {found}. "
-                "Choose another folder, or --overwrite."
+                "Choose another folder, or generate with --overwrite."
             )
         remove(out)  # nothing of that plan was finished
     elif out.is_dir() and set(out.iterdir()) - set(atomic.leftovers(out)):

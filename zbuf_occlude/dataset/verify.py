@@ -82,10 +82,16 @@ def verify(
 def _damaged(out: Path, manifest: dict[str, Any]) -> Iterator[str]:
     missing = [name for names in manifest["files"].values() for name in names if not (out / name).is_file()]
     yield from (f"{name} must be there; it is missing." for name in missing)
-    if not missing:
-        for name, found in checksums(out, manifest["files"]).items():
-            if found != manifest["sha256"][name]:
-                yield f"{name} must have the checksum {manifest['sha256'][name][:12]}...; it has {found[:12]}..."
+    if missing:
+        return
+    try:
+        digests = checksums(out, manifest["files"])
+    except FileNotFoundError as error:  # of a list of files
+        yield f"{Path(error.filename).relative_to(out)} must be there; it is missing."
+        return
+    for name, found in digests.items():
+        if found != manifest["sha256"][name]:
+            yield f"{name} must have the checksum {manifest['sha256'][name][:12]}...; it has {found[:12]}..."
 
 
 def _read_all(
