@@ -90,7 +90,7 @@ class Oracle(Occluder):
         Notes
         -----
         Without `SLANT` the faces beside a point's own would hide the moved end on every surface that is seen at a
-        slant: on a ball of 9,000 faces a quarter of all points would be within 1e-3 of a silhouette, where a twelfth is.
+        slant: of a ball of 9,000 faces a quarter would be within 1e-3 of a silhouette, where a twelfth is.
 
         Up to 8 w times the cost of `visible`; a pair that has its distance is not asked again.
         """
