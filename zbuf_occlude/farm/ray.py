@@ -34,6 +34,8 @@ def run_shards(
 
     Parameters
     ----------
+    plan, shards, done, limits
+        As in `zbuf_occlude.farm.local.run_shards`.
     out : Path
         Must be the same folder on every node (a shared file system).
     n_workers : int or None

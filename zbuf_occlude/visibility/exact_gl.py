@@ -11,7 +11,7 @@ from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 
 def prepare(mesh: Mesh, *, gl: Any, contact: float = CONTACT) -> "ExactGl":
-    """Put a mesh on the GPU; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
+    """Put a mesh on the GPU of a context, `gl`; `contact` is the contact tolerance as a fraction of the diagonal."""
     if not 0.0 <= contact < 1.0:
         raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
     return ExactGl(mesh, gl, contact)
