@@ -165,12 +165,21 @@ def hide_points(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
+    scene : Scene
+    slots, slot : (n_slots x 14 x 16,) float32 and int
+        Where `projection.set_up` has put the cluster's faces.
+    doubtful : int
+        Mask of the faces that float32 must not decide.
+    cluster : int
     within : int
         Mask of the points.
     ids, base : (...) int32 and int
         Point i of the mask is ``ids[base + i]`` in the packets' order.
     image, at : (2, ...) float32 and int
         Its place in the image is column ``at + i``.
+    points, whole : Packets and tuple
+        All points, and the numbers of this packet (`projection.project_points`).
+    world_eye : tuple of 3 float64
 
     Returns
     -------

@@ -67,7 +67,7 @@ def project_boxes(boxes, first, last, frame, window, slack, rectangles, at):  # 
     frame : (12,) float32
     window, slack : float32
         Half-width of the window; what a projected coordinate may err.
-    rectangles : (6, total) float32
+    rectangles, at : (6, total) float32 and int
         Receives, from column `at` on, lowest x, highest x, lowest y, highest y, lowest w and highest w of each box,
         widened by `slack`. What lies behind the eye or beside the window gets an empty rectangle; what reaches
         behind the eye, an endless one.
@@ -131,7 +131,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     eye : tuple of 3 float32, scene space
     reach : float32
         Largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it.
-    slots : (n_slots x 14 x 16,) float32
+    slots, slot : (n_slots x 14 x 16,) float32 and int
         Receives `EDGES`, `NORMAL`, `CONTACT` of `slot`.
     rectangles : (n_slots, 5) float32
         Receives the rectangle around the cluster's faces, as in `project_boxes`.
