@@ -87,6 +87,7 @@ def test_tests_are_n_m_when_all_is_visible() -> None:
     [
         ({"cull": "third"}, "cull must be one of none, first, second; got 'third'"),
         ({"n_samples": 0}, "n_samples must be a positive int; got 0"),
+        ({"seed": -1}, "seed must be an int from 0; got -1"),
         ({"n_samples": 2.5}, "n_samples must be a positive int; got 2.5"),
         ({"contact": 1.0}, r"contact must lie in \[0, 1\), a fraction of the mesh's diagonal; got 1.0"),
     ],

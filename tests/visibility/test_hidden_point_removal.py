@@ -1,21 +1,17 @@
 """`hidden_point_removal`: Katz 2007 where it is right, where it has no hull, and its radius."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, two_plates
-from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.visibility import find_method, oracle
+from zbuf_occlude.visibility import find_method, hidden_point_removal, oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 
 reason = find_method("hidden_point_removal").missing()
-if not reason:
-    try:
-        zo.prepare(box(), "hidden_point_removal")
-    except UnavailableError as error:
-        reason = str(error)
 pytestmark = pytest.mark.skipif(bool(reason), reason=f"hidden_point_removal {reason}")
 
 
@@ -65,3 +61,12 @@ def test_an_eye_beyond_the_sphere_widens_it() -> None:
 def test_bad_radius(radius: float) -> None:
     with pytest.raises(zo.OptionError, match="radius must be positive and finite, in diagonals of the mesh; got"):
         zo.prepare(box(), "hidden_point_removal", radius=radius)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only on Linux are the libraries looked for")
+def test_a_missing_system_library_is_an_answer_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hidden_point_removal, "LIBRARIES", {"libnowhere.so.7": "libnowhere7"})
+    row = find_method("hidden_point_removal")
+    assert row.missing() == "needs libnowhere.so.7 for open3d; on Debian: apt install libnowhere7"
+    with pytest.raises(zo.UnavailableError, match="method 'hidden_point_removal' needs libnowhere"):
+        zo.prepare(box(), "hidden_point_removal")

@@ -95,6 +95,7 @@ def test_an_eye_within_the_grid() -> None:
         ({"n": 32.0}, r"n must be an int in \[2, 512\], cells along a side; got 32.0"),
         ({"n": 5000}, r"n must be an int in \[2, 512\]"),
         ({"n_samples": 0}, "n_samples must be a positive int; got 0"),
+        ({"seed": -1}, "seed must be an int from 0; got -1"),
     ],
 )
 def test_option_errors(options: dict[str, object], message: str) -> None:

@@ -146,6 +146,7 @@ def test_on_the_papers_chair() -> None:
         ("vertex_hsr", {"contact": -1.0}, r"contact must lie in \[0, 1\)"),
         ("vertex_hsr_culled", {"suggestion": 3}, r"suggestion must be 1 or 2, the paper's first or second .*; got 3"),
         ("vertex_hsr_culled", {"n_samples": -5}, "n_samples must be a positive int; got -5"),
+        ("vertex_hsr_culled", {"seed": 0.5}, "seed must be an int from 0; got 0.5"),
         ("vertex_hsr_culled", {"contact": float("nan")}, r"contact must lie in \[0, 1\)"),
     ],
 )

@@ -73,6 +73,7 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.hidden_point_removal:prepare",
         extra="open3d",
         requires="open3d",
+        check="zbuf_occlude.visibility.hidden_point_removal:missing",
     ),
 )
 

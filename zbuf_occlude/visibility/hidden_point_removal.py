@@ -1,20 +1,19 @@
 """`hidden_point_removal`: Katz et al. 2007 through Open3D, what many users do today. It never looks at the faces."""
 
+import sys
+from ctypes import CDLL
+from importlib import import_module
+
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
 
-try:
-    import open3d
-except (ImportError, OSError) as error:  # the package is there, a system library it links to is not
-    raise UnavailableError(
-        f"hidden_point_removal must be able to import open3d; it says: {error}. Install what is missing "
-        "(on Debian: apt install libusb-1.0-0 libgl1 libgomp1)."
-    ) from None
+LIBRARIES = {"libusb-1.0.so.0": "libusb-1.0-0", "libX11.so.6": "libx11-6", "libGL.so.1": "libgl1"}
+"""What Open3D's wheel links to and does not bring on Linux, and Debian's packages of them."""
 
 GROWTH = 200.0
 """Radius by default, per squared distance of the farthest point, all in diagonals. What one point hides behind it
@@ -39,12 +38,20 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     ------
     OptionError
         `radius` is out of range.
-    UnavailableError
-        Open3D cannot be imported.
     """
     if radius is not None and not (np.isfinite(radius) and radius > 0.0):
         raise OptionError(f"radius must be positive and finite, in diagonals of the mesh; got {radius}.")
     return HiddenPointRemoval(mesh, radius)
+
+
+def missing() -> str:
+    """Say in words what Open3D needs and this machine lacks, "" for nothing; does not import it."""
+    for library, package in LIBRARIES.items() if sys.platform == "linux" else ():
+        try:
+            CDLL(library)
+        except OSError:
+            return f"needs {library} for open3d; on Debian: apt install {package}"
+    return ""
 
 
 class HiddenPointRemoval(Occluder):
@@ -68,6 +75,7 @@ class HiddenPointRemoval(Occluder):
         super().__init__(mesh)
         self._radius = radius
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
+        self._open3d = import_module("open3d")  # late: the table must be listed without it
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)
@@ -76,7 +84,7 @@ class HiddenPointRemoval(Occluder):
             relative = (points.positions - eye) / self._unit
             farthest = float(np.linalg.norm(relative, axis=1).max())
             radius = max(GROWTH * farthest**2 if self._radius is None else self._radius, farthest)
-            cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(relative))
+            cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative))
             try:
                 _, kept = cloud.hidden_point_removal(np.zeros(3), radius)
             except RuntimeError as error:

@@ -36,6 +36,8 @@ def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0)
         raise OptionError(f"n must be an int in [2, {LARGEST}], cells along a side; got {n!r}.")
     if not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
         raise OptionError(f"n_samples must be a positive int; got {n_samples!r}.")
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed must be an int from 0; got {seed!r}.")
     return OccupancyGridOccluder(mesh, int(n), int(n_samples), seed)
 
 
@@ -51,7 +53,7 @@ class OccupancyGridOccluder(Occluder):
 
     Notes
     -----
-    Not exact, and by far: a fifth to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
+    Not exact, and by far: a quarter to a third of all answers are wrong at n = 32 on furniture (docs/object_space.md).
     Nothing thinner than a cell is resolved (both sides of a thin plate share their cells' answers), and some of
     what is seen at a grazing angle is hidden by its own surface.
 
