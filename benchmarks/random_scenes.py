@@ -1,0 +1,129 @@
+"""Random scenes against the oracle: how often an exact method disagrees outside the boundary band. It must be never.
+
+    python benchmarks/random_scenes.py [--method exact] [--scenes 1000] [--first 0] [--seed 0]
+
+Soups, slivers, touching and duplicate faces, one huge face beside tiny ones, boxes and spheres; eyes near, far, inside
+the bounding sphere and on the axes; scales 1e-3 to 1e3. Exit status 1 when a pair of point and eye disagrees.
+"""
+
+import argparse
+import sys
+import time
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude import Mesh, SurfacePoints, sample_surface
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+
+
+def triangles(corners: FloatArray) -> Mesh:
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def soup(rng: np.random.Generator) -> Mesh:
+    n = int(rng.integers(1, 500))
+    size = 10.0 ** rng.uniform(-2.5, 0.0)
+    return triangles(rng.uniform(-1, 1, (n, 1, 3)) + size * rng.normal(size=(n, 3, 3)))
+
+
+def slivers(rng: np.random.Generator) -> Mesh:
+    n, width = int(rng.integers(2, 300)), 10.0 ** rng.uniform(-7.0, -2.0)
+    along = rng.normal(size=(n, 1, 3)) * np.array([0.0, 1.0, rng.uniform(0.5, 1.0)])[None, :, None]
+    return triangles(rng.uniform(-1, 1, (n, 1, 3)) + along + width * rng.normal(size=(n, 3, 3)))
+
+
+def touching(rng: np.random.Generator) -> Mesh:
+    """Boxes on a coarse grid: they share faces, edges and corners."""
+    boxes = []
+    for _ in range(int(rng.integers(2, 12))):
+        box = solids.box()
+        boxes.append(box.corners * rng.integers(1, 3, 3) + rng.integers(-2, 3, 3))
+    return triangles(np.concatenate(boxes).astype(np.float64))
+
+
+def duplicates(rng: np.random.Generator) -> Mesh:
+    """Every face twice, some also moved by less or more than the contact tolerance."""
+    mesh = soup(rng)
+    shift = 10.0 ** rng.uniform(-9.0, -3.0) * rng.normal(size=(len(mesh.faces), 1, 3))
+    return triangles(np.concatenate([mesh.corners, mesh.corners[:, [1, 2, 0]], mesh.corners + shift]))
+
+
+def huge_and_tiny(rng: np.random.Generator) -> Mesh:
+    tiny = rng.uniform(-0.5, 0.5, (400, 1, 3)) + 0.01 * rng.normal(size=(400, 3, 3))
+    return triangles(np.concatenate([tiny, 50.0 * rng.normal(size=(int(rng.integers(1, 3)), 3, 3))]))
+
+
+def sphere(rng: np.random.Generator) -> Mesh:
+    return solids.icosphere(int(rng.integers(1, 4)))
+
+
+KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere)
+
+
+def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> FloatArray:
+    """Six eyes: two about the mesh, one far, one inside, one a hair above a point, one on an axis."""
+    directions = rng.normal(size=(6, 3))
+    directions[5] = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    reach = mesh.diagonal * np.array([rng.uniform(0.6, 2.0), 4.0, 10.0 ** rng.uniform(1, 4), 0.3, 0.0, 2.0])
+    eyes = mesh.centre + reach[:, None] * directions
+    k = rng.integers(len(points))
+    eyes[4] = points.positions[k] + 10.0 ** rng.uniform(-5, -1) * mesh.diagonal * points.normals[k]
+    return eyes
+
+
+def scene(seed: int, index: int) -> tuple[Mesh, SurfacePoints, FloatArray, str]:
+    """Make one scene; the same numbers give the same scene."""
+    rng = np.random.default_rng([seed, index])
+    kind = KINDS[index % len(KINDS)]
+    mesh = kind(rng)
+    scale = 10.0 ** rng.uniform(-3.0, 3.0)
+    mesh = mesh.transformed(scale, scale * rng.uniform(-10.0, 10.0, 3))
+    points = sample_surface(mesh, n_points=int(rng.integers(50, 400)), seed=rng)
+    if rng.random() < 0.2:
+        points = SurfacePoints.free(mesh.centre + mesh.diagonal * rng.normal(size=(200, 3)))
+        points = SurfacePoints(points.positions, points.face_ids, np.tile([0.0, 0.0, 1.0], (200, 1)))
+    return mesh, points, eyes_about(mesh, points, rng), kind.__name__
+
+
+def disagreements(method: str, seed: int, index: int) -> tuple[int, int, int]:
+    """Count, for one scene, pairs that differ outside the boundary band, those inside it, and all."""
+    mesh, points, eyes, _ = scene(seed, index)
+    oracle = prepare_oracle(mesh)
+    with zo.prepare(mesh, method=method) as occluder:
+        wrong = occluder.visible(points, eyes) != oracle.visible(points, eyes)
+    outside = 0
+    if wrong.any():
+        columns = np.flatnonzero(wrong.any(axis=0))
+        outside = int((wrong[:, columns] & oracle.decided(points.select(columns), eyes)).sum())
+    return outside, int(wrong.sum()) - outside, wrong.size
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--method", default="exact", choices=[m.name for m in zo.METHODS if m.exact])
+    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    totals = np.zeros(3, dtype=np.int64)
+    start = time.perf_counter()
+    for index in range(options.first, options.first + options.scenes):
+        counts = disagreements(options.method, options.seed, index)
+        totals += counts
+        if counts[0]:
+            kind = scene(options.seed, index)[3]
+            print(f"scene {index} ({kind}): {counts[0]} of {counts[2]} pairs differ outside the boundary band")
+    outside, inside, pairs = totals
+    print(
+        f"{options.method}: {options.scenes} scenes, {pairs} pairs, {outside} disagreements outside the boundary band, "
+        f"{inside} in it, {time.perf_counter() - start:.0f} s"
+    )
+    return 1 if outside else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
