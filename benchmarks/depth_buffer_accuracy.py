@@ -1,0 +1,82 @@
+"""How wrong `depth_buffer` is, with its refinement and without, and what the refinement costs.
+
+    python benchmarks/depth_buffer_accuracy.py [--points 50000] [--every 1] [--repeats 3] [--data FOLDER]
+
+The paper's 100 views (every N-th with --every), points sampled on the surface, default options. The truth is `exact`,
+itself held to the oracle on every 20th view here. Time: both in turn, --repeats times, all 100 views in one call; the ratio
+is of the medians. Prints the Markdown table of docs/methods.md.
+"""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude import Mesh
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
+
+FILES = ("chair/train/chair_0003", "bed/train/bed_0001", "stool/train/stool_0002", "bathtub/train/bathtub_0002")
+TINY = 45_000
+
+
+def meshes(data: Path) -> dict[str, Mesh]:
+    found = {}
+    for file in FILES:
+        path = data / "modelnet" / f"{file}.off"
+        if path.exists():
+            found[path.stem] = zo.load_mesh(path).normalized()
+    return found | {"built-in airplane of tiny faces": shapes.benchmark_mesh(TINY).normalized()}
+
+
+def row(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats: int) -> str:
+    points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
+    judged = eyes[::every]
+    with zo.prepare(mesh, "exact") as exact:
+        truth = exact.visible(points, judged)
+    with zo.prepare(mesh, "oracle") as oracle:
+        disputed = (truth[::20] != oracle.visible(points, judged[::20])).mean()
+    cells, seconds = [], {"none": [], "witness": []}
+    with (
+        zo.prepare(mesh, "depth_buffer", gl=gl, refine="none") as plain,
+        zo.prepare(mesh, "depth_buffer", gl=gl) as refined,
+    ):
+        both = {"none": plain, "witness": refined}
+        for occluder in both.values():
+            answer = occluder.visible(points, judged)
+            false_visible, false_hidden = (answer & ~truth).mean(), (~answer & truth).mean()
+            cells += [f"{(answer == truth).mean():.4f}", f"{false_visible:.4f} / {false_hidden:.4f}"]
+        for _ in range(repeats):
+            for refine, occluder in both.items():
+                began = time.perf_counter()
+                occluder.visible(points, eyes)
+                seconds[refine].append(time.perf_counter() - began)
+    none, witness = (np.median(seconds[refine]) for refine in ("none", "witness"))
+    cells += [f"{10 * none:.1f}", f"{10 * witness:.1f}", f"{witness / none:.2f}", f"{disputed:.1e}"]
+    return f"| {name} | {len(mesh.faces):,} | " + " | ".join(cells) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, default=50_000)
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--repeats", type=int, default=3)
+    default = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    parser.add_argument("--data", type=Path, default=default)
+    options = parser.parse_args()
+    with GlContext.open() as gl:
+        print(f"{gl.renderer}, {options.points:,} points\n")
+        print(
+            "| mesh | faces | agreement, `refine=none` | false visible / hidden | agreement, `refine=witness` "
+            "| false visible / hidden | ms a view, none | witness | ratio | truth against oracle |"
+        )
+        print("| --- |" + " ---: |" * 9)
+        for name, mesh in meshes(options.data).items():
+            print(row(name, mesh, gl, options.points, options.every, options.repeats), flush=True)
+
+
+if __name__ == "__main__":
+    main()
