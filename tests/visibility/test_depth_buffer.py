@@ -1,0 +1,117 @@
+"""`depth_buffer`: against its NumPy twin and the oracle; same bytes, same scale, what it says of wrong options."""
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, views
+from zbuf_occlude.camera import Frusta
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.tiles import single_pictures
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.visibility.depth_test import depth_test, project
+
+CHAIR = shapes.make("chair", 3).normalized()
+EYES = views.fibonacci(7).eyes
+
+
+def points_on(mesh: Mesh, n_points: int = 4000) -> SurfacePoints:
+    return sample_surface(mesh, n_points=n_points, seed=1)
+
+
+@pytest.mark.parametrize("resolution", [64, 256])
+def test_the_plain_test_is_that_of_the_numpy_twin(gl: GlContext, resolution: int) -> None:
+    points, tolerance, slope_bias = points_on(CHAIR), 1e-3, 0.7
+    options = {"resolution": resolution, "tolerance": tolerance, "slope_bias": slope_bias, "refine": "none"}
+    for eye in EYES:
+        with prepare(CHAIR, "depth_buffer", gl=gl, **options) as occluder:
+            answer = occluder.visible(points, eye[None])[0]
+            # what was drawn for this eye, read back; reversed depth to eye depth
+            depths, _ = occluder._pass(1).atlas.read(0)  # type: ignore[attr-defined]
+            unit = occluder._unit  # type: ignore[attr-defined]
+        _, pictures = single_pictures(unit.to(eye[None]), unit.to(CHAIR.vertices[np.unique(CHAIR.faces)]), resolution)
+        near, far = pictures.frusta.near[0], pictures.frusta.far[0]
+        with np.errstate(divide="ignore"):
+            image = np.where(depths > 0, pictures.gains[0] / (depths.astype(float) + near / (far - near)), np.inf)
+        local = SurfacePoints(unit.to(points.positions), points.face_ids, points.normals)
+        frustum = Frusta(*(bound[0] for bound in pictures.frusta))
+        diagonal = CHAIR.diagonal * unit.scale
+        twin = [
+            depth_test(
+                image, pictures.views[0], frustum, local, tolerance=f * tolerance * diagonal, slope_bias=f * slope_bias
+            )
+            for f in (0.9, 1.0, 1.1)
+        ]
+        # the GPU compares inverse depths, in which an allowance is worth what it is at the point's own depth: equal to
+        # first order: steep planes have allowances of some % of the distance. And float32 errs at the borders of pixels
+        x, y, _ = project(pictures.views[0], frustum, local.positions, (resolution, resolution))
+        at_border = np.minimum(np.abs(x - np.round(x)), np.abs(y - np.round(y))) < 1e-3
+        decided = (twin[0] == twin[2]) & ~at_border
+        assert decided.mean() > 0.93
+        assert (answer == twin[1])[decided].all()
+
+
+def test_it_agrees_with_the_oracle_and_the_refinement_pays(gl: GlContext) -> None:
+    points = points_on(CHAIR)
+    with prepare(CHAIR, "oracle") as oracle:
+        truth = oracle.visible(points, EYES)
+    wrong = {}
+    for refine in ("none", "witness"):
+        with prepare(CHAIR, "depth_buffer", gl=gl, refine=refine) as occluder:
+            wrong[refine] = (occluder.visible(points, EYES) != truth).mean()
+    assert wrong["witness"] < 0.01
+    assert wrong["witness"] < wrong["none"] / 2
+
+
+def test_more_pixels_err_less(gl: GlContext) -> None:
+    points = points_on(CHAIR)
+    with prepare(CHAIR, "oracle") as oracle:
+        truth = oracle.visible(points, EYES)
+    wrong = []
+    for resolution in (64, 256, 1024):
+        with prepare(CHAIR, "depth_buffer", gl=gl, resolution=resolution) as occluder:
+            wrong.append((occluder.visible(points, EYES) != truth).mean())
+    assert wrong[0] > wrong[1] > wrong[2]
+
+
+def test_the_same_bytes_twice_and_one_eye_at_a_time(gl: GlContext) -> None:
+    points = points_on(CHAIR)
+    with prepare(CHAIR, "depth_buffer", gl=gl) as occluder:
+        together = occluder.visible(points, EYES)
+        again = occluder.visible(points, EYES)
+        single = np.concatenate([occluder.visible(points, eye[None]) for eye in EYES])
+    assert together.tobytes() == again.tobytes() == single.tobytes()
+
+
+@pytest.mark.parametrize("scale", [2.0**-10, 2.0**10, 1e-3, 1e3])
+def test_scale_does_not_matter(gl: GlContext, scale: float) -> None:
+    points = points_on(CHAIR, 15_000)
+    masks = []
+    for s in (1.0, scale):
+        with prepare(CHAIR.transformed(s), "depth_buffer", gl=gl) as occluder:
+            masks.append(occluder.visible(points.transformed(s), EYES * s))
+    differing = (masks[0] != masks[1]).mean()
+    assert differing == 0 if np.log2(scale) % 1 == 0 else differing <= 1e-5
+
+
+def test_an_eye_within_the_mesh_looks_all_round(gl: GlContext) -> None:
+    ball = shapes.solids.icosphere(3)
+    points = points_on(ball, 2000)
+    inside = np.array([[0.1, -0.2, 0.05]]) * ball.diagonal
+    with prepare(ball, "depth_buffer", gl=gl) as occluder:
+        assert occluder.visible(points, inside).mean() > 0.999, "from within a ball all of it is seen"
+        assert occluder.visible(points, inside * 1000).mean() < 0.55
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"resolution": 0}, "resolution must be an int in"),
+        ({"resolution": 10**6}, "resolution must be an int in"),
+        ({"tolerance": -1.0}, r"tolerance must lie in \[0, 1\)"),
+        ({"slope_bias": -1.0}, "slope_bias must not be negative"),
+        ({"refine": "magic"}, "refine must be one of .*; got 'magic'"),
+    ],
+)
+def test_wrong_options(gl: GlContext, options: dict[str, object], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        prepare(CHAIR, "depth_buffer", gl=gl, **options)
