@@ -4,6 +4,7 @@ import logging
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from multiprocessing import Pipe
 from pathlib import Path
@@ -71,7 +72,7 @@ def run_shards(
         supervise(
             shards,
             done,
-            hire=lambda seat: RayWorker(ray, actor.remote(handle, str(out.absolute()))),
+            hire=lambda seat: RayWorker(ray, actor.remote(handle, str(out.absolute())), limits.seconds),
             wait=_wait,
             n_workers=n_workers or max(1, int(room)),
             limits=limits,
@@ -129,9 +130,10 @@ def _egl_device(plan: Plan) -> int | None:
 class RayWorker:
     """An actor as the supervisor sees it; one `listen` is always under way, so a death shows at once."""
 
-    def __init__(self, ray: Any, actor: Any) -> None:
-        self.ray, self.actor = ray, actor
+    def __init__(self, ray: Any, actor: Any, patience: float) -> None:
+        self.ray, self.actor, self.patience = ray, actor, patience
         self.end, self.memory = "", 0.0
+        self.heard: float | None = None  # when it last answered; None until it has started
         self.future = actor.listen.remote()
 
     def assign(self, shard: int, lost: dict[int, str]) -> None:
@@ -147,11 +149,19 @@ class RayWorker:
         except self.ray.exceptions.RayError as error:
             self.end = f"the actor ended ({type(error).__name__})"
             return []
+        self.heard = time.monotonic()
         self.future = self.actor.listen.remote()
         return list(messages)
 
     def ending(self) -> str:
-        """Say how the actor or its node ended, as the last `listen` learned it."""
+        """Say how the actor or its node ended, as the last `listen` learned it; or that nothing was heard for too long.
+
+        An actor answers twice a second, a kernel that keeps Python waiting apart. Ray may take long to see that a node
+        was lost, and has been seen never to tell.
+        """
+        if not self.end and self.heard is not None and time.monotonic() - self.heard > self.patience:
+            self.end = f"the actor was not heard of for {self.patience:g} seconds"
+            self.kill()
         return self.end
 
     def gigabytes(self) -> float:
