@@ -16,7 +16,7 @@ from zbuf_occlude.farm.supervisor import Limits
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 
-AMPLE = Limits(seconds=30, gigabytes=8)
+AMPLE = Limits(seconds=120, gigabytes=8)
 
 
 @pytest.fixture(autouse=True)

@@ -135,7 +135,10 @@ def supervise(
             for number in range(min(n_workers, len(book.left))):
                 if number not in seats:
                     seats[number] = _Seat(hire(number))
-                _assign(seats[number], book)
+            for (
+                seat
+            ) in seats.values():  # all of them: the last shard must not wait for a replacement that finds no room
+                _assign(seat, book)
             wait([seat.worker for seat in seats.values()], GRACE)
             for number, seat in list(seats.items()):
                 if _look_after(seat, book, limits, done):
