@@ -3,8 +3,8 @@
     python benchmarks/depth_buffer_accuracy.py [--points 50000] [--every 1] [--repeats 3] [--data FOLDER]
 
 The paper's 100 views (every N-th with --every), points sampled on the surface, default options. The truth is `exact`,
-itself held to the oracle on every 20th view here. Time: both in turn, --repeats times, all 100 views in one call; the ratio
-is of the medians. Prints the Markdown table of docs/methods.md.
+itself held to the oracle on every 20th view here. Time: both in turn, --repeats times, all 100 views in one call; the
+ratio is of the medians. Prints the Markdown table of docs/methods.md.
 """
 
 import argparse
