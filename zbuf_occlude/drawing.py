@@ -224,7 +224,7 @@ def _frame(axes: Axes, screen: FloatArray, radius: float | None) -> None:
 @njit(cache=True)
 def _rasterise(
     pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray
-) -> None:  # pragma: no cover - compiled
+) -> None:  # compiled
     """Fill `picture` (h, w, 4): pixels (f, 3 corners, 3) hold x, y in pixels and a depth linear over the picture."""
     height, width = nearest.shape
     for face in range(len(pixels)):
