@@ -1,6 +1,7 @@
 """CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,16 +46,14 @@ class CloudSet:
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions).all(axis=(1, 2)))[0])
             raise ArgumentError(f"positions must be finite; those of cloud {bad} are not. Leave it out.")
-        columns = {
-            "labels": np.ascontiguousarray(self.labels, dtype=np.int64),
-            "object_ids": np.ascontiguousarray(self.object_ids, dtype=np.int64),
-            "elevations": np.ascontiguousarray(self.elevations, dtype=np.float32),
-        }
+        labels = np.ascontiguousarray(self.labels, dtype=np.int64)
+        object_ids = np.ascontiguousarray(self.object_ids, dtype=np.int64)
+        elevations = np.ascontiguousarray(self.elevations, dtype=np.float32)
+        columns: dict[str, NDArray[Any]] = {"labels": labels, "object_ids": object_ids, "elevations": elevations}
         for name, column in columns.items():
             if column.shape != (len(positions),):
                 raise ArgumentError(f"{name} must be ({len(positions)},), one a cloud; got {describe(column)}.")
             object.__setattr__(self, name, column)
-        labels = columns["labels"]
         if len(labels) and not 0 <= labels.min() <= labels.max() < len(self.classes):
             raise ArgumentError(
                 f"labels must lie in [0, {len(self.classes)}), the classes; got {labels.min()} to {labels.max()}."
