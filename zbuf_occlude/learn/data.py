@@ -1,13 +1,23 @@
-"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on."""
+"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on; and where from."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import describe
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.presets import MODELNET8
+from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
+from zbuf_occlude.meshes.collection import MeshCollection
+
+MODELNET40 = "https://modelnet.cs.princeton.edu"
+_CLOUDS_AT_ONCE = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,3 +133,96 @@ class CloudSet:
             np.concatenate([first.object_ids, second.object_ids]),
             np.concatenate([first.elevations, second.elevations]),
         )
+
+
+def find_objects(modelnet: Path | None = None) -> MeshCollection:
+    """Return all meshes that experiments may choose from.
+
+    Parameters
+    ----------
+    modelnet : Path, optional
+        ModelNet40's folder, ``CLASS/{train,test}/*.off``; by default the built-in shapes.
+
+    Raises
+    ------
+    MeshError
+        The folder is missing, or lacks one of the paper's eight classes.
+    """
+    if modelnet is None:
+        from zbuf_occlude.meshes import shapes  # late: only needed without files
+
+        return shapes.collection()
+    where = f"ModelNet40 comes from {MODELNET40}; without --modelnet the built-in shapes are used."
+    if not modelnet.is_dir():
+        raise MeshError(f"--modelnet must be ModelNet40's folder; there is no folder {modelnet}. {where}")
+    meshes = MeshCollection.from_paths(modelnet)
+    missing = [label for label in MODELNET8 if label not in meshes.classes]
+    if missing:
+        raise MeshError(
+            f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
+            f"{', '.join(missing)}. {where}"
+        )
+    return meshes
+
+
+def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> None:
+    """Make the dataset of a plan in a folder, or finish it, or find it finished.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+    progress : callable
+        Told the number of clouds each time some are done.
+
+    Raises
+    ------
+    DatasetError
+        The folder holds another plan's dataset.
+    GlError
+        The plan's method needs OpenGL and there is none.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    generate(plan, folder, progress=progress)
+
+
+def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:
+    """Read one split of a dataset into memory.
+
+    Parameters
+    ----------
+    folder : Path
+        A complete dataset of any format.
+    split : {"train", "val", "test"}
+    n_points : int, optional
+        The first so many points of each cloud, whose order is random; all by default.
+
+    Returns
+    -------
+    CloudSet
+        In the order in which the dataset keeps them; ``object_ids`` are its mesh ids. Clouds of a recipe that keeps
+        everything have no elevation.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset, or it has no such split, or too small clouds.
+    """
+    source = open_dataset(folder)
+    size = source.plan.recipe.sample_size
+    if split not in source.order:
+        raise DatasetError(f"{folder} must have clouds of the split {split}; it has {', '.join(source.order)}.")
+    if n_points is not None and not 1 <= n_points <= size:
+        raise DatasetError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
+    numbers = np.sort(source.order[split])
+    positions = np.empty((len(numbers), n_points or size, 3), dtype=np.float32)
+    labels, object_ids = np.empty((2, len(numbers)), dtype=np.int64)
+    elevations = np.full(len(numbers), np.nan, dtype=np.float32)
+    for start in range(0, len(numbers), _CLOUDS_AT_ONCE):
+        rows = slice(start, start + _CLOUDS_AT_ONCE)
+        records = source.take(numbers[rows])
+        positions[rows] = records["data"][:, : positions.shape[1]]
+        labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
+        if not source.plan.recipe.complete:
+            elevations[rows] = records["view"][:, 1]
+    return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)

@@ -1,0 +1,122 @@
+"""CloudSet: what it refuses, subsets; clouds through the pipeline and back; where objects come from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
+from zbuf_occlude.learn.data import CloudSet, find_objects, load_clouds, make_clouds
+from zbuf_occlude.meshes import shapes
+
+
+def some_clouds(m: int = 6, n: int = 9) -> CloudSet:
+    rng = np.random.default_rng(0)
+    return CloudSet(
+        rng.normal(size=(m, n, 3)),
+        np.arange(m) % 2,
+        ("bed", "car"),
+        np.arange(m) // 2,
+        np.linspace(-1, 1, m),
+    )
+
+
+def test_types_and_lengths() -> None:
+    clouds = some_clouds()
+    assert (len(clouds), clouds.n_points) == (6, 9)
+    assert clouds.positions.dtype == clouds.elevations.dtype == np.float32
+    assert clouds.labels.dtype == clouds.object_ids.dtype == np.int64
+    assert repr(clouds) == "CloudSet(6 clouds of 9 points, 2 classes)"
+
+
+def test_subset_by_mask_and_by_index() -> None:
+    clouds = some_clouds()
+    by_mask, by_index = clouds.subset(clouds.labels == 1), clouds.subset([1, 3, 5])
+    assert (by_mask.positions == by_index.positions).all()
+    assert by_mask.object_ids.tolist() == [0, 1, 2]
+    assert (clouds.subset([5, 0]).elevations == clouds.elevations[[5, 0]]).all()
+    assert len(clouds.subset([])) == 0
+
+
+def test_selected_points_are_points_of_the_cloud() -> None:
+    clouds = some_clouds()
+    fewer = clouds.select_points(4, seed=3)
+    assert fewer.n_points == 4
+    for few, many in zip(fewer.positions, clouds.positions, strict=True):
+        rows = {tuple(point) for point in few}
+        assert len(rows) == 4
+        assert rows <= {tuple(point) for point in many}
+    assert (clouds.select_points(4, seed=3).positions == fewer.positions).all()
+    assert (clouds.select_points(4, seed=4).positions != fewer.positions).any()
+
+
+def test_joined() -> None:
+    clouds = some_clouds()
+    both = CloudSet.joined(clouds.subset([0]), clouds.subset([4, 5]))
+    assert (both.positions == clouds.positions[[0, 4, 5]]).all()
+    assert both.object_ids.tolist() == [0, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"positions": np.zeros((6, 3))}, r"positions must be \(m, n, 3\) float.*got \(6, 3\) float64"),
+        ({"positions": np.full((6, 9, 3), np.nan)}, "positions must be finite; those of cloud 0 are not"),
+        ({"labels": np.zeros(5)}, r"labels must be \(6,\), one a cloud; got \(5,\) int64"),
+        ({"labels": np.full(6, 2)}, r"labels must lie in \[0, 2\), the classes; got 2 to 2"),
+        ({"elevations": np.zeros((6, 1))}, r"elevations must be \(6,\)"),
+    ],
+)
+def test_what_is_refused(change: dict[str, np.ndarray], message: str) -> None:
+    clouds = some_clouds()
+    fields = {name: getattr(clouds, name) for name in ("positions", "labels", "classes", "object_ids", "elevations")}
+    with pytest.raises(ArgumentError, match=message):
+        CloudSet(**(fields | change))
+
+
+def test_too_many_points_and_sets_that_do_not_fit() -> None:
+    clouds = some_clouds()
+    with pytest.raises(ArgumentError, match=r"n must lie in 1\.\.9, the points of each cloud; got 10"):
+        clouds.select_points(10, seed=0)
+    with pytest.raises(ArgumentError, match="sets to be joined must have the same classes and sizes"):
+        CloudSet.joined(clouds, clouds.select_points(4, seed=0))
+
+
+@pytest.mark.parametrize("format", ["packed", "hdf5"])
+def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
+    """Occluded clouds know their camera, complete ones have none; both know their object."""
+    meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
+    recipe = Recipe(method="exact", views="ring:3@40", n_points=600, sample_size=64)
+    make_clouds(Plan(meshes, recipe, format), tmp_path / "seen")
+    whole = Recipe(views="ring:1@0", n_points=600, sample_size=64, complete=True)
+    make_clouds(Plan(meshes, whole, format), tmp_path / "whole")
+    seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
+    assert seen.classes == ("bed", "table")
+    assert sorted(zip(seen.object_ids, seen.labels, strict=True)) == [(0, 0)] * 3 + [(1, 1)] * 3
+    assert (seen.n_points, complete.n_points) == (48, 64)
+    assert seen.elevations == pytest.approx(np.radians(40), abs=1e-6)
+    assert np.isnan(complete.elevations).all()
+    assert np.ptp(seen.positions, axis=1).max(axis=1) == pytest.approx(1, abs=0.25), (
+        "scaled before points were left out"
+    )
+    assert np.ptp(complete.positions, axis=1).max(axis=1) == pytest.approx(1, abs=1e-4)
+    with pytest.raises(DatasetError, match="must have clouds of the split test; it has train"):
+        load_clouds(tmp_path / "seen", "test")
+    with pytest.raises(DatasetError, match=r"n_points must lie in 1\.\.64"):
+        load_clouds(tmp_path / "seen", "train", 65)
+
+
+def test_built_in_objects_by_default() -> None:
+    assert len(find_objects()) == 600
+
+
+def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 comes from https://modelnet"):
+        find_objects(tmp_path / "nowhere")
+    triangle = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    for label in ("bathtub", "bed", "chair", "table"):
+        (tmp_path / label / "train").mkdir(parents=True)
+        (tmp_path / label / "train" / f"{label}_0001.off").write_text(triangle)
+    with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
+        find_objects(tmp_path)
