@@ -17,7 +17,7 @@ void main()
     gl_Position = vec4(place.xy * to_ndc - place.w, place.z, place.w);
 #if $CUBE
     // a cube face's neighbours must not be drawn into
-    vec2 low = place.xy - tiles[gl_InstanceID].corner * place.w;
+    vec2 low = place.xy - tiles[gl_InstanceID].corner.xy * place.w;
     vec2 high = side * place.w - low;
     gl_ClipDistance[0] = low.x;
     gl_ClipDistance[1] = low.y;

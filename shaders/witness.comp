@@ -1,11 +1,11 @@
-// Decides the pairs of eye and point on which the pixels around did not agree. A witness is a face seen in one of 4 x 4
-// pixels that really crosses the line of sight. Without one, the pixels' votes are weighed by their nearness, unless
-// one of the four nearest sees the point's own face. Twin: zbuf_occlude/visibility/depth_test.py, witness_test.
+// Decides the pairs of eye and point on which the pixels around did not agree. A witness is a face that really crosses
+// the line of sight; candidates are the faces seen in those of the 4 x 4 pixels around that vote hidden. Without one,
+// the votes of the four nearest pixels are weighed by their nearness, unless one of them sees the point's own face.
+// Twin: zbuf_occlude/visibility/depth_test.py, witness_test.
 #version 430
 layout(local_size_x = 64) in;
 
-uniform int first_eye;   // of this batch
-uniform int first_word;  // of its answers
+uniform int first_word;  // of this batch's answers
 uniform int n_words;     // of a group of 8 eyes
 uniform float contact;   // unit space
 
@@ -13,19 +13,12 @@ uniform float contact;   // unit space
 #include "points.glsl"
 #include "votes.glsl"
 
-layout(std430, binding = 3) readonly buffer Count { uint count; };
-layout(std430, binding = 4) readonly buffer Doubtful { uint doubtful[]; };
-layout(std430, binding = 5) readonly buffer Corners { uint corners[]; };
-layout(std430, binding = 6) readonly buffer Vertices { float vertices[]; };
+layout(std430, binding = 2) readonly buffer Count { uint count; };
+layout(std430, binding = 3) readonly buffer Doubtful { uint doubtful[]; };
+layout(std430, binding = 4) readonly buffer Corners { vec4 corners[]; };  // of the faces drawn, 3 each
 layout(binding = 1) uniform isampler2D faces;
 
 const float MOST_HIDDEN = $MOST_HIDDEN;  // of the weighed votes, for a point that is visible
-
-vec3 corner(int face, int i)
-{
-    uint at = 3u * corners[3 * face + i];
-    return vec3(vertices[at], vertices[at + 1u], vertices[at + 2u]);
-}
 
 // The exact negative of cross_product(b, a): two faces that share an edge then agree on which side of it a line passes.
 vec3 cross_product(vec3 a, vec3 b)
@@ -34,42 +27,52 @@ vec3 cross_product(vec3 a, vec3 b)
     return n;
 }
 
-const int MISSES = 0, BLOCKS = 1, OWN = 2;
-
-// What a face is to the line of sight d from a point: the definition of predicates.py in float32. A free point has no
-// face of its own; those whose planes it touches are taken for it.
-int witness(int face, Point point, vec3 d)
+// Whether a face blocks the line of sight d from a point: the definition of predicates.py in float32.
+bool blocks(int face, vec3 point, vec3 d)
 {
-    if (face < 0) return MISSES;
-    if (face == point.own) return OWN;
-    vec3 a = corner(face, 0) - point.position, b = corner(face, 1) - point.position, c = corner(face, 2) - point.position;
+    vec3 a = corners[3 * face].xyz - point, b = corners[3 * face + 1].xyz - point, c = corners[3 * face + 2].xyz - point;
     float u = dot(d, cross_product(b, c)), v = dot(d, cross_product(c, a)), w = dot(d, cross_product(a, b));
-    vec3 n = cross(b - a, c - a);
-    float offset = dot(a, n), slope = dot(d, n);
-    if (point.own < 0 && abs(offset) <= contact * length(n)) return OWN;
     bool inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-    float fraction = offset / slope;
-    return int(inside && slope != 0.0 && fraction * length(d) > contact && fraction < 1.0);
+    vec3 n = cross(b - a, c - a);
+    float slope = dot(d, n), fraction = dot(a, n) / slope;
+    return inside && slope != 0.0 && fraction * length(d) > contact && fraction < 1.0;
+}
+
+// Whether a face is a point's own. A free point has none; faces whose planes it touches are taken for it.
+bool is_own(int face, Point point)
+{
+    if (face < 0 || point.own >= 0) return face >= 0 && face == point.own;
+    vec3 a = corners[3 * face].xyz, b = corners[3 * face + 1].xyz, c = corners[3 * face + 2].xyz;
+    vec3 n = cross(b - a, c - a);
+    return abs(dot(a - point.position, n)) <= contact * length(n);
 }
 
 bool hidden(int eye, Point point)
 {
-    Votes votes = votes_of(place_of(tile_of(eye, point.position), point));
-    vec3 d = eyes[first_eye + eye].xyz - point.position;
-    bool sees_own = false;
-    int last = -1, found = MISSES;
-    for (int y = -1; y <= 2; y++) {
-        for (int x = -1; x <= 2; x++) {
-            int face = texelFetch(faces, votes.low + ivec2(x, y), 0).r;
-            if (face != last) found = witness(face, point, d);
-            last = face;
-            if (found == BLOCKS) return true;
-            if (found == OWN && x >= 0 && x <= 1 && y >= 0 && y <= 1) sees_own = true;
-        }
+    int tile = tile_of(eye, point.position);
+    Place place = place_of(tile, point);
+    vec2 low = floor(place.pixel - 0.5);
+    // bits 4 q to 4 q + 3: the votes of quarter q, whose lower left pixel is low + (-1 or 1, -1 or 1)
+    uint votes = votes_of(place, low + vec2(-1, -1)) | votes_of(place, low + vec2(1, -1)) << 4
+               | votes_of(place, low + vec2(-1, 1)) << 8 | votes_of(place, low + vec2(1, 1)) << 12;
+    vec3 d = tiles[tile].eye.xyz - point.position;
+    int last = -1;
+    for (uint left = votes; left != 0u; left &= left - 1u) {
+        int bit = findLSB(left);
+        // textureGather's order: upper left, upper right, lower right, lower left
+        ivec2 offset = ivec2((bit >> 2 & 1) * 2 - 1 + ((bit + 1) >> 1 & 1), (bit >> 3) * 2 - 1 + (~bit >> 1 & 1));
+        int face = texelFetch(faces, ivec2(low) + offset, 0).r;
+        if (face != last && face != point.own && blocks(face, point.position, d)) return true;
+        last = face;
     }
-    vec2 high = votes.between, low = 1.0 - high;
-    vec4 weights = vec4(low.x * high.y, high.x * high.y, high.x * low.y, low.x * low.y);
-    return !sees_own && dot(weights, vec4(votes.hidden)) > MOST_HIDDEN;
+    ivec4 nearest = textureGather(faces, (low + 1.0) * texel);
+    for (int i = 0; i < 4; i++)
+        if (is_own(nearest[i], point)) return false;
+    vec2 high = place.pixel - 0.5 - low, rest = 1.0 - high;
+    // the four nearest pixels: lower left, lower right, upper left, upper right
+    float weighed = rest.x * rest.y * float(votes >> 1 & 1u) + high.x * rest.y * float(votes >> 4 & 1u)
+                  + rest.x * high.y * float(votes >> 10 & 1u) + high.x * high.y * float(votes >> 15 & 1u);
+    return weighed > MOST_HIDDEN;
 }
 
 void main()

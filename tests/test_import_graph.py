@@ -15,7 +15,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "numba_cache": set()},
     {"arrays": set()},
     {"mesh": set()},
-    {"camera": set(), "predicates": set(), "rational": set()},
+    {"camera": set(), "closed": set(), "predicates": set(), "rational": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
     {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another
     {"visibility": set()},

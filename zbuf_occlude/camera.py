@@ -129,8 +129,7 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
         The near and far planes are 1e-3 nearer and farther than the points.
     """
     views = np.asarray(views, dtype=np.float64)
-    eye_space = np.einsum("kij,mj->kim", views[:, :3, :3], np.asarray(positions, dtype=np.float64))
-    eye_space += views[:, :3, 3:]
+    eye_space = views[:, :3, :3] @ np.asarray(positions, dtype=np.float64).T + views[:, :3, 3:]
     depth = -eye_space[:, 2]
     nearest, farthest = depth.min(axis=1), depth.max(axis=1)
     in_front = nearest > 0

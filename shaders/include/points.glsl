@@ -1,27 +1,27 @@
-// Points and eyes as the compute passes of the depth test see them, and a point's place in window space.
+// Points as the compute passes of the depth test see them, and a point's place in window space.
 struct Point {
     vec3 position;  // unit space
     int own;        // the face it lies on, -1 for none
     vec3 normal;    // of that face; 0 for none
+    bool closed;    // whether the face belongs to a closed surface, and the normal points outwards
 };
 
 layout(std430, binding = 0) readonly buffer Points { uvec4 points[]; };
-layout(std430, binding = 1) readonly buffer Eyes { vec4 eyes[]; };  // unit space
-layout(std430, binding = 2) buffer Answers { uint answers[]; };     // 8 eyes a byte, 4 points a word
+layout(std430, binding = 1) buffer Answers { uint answers[]; };  // 8 eyes a byte, 4 points a word
 
 uniform float tolerance;  // eye depth, unit space
 
 Point point_at(uint slot)
 {
     uvec4 first = points[2u * slot], second = points[2u * slot + 1u];
-    return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz));
+    return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz), second.w != 0u);
 }
 
 // The tile in which an eye sees a point: its only one, or that of the cube face on which the point lies.
 int tile_of(int eye, vec3 position)
 {
 #if $CUBE
-    vec3 d = position - eyes[first_eye + eye].xyz, size = abs(d);
+    vec3 d = position - tiles[6 * eye].eye.xyz, size = abs(d);
     int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
     float along = axis == 0 ? d.x : axis == 1 ? d.y : d.z;
     return 6 * eye + 2 * axis + int(along < 0.0);
@@ -33,19 +33,27 @@ int tile_of(int eye, vec3 position)
 // A point in window space, and its own plane there: where it lies, and what its depth gains from pixel to pixel.
 struct Place {
     vec2 pixel;
-    float depth;      // reversed: larger is nearer
-    vec2 gain;        // of the plane's depth, a pixel in x and y; 0 for a free point
-    float allowance;  // depth that `tolerance` of eye depth is worth here
+    float depth;       // reversed: larger is nearer
+    vec2 gain;         // of the plane's depth, a pixel to the right and upwards; 0 for a free point
+    float allowance;   // depth that `tolerance` of eye depth is worth here
+    bool turned_away;  // on the far side of a closed surface, as an eye outside sees it: hidden, whatever the depths are
 };
 
 Place place_of(int tile, Point point)
 {
     vec4 c = tiles[tile].window * vec4(point.position, 1.0);
     float inverse = 1.0 / c.w;
-    vec4 plane = vec4(point.normal, -dot(point.normal, point.position));
-    vec3 q = vec3(dot(tiles[tile].plane[0], plane), dot(tiles[tile].plane[1], plane), dot(tiles[tile].plane[2], plane));
     // one unit of eye depth, and the whole frustum's range: no plane gains more than that from a pixel to the next
-    float unit = tiles[tile].depth.x * inverse * inverse, most = tiles[tile].depth.y * unit;
-    vec2 gain = q.z == 0.0 ? vec2(0.0) : clamp(-q.xy / q.z, -most, most);
-    return Place(c.xy * inverse, c.z * inverse, gain, tolerance * unit);
+    float unit = tiles[tile].across.w * inverse * inverse, most = tiles[tile].upward.w * unit;
+    vec3 d = tiles[tile].eye.xyz - point.position;
+    float facing = dot(d, point.normal);
+    vec2 gain = vec2(dot(tiles[tile].across.xyz, point.normal), dot(tiles[tile].upward.xyz, point.normal));
+    gain = facing == 0.0 ? vec2(0.0) : clamp(gain / facing, -most, most);
+#if $CUBE
+    bool turned_away = false;
+#else
+    // edge on, within rounding, it need not be
+    bool turned_away = point.closed && facing < -1e-5 * (abs(d.x) + abs(d.y) + abs(d.z));
+#endif
+    return Place(c.xy * inverse, c.z * inverse, gain, tolerance * unit, turned_away);
 }

@@ -1,9 +1,11 @@
 // Tiles of the depth atlas, one a picture (gl/tiles.py). Depth is reversed: larger is nearer, 0 is where nothing is.
 struct Tile {
-    mat4 window;    // unit space -> (x, y, depth, 1) * eye depth; x and y in pixels of the atlas
-    vec4 plane[3];  // a plane (normal, offset) of unit space -> its window-space coefficients of x, y and depth
-    vec2 depth;     // x: what depth gains per unit of inverse eye depth; y: far - near
-    vec2 corner;    // the tile's lower left, in pixels
+    mat4 window;  // unit space -> (x, y, depth, 1) * eye depth; x and y in pixels of the atlas
+    vec4 across;  // for a plane of unit normal n through p, dot(n, across) / dot(n, eye - p) is what its depth gains
+    vec4 upward;  // from a pixel to the next, to the right and upwards. across.w: what depth gains per unit of inverse
+                  // eye depth; upward.w: far - near
+    vec4 eye;     // unit space
+    vec4 corner;  // the tile's lower left, in pixels; two unused
 };
 
 layout(std140, binding = 0) uniform Tiles { Tile tiles[$TILES]; };

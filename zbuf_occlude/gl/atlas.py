@@ -17,10 +17,11 @@ _UINTS, _INTS, _FLOATS = ctypes.POINTER(_UINT), ctypes.POINTER(_INT), ctypes.POI
 # names of the OpenGL registry
 _TEXTURE_2D, _TEXTURE0, _NEAREST = 0x0DE1, 0x84C0, 0x2600
 _MIN_FILTER, _MAG_FILTER = 0x2801, 0x2800
+_WRAP_S, _WRAP_T, _CLAMP_TO_EDGE = 0x2802, 0x2803, 0x812F
 _DEPTH_COMPONENT32F, _DEPTH_COMPONENT = 0x8CAC, 0x1902
 _FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0, _COMPLETE = 0x8D40, 0x8D00, 0x8CE0, 0x8CD5
 _DEPTH, _COLOR, _NONE = 0x1801, 0x1800, 0
-_CLIP_DISTANCE0 = 0x3000
+_SCISSOR_TEST, _CLIP_DISTANCES = 0x0C11, (0x3000, 0x3001, 0x3002, 0x3003)
 _LOWER_LEFT, _NEGATIVE_ONE_TO_ONE, _ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
 
 
@@ -50,9 +51,10 @@ class Atlas:
     def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:
         self.resolution, self.n_tiles, self.faces = resolution, n_tiles, faces
         largest = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"]) // resolution
-        self.columns = min(int(np.ceil(np.sqrt(n_tiles))), largest)
-        rows = -(-n_tiles // max(self.columns, 1))
-        if rows > largest:
+        # as narrow as it may be: what is near in a tile is then near in memory
+        self.columns = -(-n_tiles // max(largest, 1))
+        rows = -(-n_tiles // self.columns)
+        if max(self.columns, rows) > largest:
             raise GlError(
                 f"{n_tiles} tiles of {resolution} pixels must fit into a texture of {gl.renderer}; they do not."
             )
@@ -75,6 +77,8 @@ class Atlas:
         call.tex_storage(_TEXTURE_2D, 1, _DEPTH_COMPONENT32F, *self.size)
         for parameter in (_MIN_FILTER, _MAG_FILTER):
             call.tex_parameter(_TEXTURE_2D, parameter, _NEAREST)
+        for parameter in (_WRAP_S, _WRAP_T):
+            call.tex_parameter(_TEXTURE_2D, parameter, _CLAMP_TO_EDGE)
         call.gen_framebuffers(1, ctypes.byref(self._framebuffer))
         call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
         call.framebuffer_texture(_FRAMEBUFFER, _DEPTH_ATTACHMENT, self._depth, 0)
@@ -98,24 +102,43 @@ class Atlas:
         self._call.active_texture(unit)
         self._call.bind_texture(_TEXTURE_2D, texture)
 
-    def draw(self, mesh: Any, n_tiles: int, *, n_clips: int) -> None:
-        """Clear the atlas and draw a vertex array into its first tiles, one instance each, cut by so many planes."""
+    def draw(self, mesh: Any, n_tiles: int, *, clip: bool, n_closed: int) -> None:
+        """Clear the first tiles and draw a vertex array into them, one instance each.
+
+        Parameters
+        ----------
+        mesh : moderngl.VertexArray
+            Triangles.
+        n_tiles : int
+        clip : bool
+            Whether the shader writes four clip distances, the tile's sides.
+        n_closed : int
+            Of the first triangles, those that need not be drawn when they are seen clockwise.
+        """
         call, ctx = self._call, self._gl.ctx
+        rows = -(-n_tiles // self.columns)
         call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
         call.viewport(0, 0, *self.size)
+        call.scissor(0, 0, min(n_tiles, self.columns) * self.resolution, rows * self.resolution)
         call.clip_control(_LOWER_LEFT, _ZERO_TO_ONE)
-        call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
-        if self.faces:
-            call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
         ctx.enable_only(ctx.DEPTH_TEST)
-        ctx.depth_func = ">"
-        for plane in range(n_clips):
-            ctx.enable_direct(_CLIP_DISTANCE0 + plane)
+        ctx.depth_func, ctx.front_face, ctx.cull_face = ">", "ccw", "back"
+        switches = [_SCISSOR_TEST, *(_CLIP_DISTANCES if clip else ())]
+        for switch in switches:
+            ctx.enable_direct(switch)
         try:
-            mesh.render(instances=n_tiles)
+            call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
+            if self.faces:
+                call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
+            if n_closed:
+                ctx.enable(ctx.CULL_FACE)
+                mesh.render(vertices=3 * n_closed, instances=n_tiles)
+                ctx.disable(ctx.CULL_FACE)
+            if 3 * n_closed < mesh.vertices:
+                mesh.render(first=3 * n_closed, vertices=mesh.vertices - 3 * n_closed, instances=n_tiles)
         finally:
-            for plane in range(n_clips):
-                ctx.disable_direct(_CLIP_DISTANCE0 + plane)
+            for switch in switches:
+                ctx.disable_direct(switch)
             ctx.depth_func = "<"
             ctx.enable_only(ctx.NOTHING)
             call.clip_control(_LOWER_LEFT, _NEGATIVE_ONE_TO_ONE)
@@ -172,6 +195,7 @@ class _Calls:
         self.draw_buffers = gl.function("glDrawBuffers", _INT, _UINTS)
         self.delete_framebuffers = gl.function("glDeleteFramebuffers", _INT, _UINTS)
         self.viewport = gl.function("glViewport", _INT, _INT, _INT, _INT)
+        self.scissor = gl.function("glScissor", _INT, _INT, _INT, _INT)
         self.clip_control = gl.function("glClipControl", _UINT, _UINT)
         self.clear_floats = gl.function("glClearBufferfv", _UINT, _INT, _FLOATS)
         self.clear_ints = gl.function("glClearBufferiv", _UINT, _INT, _INTS)

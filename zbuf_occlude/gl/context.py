@@ -33,6 +33,9 @@ FIXES = {
 }
 """The one command (Debian) that installs what a backend needs on a machine without a GPU's own driver."""
 
+_LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
+"""Environment variables of glcontext: other libraries than those that the system finds."""
+
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
 
 
@@ -198,10 +201,17 @@ def _from_environment() -> tuple[str | None, int | None]:
     return backend or None, int(device) if device else None
 
 
+def egl_fix() -> str:
+    """Return the command that may help where EGL does not work; no package helps if the environment names libraries."""
+    named = [name for name in _LIBRARIES if os.environ.get(name)]
+    return f"unset {' '.join(named)}" if named else FIXES["egl"]
+
+
 def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
     device_index = device_index or 0
-    libegl = os.environ.get("GLCONTEXT_LINUX_LIBEGL") or find_library("EGL") or "libEGL.so.1"
-    libgl = os.environ.get("GLCONTEXT_LINUX_LIBGL") or find_library("GL") or find_library("OpenGL") or libegl
+    named_egl, named_gl = map(os.environ.get, _LIBRARIES)
+    libegl = named_egl or find_library("EGL") or "libEGL.so.1"
+    libgl = named_gl or find_library("GL") or find_library("OpenGL") or libegl
     try:
         from glcontext import egl
 
@@ -213,7 +223,7 @@ def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
     except Exception as error:  # glcontext and moderngl raise bare Exception
         if "requested device index" in str(error):  # "requested device index 7, but found 1 devices"
             raise GlError(f"{error}; count from 0.") from None
-        raise GlError(f"device_index {device_index}: {error}. On Debian: {FIXES['egl']}") from None
+        raise GlError(f"device_index {device_index}: {error}. Try: {egl_fix()}") from None
 
 
 def _open_osmesa(device_index: int | None) -> tuple[int | None, Any, Any]:

@@ -6,13 +6,13 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.point_pass import set_uniforms
+from zbuf_occlude.gl.point_pass import GROUP, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE
 
 MOST_TILES = 48
 """Of a batch: eight eyes with six cube faces each; their matrices fit into a uniform block on any driver."""
 
-SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 26, 1 << 28
+SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 25, 1 << 28
 """What an atlas may take: caches matter to a CPU, full batches to a GPU. One eye's tiles may exceed it."""
 
 
@@ -30,6 +30,10 @@ class DepthPass:
         Whether the atlas keeps the id of the nearest face beside the depth.
     tiles_an_eye : int
         1, or `CUBE`.
+    most_eyes : int
+        Of a batch, if fewer than fit.
+    n_closed : int
+        How many of the first faces may be left out when they are turned away; none are with cube faces.
 
     Notes
     -----
@@ -44,24 +48,28 @@ class DepthPass:
         *,
         ids: bool,
         tiles_an_eye: int,
+        most_eyes: int = MOST_TILES,
+        n_closed: int = 0,
     ) -> None:
         self._gl = gl
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
         eyes = int(np.clip(budget, tiles_an_eye, MOST_TILES)) // tiles_an_eye
-        self.n_eyes = eyes // 8 * 8 if eyes > 8 else eyes
+        eyes = min(eyes // GROUP * GROUP if eyes > GROUP else eyes, most_eyes)
+        self.n_eyes = eyes
         """Eyes of a batch."""
         self._program = gl.program(
             "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_an_eye == CUBE)
         )
         self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_an_eye, faces=ids)
-        self._drawn = buffers.vertex_array(self._program, "vertices", "corners")
-        self._n_clips = 4 if tiles_an_eye == CUBE else 0
+        self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
+        self._cube = tiles_an_eye == CUBE
+        self._n_closed = 0 if self._cube else n_closed
 
     def draw(self, n_tiles: int) -> None:
         """Draw the mesh into the first tiles, by the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
-        self.atlas.draw(self._drawn, n_tiles, n_clips=self._n_clips)
+        self.atlas.draw(self._drawn, n_tiles, clip=self._cube, n_closed=self._n_closed)
 
     def release(self) -> None:
         """Give the GPU's memory back; calling it again does nothing."""
@@ -70,12 +78,14 @@ class DepthPass:
 
 
 def mesh_buffers(gl: GlContext, vertices: FloatArray, faces: IntArray) -> Buffers:
-    """Put a mesh on the GPU as buffers `vertices` and `corners`, drawn and read by shaders alike.
+    """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
 
-    Takes 12 bytes a vertex and 24 bytes a face. A flat shader input takes the value of a face's last vertex, so each
+    Takes 12 bytes a vertex and 72 bytes a face. A flat shader input takes the value of a face's last vertex, so each
     face gets one of its own: the first f vertices, in the faces' order.
     """
-    positions = np.concatenate([vertices[faces[:, 2]], vertices]).astype(np.float32)
-    corners = faces + np.int32(len(faces))
-    corners[:, 2] = np.arange(len(faces))
-    return Buffers(gl.ctx, vertices=positions, corners=corners)
+    positions = vertices.astype(np.float32)
+    corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
+    corners[:, :, :3] = positions[faces]
+    indices = faces + np.int32(len(faces))
+    indices[:, 2] = np.arange(len(faces))
+    return Buffers(gl.ctx, vertices=np.concatenate([corners[:, 2, :3], positions]), indices=indices, corners=corners)

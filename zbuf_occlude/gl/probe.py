@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from zbuf_occlude.errors import GlError, OccludeError
-from zbuf_occlude.gl.context import FIXES, GlContext
+from zbuf_occlude.gl.context import FIXES, GlContext, egl_fix
 from zbuf_occlude.gl.devices import egl_devices
 from zbuf_occlude.gl.shaders import compile_program
 
@@ -74,7 +74,7 @@ def probe_all() -> tuple[Probe, ...]:
     rows = [probe("egl", row["index"], row["cuda_device"]) for row in listed.get("devices", [])]
     if not rows:
         reason = listed.get("reason", "EGL lists no devices.")
-        rows = [Probe("egl", None, works=False, reason=reason, fix=FIXES["egl"])]
+        rows = [Probe("egl", None, works=False, reason=reason, fix=egl_fix())]
     elif Path("/dev/nvidiactl").exists() and all(row.is_software for row in rows):
         rows = [replace(row, fix=NVIDIA_FIX) for row in rows]
     return (*rows, probe("osmesa"))
@@ -85,7 +85,8 @@ def probe(backend: str, device_index: int | None = None, cuda_device: int | None
     answer = _ask(backend, *([] if device_index is None else [str(device_index)]))
     if answer.get("works"):
         return Probe(backend, device_index, cuda_device=cuda_device, **answer)
-    fix = FIXES[backend] if FIXES[backend] in answer["reason"] else ""  # no package helps a wrong device index
+    fix = egl_fix() if backend == "egl" else FIXES[backend]
+    fix = fix if fix in answer["reason"] else ""  # nothing helps a wrong device index
     return Probe(backend, device_index, False, cuda_device=cuda_device, reason=answer["reason"], fix=fix)
 
 

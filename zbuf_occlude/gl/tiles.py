@@ -22,7 +22,15 @@ NEAREST = 1e-6
 """The cube faces' near plane, in diagonals. What is nearer to the eye is not drawn."""
 
 TILE = np.dtype(
-    [("window", "<f4", (4, 4)), ("plane", "<f4", (3, 4)), ("depth", "<f4", 2), ("corner", "<f4", 2)], align=True
+    [
+        ("window", "<f4", (4, 4)),
+        ("across", "<f4", 3),
+        ("gain", "<f4"),
+        ("upward", "<f4", 3),
+        ("range", "<f4"),
+        ("eye", "<f4", 4),
+        ("corner", "<f4", 4),
+    ]
 )
 """The struct Tile of shaders/include/tiles.glsl; matrices column by column."""
 
@@ -108,8 +116,13 @@ def arrange_tiles(pictures: Pictures, resolution: int, columns: int, n_tiles: in
     window = to_pixels @ pictures.projections @ pictures.views
     tiles = np.zeros(len(place), dtype=TILE)
     tiles["window"] = window.transpose(0, 2, 1)
-    # a plane's coefficients go with the inverse transpose
-    tiles["plane"] = np.linalg.inv(window).transpose(0, 2, 1)[:, :3]
-    tiles["depth"] = np.stack([pictures.gains, pictures.frusta.far - pictures.frusta.near], axis=1)
-    tiles["corner"] = corner
+    # the plane of normal n through p has inverse eye depth n . ray / n . (p - eye) along a ray of eye depth 1
+    rotations = pictures.views[:, :3, :3]
+    frusta, gains = pictures.frusta, pictures.gains
+    tiles["across"] = -(gains * (frusta.right - frusta.left) / resolution)[:, None] * rotations[:, 0]
+    tiles["upward"] = -(gains * (frusta.top - frusta.bottom) / resolution)[:, None] * rotations[:, 1]
+    tiles["gain"], tiles["range"] = gains, frusta.far - frusta.near
+    # the eye is where eye space has its origin
+    tiles["eye"][:, :3] = -np.einsum("cij,ci->cj", rotations, pictures.views[:, :3, 3])
+    tiles["corner"][:, :2] = corner
     return tiles

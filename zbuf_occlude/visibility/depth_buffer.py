@@ -5,11 +5,14 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.closed import closed_surfaces
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl.buffers import Buffers, parts
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.gl.point_pass import MOST_POINTS, Batch, PointPass, drawn_order, set_uniforms
+from zbuf_occlude.gl.inside_out import inside_out
+from zbuf_occlude.gl.mesh_data import arrange_mesh
+from zbuf_occlude.gl.point_pass import MOST_POINTS, Batch, PointPass, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -111,12 +114,16 @@ class DepthBuffer(Occluder):
             "slope_bias": slope_bias,
             "contact": CONTACT * diagonal,
         }
-        used, faces = np.unique(mesh.faces, return_inverse=True)
-        self._positions = self._unit.to(mesh.vertices[used])
-        drawn = drawn_order(mesh.corners)
-        self._places = np.empty(len(drawn), dtype=np.int32)
-        self._places[drawn] = np.arange(len(drawn))
-        self._mesh_buffers = mesh_buffers(gl, self._positions, faces.reshape(-1, 3)[drawn].astype(np.int32))
+        surfaces = closed_surfaces(mesh)
+        self._arrays = arrange_mesh(mesh, self._unit, surfaces)
+        self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
+        if self._arrays.n_closed:
+            wrong = inside_out(gl, self._arrays, self._mesh_buffers)
+            if wrong.any():
+                self._mesh_buffers.release()
+                surfaces = surfaces.without(wrong)
+                self._arrays = arrange_mesh(mesh, self._unit, surfaces)
+                self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
         self._passes: dict[int, DepthPass] = {}
 
     @property
@@ -129,13 +136,13 @@ class DepthBuffer(Occluder):
         mask = np.empty((len(eyes), len(points)), dtype=np.bool_)
         for some in parts(len(eyes), _MOST_EYES):
             local = self._unit.to(eyes[some])
-            fits, pictures = single_pictures(local, self._positions, self._resolution)
+            fits, pictures = single_pictures(local, self._arrays.positions, self._resolution)
             if fits.all():
                 self._answer(points, local, pictures, 1, mask[some])
                 continue
             if fits.any():
                 mask[some][fits] = self._answer(points, local[fits], pictures, 1)
-            pictures = cube_pictures(local[~fits], self._positions, self._resolution)
+            pictures = cube_pictures(local[~fits], self._arrays.positions, self._resolution)
             mask[some][~fits] = self._answer(points, local[~fits], pictures, CUBE)
         self._gl.check()
         return mask
@@ -157,14 +164,15 @@ class DepthBuffer(Occluder):
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_an_eye, (batch.first_eye + batch.n_eyes) * tiles_an_eye
             row[: last - first] = tiles[first:last]
-        positions, normals = self._unit.to(points.positions), points.normals
-        own = np.where(points.face_ids >= 0, self._places[points.face_ids], np.int32(-1))
+        positions = self._unit.to(points.positions)
+        free = points.face_ids < 0
+        own = np.where(free, np.int32(-1), self._arrays.places[points.face_ids])
+        normals = np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids])
+        closed = self._arrays.closed[points.face_ids] & ~free
         programs = self._programs(tiles_an_eye, depth_pass)
         n_groups = batches[-1].first_group + batches[-1].n_groups
-        eyes4 = np.zeros((len(eyes), 4), dtype=np.float32)
-        eyes4[:, :3] = eyes
         passes: list[PointPass] = []
-        with Buffers(self._gl.ctx, tiles=padded, eyes=eyes4) as buffers:
+        with Buffers(self._gl.ctx, tiles=padded) as buffers:
             try:
                 sections = parts(len(points), MOST_POINTS)
                 passes += [
@@ -173,21 +181,19 @@ class DepthBuffer(Occluder):
                         positions[part],
                         normals[part],
                         own[part],
+                        closed[part],
                         n_groups=n_groups,
                         most_eyes=min(depth_pass.n_eyes, len(eyes)) if self._witness else 0,
                     )
                     for part in sections
                 ]
-                buffers.bind(eyes=1)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
                     depth_pass.draw(batch.n_eyes * tiles_an_eye)
                     depth_pass.atlas.use(depths=0, faces=1)
-                    self._mesh_buffers.bind(corners=5, vertices=6)
+                    self._mesh_buffers.bind(corners=4)
                     for point_pass in passes:
-                        point_pass.vote(programs[0], batch)
-                        if self._witness:
-                            point_pass.decide(programs[1], batch)
+                        point_pass.ask(batch, *programs)
                 for part, point_pass in zip(sections, passes, strict=True):
                     point_pass.read_into(mask[:, part], batches)
             finally:
@@ -198,7 +204,12 @@ class DepthBuffer(Occluder):
     def _pass(self, tiles_an_eye: int) -> DepthPass:
         if tiles_an_eye not in self._passes:
             self._passes[tiles_an_eye] = DepthPass(
-                self._gl, self._mesh_buffers, self._resolution, ids=self._witness, tiles_an_eye=tiles_an_eye
+                self._gl,
+                self._mesh_buffers,
+                self._resolution,
+                ids=self._witness,
+                tiles_an_eye=tiles_an_eye,
+                n_closed=self._arrays.n_closed,
             )
         return self._passes[tiles_an_eye]
 

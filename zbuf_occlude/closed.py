@@ -1,0 +1,110 @@
+"""Which faces belong to closed surfaces, and which of their sides is outside: what is turned away there is hidden."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.mesh import Mesh
+
+NO_VOLUME = 1e-9
+"""A closed surface must enclose more than this, as a fraction of its diagonal cubed; flat ones have no inside."""
+
+Signs = NDArray[np.int8]
+
+
+class ClosedSurfaces(NamedTuple):
+    """The closed surfaces of a mesh.
+
+    Attributes
+    ----------
+    outward : (f,) int8
+        1 where the face's normal, as it is wound, points out of its closed surface; -1 where it points in;
+        0 for a face of a surface that is not closed.
+    surfaces : (f,) int32
+        Which surface each face belongs to: faces connected by edges that exactly two of them share.
+    """
+
+    outward: Signs
+    surfaces: IntArray
+
+    def without(self, opened: BoolArray) -> "ClosedSurfaces":
+        """Return the same with some surfaces, (s,) bool, taken for open."""
+        return self._replace(outward=np.where(opened[self.surfaces], np.int8(0), self.outward))
+
+
+def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
+    """Find the closed surfaces of a mesh, however it is wound and however often its vertices are stored.
+
+    Notes
+    -----
+    A surface is closed here when every edge, by the positions of its ends, is shared by exactly two of its faces, it
+    has two sides, and it encloses a volume. From an eye outside, a face turned away is then hidden, with all points
+    on it, *if* the surface does not turn itself inside out where it crosses itself; that is not checked here.
+    """
+    _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)  # -0.0 becomes 0.0
+    faces = position_ids.reshape(-1)[mesh.faces].astype(np.int64)
+    # half-edge 3 i + j of face i runs from corner j to the next
+    starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    keys = np.minimum(starts, ends) * (faces.max() + 1) + np.maximum(starts, ends)
+    order = np.argsort(keys, kind="stable")
+    sorted_keys = keys[order]
+    first = np.flatnonzero(np.concatenate([[True], sorted_keys[1:] != sorted_keys[:-1]]))
+    pairs = first[np.diff(np.append(first, len(keys))) == 2]
+    twins = np.full(len(keys), -1, dtype=np.int64)
+    twins[order[pairs]], twins[order[pairs + 1]] = order[pairs + 1], order[pairs]
+    outward, surfaces = _flood(twins, starts)
+    _point_out(outward, surfaces, mesh.corners)
+    return ClosedSurfaces(outward, surfaces)
+
+
+@njit(cache=True)
+def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, IntArray]:
+    """Number the surfaces, and give all faces of each the same side; 0 where a surface is open or one-sided."""
+    f = len(twins) // 3
+    sides = np.zeros(f, dtype=np.int8)
+    surfaces = np.full(f, -1, dtype=np.int32)
+    queue = np.empty(f, dtype=np.int64)
+    n_surfaces = 0
+    for seed in range(f):
+        if surfaces[seed] >= 0:
+            continue
+        surfaces[seed], sides[seed], queue[0] = n_surfaces, 1, seed
+        done, length, closed = 0, 1, True
+        while done < length:
+            face = queue[done]
+            done += 1
+            for half in range(3 * face, 3 * face + 3):
+                twin = twins[half]
+                if twin < 0:
+                    closed = False
+                    continue
+                neighbour = twin // 3
+                # two faces wound alike run along their common edge in opposite directions
+                side = -sides[face] if starts[twin] == starts[half] else sides[face]
+                if surfaces[neighbour] < 0:
+                    surfaces[neighbour], sides[neighbour], queue[length] = n_surfaces, side, neighbour
+                    length += 1
+                elif sides[neighbour] != side:
+                    closed = False  # one-sided, like Moebius's strip
+        if not closed:
+            for i in range(length):
+                sides[queue[i]] = 0
+        n_surfaces += 1
+    return sides, surfaces
+
+
+def _point_out(outward: Signs, surfaces: IntArray, corners: FloatArray) -> None:
+    """Turn the sides of each closed surface outwards, by the sign of the volume it encloses; 0 without a volume."""
+    n_surfaces = int(surfaces.max()) + 1
+    low, high = np.full((n_surfaces, 3), np.inf), np.full((n_surfaces, 3), -np.inf)
+    np.minimum.at(low, surfaces, corners.min(axis=1))
+    np.maximum.at(high, surfaces, corners.max(axis=1))
+    local = corners - ((low + high) / 2.0)[surfaces][:, None]
+    volumes = (local[:, 0] * np.cross(local[:, 1], local[:, 2])).sum(axis=1) / 6.0
+    enclosed = np.bincount(surfaces, weights=volumes * outward, minlength=n_surfaces)
+    least = NO_VOLUME * np.linalg.norm(high - low, axis=1) ** 3
+    turn = np.where(np.abs(enclosed) > least, np.sign(enclosed), 0.0).astype(np.int8)
+    outward *= turn[surfaces]
