@@ -51,6 +51,18 @@ def test_selected_points_are_points_of_the_cloud() -> None:
     assert (clouds.select_points(4, seed=4).positions != fewer.positions).any()
 
 
+def test_thinned_keeps_so_many_of_each_group() -> None:
+    clouds = some_clouds(m=60)
+    groups = np.repeat([7, 1, 4], [40, 19, 1])
+    thin = clouds.thinned(groups, 5, seed=0)
+    kept = [int(np.flatnonzero((clouds.positions == cloud).all(axis=(1, 2)))[0]) for cloud in thin.positions]
+    assert kept == sorted(set(kept)), "each once, in their order"
+    assert [sum(groups[i] == g for i in kept) for g in (7, 1, 4)] == [5, 5, 1]
+    other = clouds.thinned(groups, 5, seed=1)
+    assert (other.positions != thin.positions).any()
+    assert len(clouds.thinned(groups, 100, seed=0)) == 60
+
+
 def test_joined() -> None:
     clouds = some_clouds()
     both = CloudSet.joined(clouds.subset([0]), clouds.subset([4, 5]))

@@ -67,7 +67,7 @@ def write_report(folder: Path) -> list[Path]:
         )
     judged = [row for row in rows if row["suite"] == "meshes"]
     ranking = standings(judged)
-    figures = {name: _png(figure) for name, figure in all_plots(rows).items()}
+    figures = {name: as_png(figure) for name, figure in all_plots(rows).items()}
     written = []
     for name, png in figures.items():
         written.append(folder / f"{name}.png")
@@ -145,18 +145,18 @@ def as_html(
     lead, *facts = opening(rows, ranking) if ranking else ["", *opening(rows, ranking)]
     data = worst_views(store, rows, ranking)
     parts = [
-        f"<h2>{CAPTIONS[one]}</h2>{_image(figures[one], CAPTIONS[one])}" if isinstance(one, str) else one.as_html()
+        f"<h2>{CAPTIONS[one]}</h2>{image(figures[one], CAPTIONS[one])}" if isinstance(one, str) else one.as_html()
         for one in sections
     ]
     return Template(asset("report.html")).substitute(
         title=TITLE,
+        style=asset("page.css"),
         opening="".join(
             [f"<p class=lead>{marked_up(lead)}</p>", *(f"<p class=facts>{marked_up(fact)}</p>" for fact in facts)]
         ),
         answer=tables.answer(ranking).as_html() if ranking else "",
         pareto=(
-            _image(figures["pareto"], "error against time")
-            + f"<figcaption class=note>{CAPTIONS['pareto']}</figcaption>"
+            image(figures["pareto"], "error against time") + f"<figcaption class=note>{CAPTIONS['pareto']}</figcaption>"
             if "pareto" in figures
             else ""
         ),
@@ -244,11 +244,13 @@ def _viewer_html() -> str:
     )
 
 
-def _image(png: bytes, text: str) -> str:
+def image(png: bytes, text: str) -> str:
+    """Return a picture as an element of a page that needs no other file."""
     return f'<img alt="{text}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
 
 
-def _png(figure: Figure) -> bytes:
+def as_png(figure: Figure) -> bytes:
+    """Return a figure as a PNG file's bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()

@@ -112,6 +112,23 @@ class CloudSet:
         places = np.random.default_rng(seed).permutation(self.n_points)[:n]
         return replace(self, positions=self.positions[:, places])
 
+    def thinned(self, groups: ArrayLike, most: int, seed: int) -> "CloudSet":
+        """Return at most so many clouds of each group, drawn at random, in their order.
+
+        Parameters
+        ----------
+        groups : (m,) int
+            Which group each cloud belongs to.
+        most : int
+            At least 1.
+        seed : int
+        """
+        groups = np.asarray(groups)
+        order = np.lexsort((np.random.default_rng(seed).random(len(self)), groups))
+        sorted_groups = groups[order]
+        first = np.searchsorted(sorted_groups, sorted_groups)  # where the group of each begins
+        return self.subset(np.sort(order[np.arange(len(self)) - first < most]))
+
     @classmethod
     def joined(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
         """Return the clouds of one set and then those of another; ids of objects keep their meaning.

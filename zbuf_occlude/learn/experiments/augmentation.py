@@ -1,0 +1,179 @@
+"""Training on occluded clouds, complete ones, or both (paper 4.3, 4.4, Table 3B); and does the method of HSR matter?"""
+
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from pathlib import Path
+
+from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.presets import plan_of_originals, seventy_five_each
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.learn import sydney
+from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.experiments.paper import TRAINING_SETS
+from zbuf_occlude.learn.experiments.sizes import Size
+from zbuf_occlude.learn.experiments.trials import Trial
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.visibility import find_method
+
+NAME, METHODS_NAME = "augmentation", "methods"
+MAIN = Subject("exact")
+METHODS = (MAIN, Subject("depth_buffer"), Subject("occupancy_grid", {"n": 64}))
+"""How hidden surfaces are removed; the first for Table 3B, all for the comparison; the last is the paper's."""
+ORIGINAL, GENERATED, SCANS = "original", "generated", "scans"
+"""Test 1, Test 2 (with ``:METHOD`` after it when it is another's than `MAIN`), Test 3."""
+
+
+class AugmentationClouds:
+    """The datasets of 4.3 in a study's folder: complete clouds, occluded ones by each method, and real scans.
+
+    Parameters
+    ----------
+    meshes : MeshCollection
+        All there are.
+    size : Size
+    folder : Path
+        The study's.
+    scans : Path, optional
+        The Sydney Urban Objects dataset.
+
+    Attributes
+    ----------
+    missing : dict of method to str
+        Methods that cannot run here, and why; filled by `make`.
+    """
+
+    def __init__(self, meshes: MeshCollection, size: Size, folder: Path, scans: Path | None = None) -> None:
+        self.size, self.folder, self.scans_root = size, folder, scans
+        self.meshes = first_of_each(seventy_five_each(meshes), size.shares)
+        self.missing: dict[str, str] = {}
+        self._load = cache(self._read)
+        self.scans = cache(self._read_scans)
+
+    def plan(self, method: Subject) -> Plan:
+        """Return the plan of the occluded clouds by a method."""
+        recipe = Recipe(
+            method=method.method,
+            method_options=method.options,
+            views="modelnet8",
+            n_points=self.size.sampled,
+            sample_size=max(self.size.n_points),
+        )
+        return Plan(self.meshes, recipe, "packed")
+
+    @property
+    def n_clouds(self) -> int:
+        """Clouds that `make` makes, at most."""
+        one = self.plan(MAIN)
+        return len(METHODS) * one.n_clouds + len(self.meshes)
+
+    def make(self, progress: Callable[[int], None]) -> None:
+        """Make all datasets; a method that cannot run here is left out, with its reason in `missing`."""
+        make_clouds(plan_of_originals(self.plan(MAIN)), self._folder(ORIGINAL), progress)
+        for method in METHODS:
+            reason = find_method(method.method).missing()
+            if reason is None:
+                try:
+                    make_clouds(self.plan(method), self._folder(method.label), progress)
+                    continue
+                except GlError as error:
+                    reason = str(error)
+            self.missing[method.label] = reason
+
+    @property
+    def able(self) -> tuple[Subject, ...]:
+        """The methods that can run here, `MAIN` first."""
+        return tuple(method for method in METHODS if method.label not in self.missing)
+
+    def _folder(self, name: str) -> Path:
+        return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
+
+    def _read(self, name: str, split: str, n_points: int) -> CloudSet:
+        clouds = load_clouds(self._folder(name), split, n_points)
+        if name == ORIGINAL:
+            return clouds
+        most = self.size.train_views if split == "train" else self.size.test_views
+        return clouds.thinned(clouds.object_ids, most, seed=0)
+
+    def _read_scans(self, n_points: int) -> CloudSet:
+        assert self.scans_root is not None  # it is only asked for when there is one
+        return sydney.read_clouds(self.scans_root, n_points)
+
+    def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
+        """Return the clouds of a split.
+
+        Parameters
+        ----------
+        kind : str
+            One of the values of `TRAINING_SETS`: generated, original, both.
+        split : str
+        n_points : int
+        method : Subject
+            How the generated ones were made.
+        """
+        if kind == ORIGINAL:
+            return self._load(ORIGINAL, split, n_points)
+        generated = self._load(method.label, split, n_points)
+        return generated if kind == GENERATED else CloudSet.joined(generated, self._load(ORIGINAL, split, n_points))
+
+
+def trials(clouds: AugmentationClouds) -> Iterator[Trial]:
+    """Yield the trials of Table 3B: each model on each training set, with each number of points, seed after seed."""
+    size = clouds.size
+    for seed in size.seeds:
+        for n_points in size.n_points:
+            for model in size.models:
+                compared = n_points == size.n_points[-1] and model in size.method_models
+                methods = clouds.able if compared else (MAIN,)
+                for training_set, kind in TRAINING_SETS.items():
+                    yield Trial(
+                        NAME,
+                        {"model": model, "set": training_set, "points": n_points, "seed": seed},
+                        partial(clouds.of, kind, "train", n_points),
+                        partial(clouds.of, kind, "val", n_points),
+                        _tests(clouds, n_points, methods),
+                    )
+
+
+def method_trials(clouds: AugmentationClouds) -> Iterator[Trial]:
+    """Yield the trials that compare methods: trained on the clouds of one, tested on those of each.
+
+    Those of `MAIN` are among the trials of Table 3B: training set 1, and the last number of points.
+    """
+    n_points = clouds.size.n_points[-1]
+    for seed in clouds.size.seeds:
+        for model in clouds.size.method_models:
+            for method in clouds.able[1:]:
+                yield Trial(
+                    METHODS_NAME,
+                    {"model": model, "method": method.label, "points": n_points, "seed": seed},
+                    partial(clouds.of, GENERATED, "train", n_points, method),
+                    partial(clouds.of, GENERATED, "val", n_points, method),
+                    _tests(clouds, n_points, clouds.able),
+                )
+
+
+def _tests(
+    clouds: AugmentationClouds, n_points: int, methods: tuple[Subject, ...]
+) -> dict[str, Callable[[], CloudSet]]:
+    tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(clouds.of, ORIGINAL, "test", n_points)}
+    tests |= {test_of(method): partial(clouds.of, GENERATED, "test", n_points, method) for method in methods}
+    if clouds.scans_root is not None:
+        tests[SCANS] = partial(clouds.scans, n_points)
+    return tests
+
+
+def test_of(method: Subject) -> str:
+    """Return the name of Test 2 by a method."""
+    return GENERATED if method == MAIN else f"{GENERATED}:{method.label}"
+
+
+def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
+    """Return the first so many meshes of each class and split."""
+    left = {(label, split): n for label in meshes.classes for split, n in zip(SPLITS, shares, strict=True)}
+    entries = []
+    for entry in meshes:
+        left[entry.label, entry.split] -= 1
+        if left[entry.label, entry.split] >= 0:
+            entries.append(entry)
+    return MeshCollection(entries)

@@ -1,0 +1,188 @@
+"""Accuracy against the camera's elevation (paper 4.2, Table 3A): clouds, trials, and the areas seen (Fig. 12)."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.compare.figures import make_mask, projected_areas
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.presets import two_hundred
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS
+from zbuf_occlude.learn.experiments.sizes import Size
+from zbuf_occlude.learn.experiments.trials import Trial
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.views import Views, paper100
+
+NAME = "elevation"
+METHOD = "exact"
+PARTS = ("train", "train", "train", "val", "test")
+"""Of each class's objects, in turn, what they are for when some are held out."""
+VALIDATION_SHARE = 0.1
+"""Of the clouds at the training elevations, where no object is held out."""
+SPLIT_BY = {"elevations": "as in the paper: all objects in training and in the test", "objects": "other objects"}
+AREAS = "areas.json"
+AREA_POINTS = 2_000
+AREA_OBJECTS = 40
+
+
+class ElevationClouds:
+    """The dataset of 4.1 in a study's folder, and its parts.
+
+    Parameters
+    ----------
+    meshes : MeshCollection
+        All there are.
+    size : Size
+    folder : Path
+        The study's.
+    """
+
+    def __init__(self, meshes: MeshCollection, size: Size, folder: Path) -> None:
+        self.meshes, self.size, self.folder = meshes, size, folder
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Objects, views and recipe; `two_hundred` of the meshes, fewer if the size wants fewer."""
+        size = self.size
+        chosen = divided(two_hundred(self.meshes).limit(size.elevation_objects))
+        recipe = Recipe(
+            method=METHOD,
+            views="paper100",
+            n_points=size.elevation_sampled,
+            variations=size.variations,
+            sample_size=size.elevation_points,
+        )
+        return Plan(chosen, recipe, "packed", at_most(paper100(), size.azimuths))
+
+    def make(self, progress: Callable[[int], None]) -> None:
+        """Make the dataset; `progress` is told the number of clouds."""
+        make_clouds(self.plan, self.folder / "clouds" / NAME, progress)
+
+    @cached_property
+    def _splits(self) -> dict[str, CloudSet]:
+        folder = self.folder / "clouds" / NAME
+        return {split: load_clouds(folder, split) for split in SPLITS}
+
+    @cached_property
+    def _all(self) -> CloudSet:
+        first, *others = self._splits.values()
+        for other in others:
+            first = CloudSet.joined(first, other)
+        return first
+
+    @cached_property
+    def _for_validation(self) -> Any:
+        """Which clouds validate where no object is held out; (m,) bool."""
+        return np.random.default_rng(0).random(len(self._all)) < VALIDATION_SHARE
+
+    def training(self, split_by: str) -> CloudSet:
+        """Return the clouds to train on, all at the training elevations."""
+        if split_by == "objects":
+            return _at(self._splits["train"], TRAIN_ELEVATIONS)
+        return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
+
+    def validation(self, split_by: str) -> CloudSet:
+        """Return the clouds to validate with, all at the training elevations."""
+        if split_by == "objects":
+            return _at(self._splits["val"], TRAIN_ELEVATIONS)
+        return _at(self._all.subset(self._for_validation), TRAIN_ELEVATIONS)
+
+    def test(self, split_by: str, elevation: int) -> CloudSet:
+        """Return the clouds to test on at an elevation (degrees)."""
+        if split_by == "objects":
+            return _at(self._splits["test"], (elevation,))
+        clouds = _at(self._all, (elevation,))
+        return clouds.thinned(clouds.object_ids, self.size.per_elevation, seed=0)
+
+
+def trials(clouds: ElevationClouds) -> Iterator[Trial]:
+    """Yield the trials: each model with the paper's split and with objects held out, seed after seed."""
+    for seed in clouds.size.elevation_seeds:
+        for model in clouds.size.models:
+            for split_by in SPLIT_BY:
+                yield Trial(
+                    NAME,
+                    {"model": model, "split": split_by, "seed": seed},
+                    partial(clouds.training, split_by),
+                    partial(clouds.validation, split_by),
+                    {str(elevation): partial(clouds.test, split_by, elevation) for elevation in TEST_ELEVATIONS},
+                )
+
+
+def divided(meshes: MeshCollection) -> MeshCollection:
+    """Return the meshes with the splits of `PARTS`, class by class."""
+    seen: dict[str, int] = {}
+    entries = []
+    for entry in meshes:
+        place = seen.get(entry.label, 0)
+        seen[entry.label] = place + 1
+        entries.append(replace(entry, split=PARTS[place % len(PARTS)]))
+    return MeshCollection(entries)
+
+
+def at_most(views: Views, azimuths: int) -> Views:
+    """Return at most so many views of each elevation, evenly spaced."""
+    levels = degrees(views.elevation)
+    chosen: list[int] = []
+    for level in np.unique(levels):
+        places = np.flatnonzero(levels == level)
+        n = min(azimuths, len(places))
+        chosen += places[np.arange(n) * len(places) // n].tolist()
+    return views.select(sorted(chosen))
+
+
+def write_areas(clouds: ElevationClouds) -> None:
+    """Measure what is seen of the objects from each elevation, once, and keep it as JSON.
+
+    Notes
+    -----
+    The areas projected on the three planes (`zbuf_occlude.compare.figures.projected_areas`), each object's longest side
+    1, and each object's own largest taken as 1 on each plane before the mean over the objects is taken: large and small
+    objects count alike, and what the plot shows is where an object shows less of itself than from elsewhere.
+
+    References
+    ----------
+    Paper 4.2 and Fig. 12, which show one airplane; here it is the mean over many objects.
+    """
+    path = clouds.folder / AREAS
+    if path.exists():
+        return
+    views, mask = paper100(), make_mask(METHOD, {})
+    levels = degrees(views.elevation)
+    names = np.unique(levels)
+    chosen = clouds.plan.meshes[:AREA_OBJECTS]
+    curves = []
+    for entry in chosen:
+        try:
+            mesh = entry.load().normalized()
+        except MeshError:  # the dataset's manifest says so
+            continue
+        areas = projected_areas(mesh, mask, views, 0, AREA_POINTS)
+        curves.append([areas[levels == level].mean(axis=0) for level in names])
+    shares = np.array(curves) / np.max(curves, axis=1, keepdims=True)
+    atomic.write_json(
+        path,
+        {
+            "elevations": names.tolist(),
+            "planes": ["y-z", "x-z", "x-y"],
+            "mean": shares.mean(axis=0).tolist(),
+            "spread": shares.std(axis=0).tolist(),
+            "n_objects": len(curves),
+        },
+    )
+
+
+def degrees(elevations: Any) -> Any:
+    """Return elevations (radians) as whole degrees."""
+    return np.round(np.degrees(elevations)).astype(int)
+
+
+def _at(clouds: CloudSet, elevations: tuple[int, ...]) -> CloudSet:
+    return clouds.subset(np.isin(degrees(clouds.elevations), elevations))

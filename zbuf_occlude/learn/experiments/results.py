@@ -1,0 +1,94 @@
+"""The results of trials as they lie in a study's folder: JSON, read without PyTorch."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.errors import DatasetError
+
+FOLDER = "results"
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """How a classifier labelled a test set.
+
+    Parameters
+    ----------
+    truth : tuple of str
+        Names of the rows; those of real scans are not the classifier's own.
+    predicted : tuple of str
+        Names of the columns.
+    counts : (t, p) int64
+    """
+
+    truth: tuple[str, ...]
+    predicted: tuple[str, ...]
+    counts: NDArray[np.int64]
+
+    @property
+    def accuracy(self) -> float:
+        """Overall accuracy where truth and predictions have the same classes; NaN without clouds."""
+        total = int(self.counts.sum())
+        return float(np.trace(self.counts) / total) if total else float("nan")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a trial came to.
+
+    Parameters
+    ----------
+    experiment : str
+    facts : mapping
+        Of the `Trial`.
+    tests : mapping of name to Confusion
+    document : mapping
+        All that is stored.
+    """
+
+    experiment: str
+    facts: Mapping[str, Any]
+    tests: Mapping[str, Confusion]
+    document: Mapping[str, Any]
+
+    def is_of(self, **facts: Any) -> bool:
+        """Whether the trial's facts are these."""
+        return all(self.facts.get(name) == value for name, value in facts.items())
+
+
+def path_of(folder: Path, key: str) -> Path:
+    """Return where the result of a trial is."""
+    return folder / FOLDER / f"{key}.json"
+
+
+def read_result(path: Path) -> Result | None:
+    """Read a trial's result; None when there is none yet.
+
+    Raises
+    ------
+    DatasetError
+        The file is damaged.
+    """
+    if not path.exists():
+        return None
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        tests = {
+            name: Confusion(tuple(test["truth"]), tuple(test["predicted"]), np.array(test["confusion"], dtype=np.int64))
+            for name, test in document["tests"].items()
+        }
+        return Result(document["experiment"], document["facts"], tests, document)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DatasetError(f"{path} must be a trial's result; it is damaged ({error!r}). Delete it.") from None
+
+
+def read_results(folder: Path) -> list[Result]:
+    """Read all results of a study's folder, in the order of their names."""
+    read = (read_result(path) for path in sorted((folder / FOLDER).glob("*.json")))
+    return [result for result in read if result is not None]
