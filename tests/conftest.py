@@ -1,7 +1,9 @@
 """Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
 
 import os
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -78,3 +80,19 @@ def no_gl_error(request: pytest.FixtureRequest) -> Iterator[None]:
     if context is not None:
         context.make_current()
         context.check()
+
+
+@pytest.fixture
+def lock(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Return a function that makes a folder unreadable in this process, for root too."""
+    scandir = os.scandir
+
+    def refuse_in(folder: Path) -> None:
+        def scan(path: Any) -> Any:
+            if path == str(folder) or path == folder:
+                raise PermissionError(13, "Permission denied", str(folder))
+            return scandir(path)
+
+        monkeypatch.setattr(os, "scandir", scan)
+
+    return refuse_in

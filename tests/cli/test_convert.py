@@ -106,7 +106,12 @@ def test_options_given_override_the_preset(run: Run, tmp_path: Path) -> None:
 def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ("--limit", 4, "--points", 500, "--sample-size", 100, "--views", "ring:2@0", "--workers", 1)
-    outcome = run("generate", "--preset", "paper-modelnet8", "--out", out, *arguments, "--method", "oracle")
+    arguments = ("generate", "--preset", "paper-modelnet8", "--out", out, *arguments, "--method", "oracle")
+    first = run(*arguments, "--shard", "0/2")
+    assert first.code == 0, first.err
+    assert first.out.count(f"zbuf-occlude merge {out}\n") == 2
+    assert run("status", out).out.count("not complete") == 2
+    outcome = run("merge", out)
     assert outcome.code == 0, outcome.err
     assert "nothing was removed, so nothing was measured" in outcome.out
     original = open_dataset(out / "original")
@@ -115,4 +120,10 @@ def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_pat
     assert (records["visible_fraction"] == 1).all()
     assert (open_dataset(out).take(open_dataset(out).order["train"])["visible_fraction"] < 0.9).all()
     assert sum(open_dataset(out).n_clouds.values()) == 8
-    assert run("generate", "--preset", "paper-modelnet8", "--out", out, *arguments, "--method", "oracle").code == 0
+    assert run(*arguments).out == outcome.out
+    report = json.loads(run("status", out, "--json").out)
+    assert [each["complete"] for each in (report, *report["others"])] == [True, True]
+    verdict = run("verify", out, "--samples", 2)
+    assert verdict.code == 0, verdict.err
+    assert verdict.out.count("the dataset is what its manifest says") == 2
+    assert "complete clouds: nothing to ask of the oracle" in verdict.out

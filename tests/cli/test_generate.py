@@ -1,6 +1,7 @@
 """`generate` end to end: layout, truth of the clouds, manifest, resuming, failures, errors."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,17 @@ def test_bad_meshes_are_named_and_the_rest_is_made(run: Run, modelnet: Path, tmp
     assert manifest(out)["counts"]["clouds"] == 32
 
 
+def test_a_folder_that_cannot_be_read_is_named_and_the_rest_is_made(
+    run: Run, modelnet: Path, tmp_path: Path, lock: Callable[[Path], None]
+) -> None:
+    lock(modelnet / "brick" / "train")
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL)
+    assert outcome.code == 3, outcome.err
+    assert "brick/train/*: " in outcome.out
+    assert manifest(tmp_path / "out")["counts"]["clouds"] == 24
+    assert "brick/train/*" in manifest(tmp_path / "out")["failures"]
+
+
 def test_nothing_but_bad_meshes_is_a_failure(run: Run, tmp_path: Path) -> None:
     (tmp_path / "bad.off").write_text("OFF\n")
     outcome = run("generate", tmp_path / "bad.off", "--out", tmp_path / "out", *SMALL)
@@ -153,7 +165,7 @@ def test_shards_made_one_by_one_merge_to_the_same_dataset(
     out = tmp_path / "parts"
     first = run(*arguments, "--out", out, "--shard", "0/2")
     assert first.code == 0
-    assert "2 of 4 shards are done" in first.out
+    assert f"2 of 4 shards of {out} are done; then: zbuf-occlude merge {out}" in first.out
     early = run("merge", out)
     assert early.code == 1
     assert "all 4 shards must be done; shard 1 is not" in early.err

@@ -13,7 +13,7 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.sheet import upright
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.meshes import MeshCollection
 
@@ -49,18 +49,34 @@ def test_absurd_numbers_are_usage_errors(run: Run, tetrahedron: Path, arguments:
 @pytest.mark.parametrize(
     ("method", "setting", "message"),
     [
-        ("oracle", "contact=wide", "--set contact must be a finite number, like 1e-05; got 'wide'"),
-        ("oracle", "contact=1e400", "--set contact must be a finite number, like 1e-05; got inf"),
-        ("depth_buffer", "resolution=64.5", "--set resolution must be a whole number, like 512; got 64.5"),
-        ("depth_buffer", "resolution=True", "--set resolution must be a whole number, like 512; got True"),
-        ("depth_buffer", "refine=3", "--set refine must be a word, like witness; got 3"),
-        ("hidden_point_removal", "radius=[1]", "--set radius must be a finite number, like None; got '[1]'"),
+        ("oracle", "contact=wide", "contact must be a number, like the default 1e-05; got 'wide'"),
+        ("oracle", "contact=1e400", "contact must lie in [0, 1), a fraction of the mesh's diagonal; got inf"),
+        ("depth_buffer", "resolution=64.5", "resolution must be an int in [16, 8192], pixels along a side; got 64.5"),
+        ("depth_buffer", "resolution=-1", "resolution must be an int in [16, 8192], pixels along a side; got -1"),
+        ("depth_buffer", "resolution=True", "resolution must be a number, like the default 512; got True"),
+        ("depth_buffer", "refine=3", "refine must be a word, like the default witness; got 3"),
+        ("hidden_point_removal", "radius=[1]", "radius must be a number, like the default None; got '[1]'"),
     ],
 )
-def test_settings_of_another_kind(run: Run, tetrahedron: Path, method: str, setting: str, message: str) -> None:
+def test_settings_that_the_method_cannot_have(
+    run: Run, tetrahedron: Path, method: str, setting: str, message: str
+) -> None:
     outcome = run("generate", tetrahedron, "--dry-run", "--method", method, "--set", setting)
     assert (outcome.code, outcome.out) == (2, "")
     assert message in outcome.err
+
+
+def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cluster's front end may have no driver: the plan is told all the same, and that."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise GlError("no driver here.")
+
+    monkeypatch.setattr("zbuf_occlude.gl.context.GlContext.open", refuse)
+    outcome = run("generate", tetrahedron, "--dry-run")
+    assert outcome.code == 0, outcome.err
+    assert "1 meshes x 25 views" in outcome.out
+    assert outcome.out.endswith("\nnot on this machine: no driver here.\n")
 
 
 @pytest.mark.parametrize("option", ["--azimuth", "--elevation", "--distance"])

@@ -2,7 +2,7 @@
 
 import os
 import pickle
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -230,6 +230,33 @@ def test_what_cannot_be_a_collection_says_so(tmp_path: Path) -> None:
         MeshCollection.from_paths([])
     with pytest.raises(OptionError, match="up must be one of z, y; got 'x'"):
         MeshCollection.from_paths(tmp_path, up="x")
+
+
+@pytest.mark.parametrize(
+    ("locked", "entry"),
+    [("chair/train", ("chair/train/*", "chair", "train")), ("bed", ("bed/*", "bed", "train"))],
+)
+def test_a_folder_that_cannot_be_read_is_an_entry_that_fails(
+    tmp_path: Path,
+    lock: Callable[[Path], None],
+    monkeypatch: pytest.MonkeyPatch,
+    locked: str,
+    entry: tuple[str, str, str],
+) -> None:
+    plant(tmp_path, *MODELNET)
+    lock(tmp_path / locked)
+    meshes = MeshCollection.from_paths(tmp_path)
+    hidden = [key for key in MODELNET if key.startswith(locked)]
+    assert {e.key for e in meshes} == {*MODELNET, entry[0]} - set(hidden)
+    assert entry in facts(meshes)
+    bad = next(e for e in meshes if e.key == entry[0])
+    with pytest.raises(MeshError, match=f"{locked}: a folder must be readable; it is not: Permission denied"):
+        bad.load()
+    with pytest.raises(MeshError, match="a folder must be readable; it is not: Permission denied"):
+        MeshCollection.from_paths(tmp_path / locked)
+    lock(tmp_path / "another")
+    with pytest.raises(MeshError, match="it was not when meshes were looked for"):
+        pickle.loads(pickle.dumps(bad.load))()
 
 
 def test_the_collection_is_public() -> None:

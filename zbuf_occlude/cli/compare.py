@@ -5,8 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from zbuf_occlude.cli.generate import collect
-from zbuf_occlude.cli.options import parse_settings, up_option
+from zbuf_occlude.cli.options import collect, parse_settings, up_option
 from zbuf_occlude.cli.report import summary
 from zbuf_occlude.compare.presets import PRESETS, of_meshes, preset
 from zbuf_occlude.compare.question import MOST_VIEWS

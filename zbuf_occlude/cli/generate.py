@@ -11,15 +11,17 @@ import click
 import numpy as np
 from click.core import ParameterSource
 from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.options import method_options, parse_settings, up_option
+from zbuf_occlude.cli.options import collect, method_options, parse_settings, up_option
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
-from zbuf_occlude.dataset.presets import ORIGINAL, PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.errors import GlError, MeshError
+from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
+from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
 from zbuf_occlude.farm.supervisor import Limits
@@ -148,8 +150,9 @@ def command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
+    choose = MeshCollection.interleaved if preset is None else find_preset(preset).choose
     plan = Plan(
-        collect(meshes, up, limit, preset, out),
+        collect(meshes, up, limit, out=out, choose=choose),
         Recipe(
             method=method,
             method_options=parse_settings(method, settings),
@@ -165,7 +168,12 @@ def command(
     part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     limits = Limits(mesh_seconds, mesh_gigabytes)
     if dry_run:
-        click.echo("\n".join(describe(*each) for each in plans))
+        try:
+            rehearse(plan.recipe, require_gpu)
+            hindrance = ""
+        except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
+            hindrance = f"\nnot on this machine: {error}"
+        click.echo("\n".join(describe(*each) for each in plans) + hindrance)
         return
     rehearse(plan.recipe, require_gpu)
     if engine == "ray":
@@ -175,14 +183,15 @@ def command(
     failed = False
     for one, folder in plans:
         mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
-        with tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05) as bar:
+        bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
+        with bar, logging_redirect_tqdm():
             document = generate(one, folder, run=run, overwrite=overwrite, part=part, progress=bar.update)
         if document:
             click.echo(summary(document, folder))
             failed |= bool(document["failures"])
         else:
             done = shards_done(one, folder)
-            click.echo(f"{done} of {len(one.shards)} shards are done; then: zbuf-occlude merge {folder}")
+            click.echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
     if failed:
         raise SystemExit(SOME_FAILED)
 
@@ -209,28 +218,6 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
                 )
         occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
         occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
-
-
-def collect(
-    paths: tuple[Path, ...], up: str | None, limit: int | None, preset: str | None = None, out: Path | None = None
-) -> MeshCollection:
-    """Return the meshes that a person named, classes and splits interleaved, at most `limit` of them.
-
-    What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
-    """
-    if paths:
-        meshes = MeshCollection.from_paths(paths, up=up)
-        if out is not None:
-            own = Path(os.path.realpath(out))
-            meshes = MeshCollection(e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
-        if not meshes:
-            raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
-    else:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
-
-        meshes = shapes.collection()
-    meshes = meshes.interleaved() if preset is None else find_preset(preset).choose(meshes)
-    return meshes if limit is None else meshes.limit(limit)
 
 
 def describe(plan: Plan, out: Path) -> str:

@@ -2,13 +2,15 @@
 
 import ast
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.visibility import METHODS, find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -72,13 +74,40 @@ up_option = click.option(
 )
 
 
+def collect(
+    paths: tuple[Path, ...],
+    up: str | None,
+    limit: int | None,
+    *,
+    out: Path | None = None,
+    choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved,
+) -> MeshCollection:
+    """Return the meshes that a person named, or the built-in shapes; chosen and ordered, and at most `limit` of them.
+
+    What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
+    """
+    if paths:
+        meshes = MeshCollection.from_paths(paths, up=up)
+        if out is not None:
+            own = Path(os.path.realpath(out))
+            meshes = MeshCollection(e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
+        if not meshes:
+            raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
+    else:
+        from zbuf_occlude.meshes import shapes  # late: only needed without files
+
+        meshes = shapes.collection()
+    meshes = choose(meshes)
+    return meshes if limit is None else meshes.limit(limit)
+
+
 def parse_settings(method: str, settings: tuple[str, ...]) -> dict[str, Any]:
     """Turn ("resolution=512", "refine=none") into a dict and check it against the method's options.
 
     Raises
     ------
     OptionError
-        Not KEY=VALUE, not an option of the method, or a value of another kind than its default.
+        Not KEY=VALUE, or what `Method.check_options` refuses.
     """
     options: dict[str, Any] = {}
     for setting in settings:
@@ -87,18 +116,7 @@ def parse_settings(method: str, settings: tuple[str, ...]) -> dict[str, Any]:
             raise OptionError(f"--set must be given KEY=VALUE; got {setting!r}.")
         options[key.strip()] = literal(text.strip())
     find_method(method).check_options(options)
-    for name, default in find_method(method).options().items():
-        if not _is_like(options.get(name, default), default):
-            kind = {int: "a whole number", str: "a word"}.get(type(default), "a finite number")
-            raise OptionError(f"--set {name} must be {kind}, like {default}; got {options[name]!r}.")
     return options
-
-
-def _is_like(value: Any, default: Any) -> bool:
-    """Whether an option's value is of its default's kind; where the default is None, a number is meant."""
-    if isinstance(default, (str, int)) or value is None:
-        return isinstance(value, type(default)) and isinstance(value, bool) == isinstance(default, bool)
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def literal(text: str) -> Any:

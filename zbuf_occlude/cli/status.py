@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.dataset.folder import read_manifest, read_plan
+from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import shards_done
 from zbuf_occlude.dataset.shard import read_sidecar
 
@@ -15,11 +15,21 @@ from zbuf_occlude.dataset.shard import read_sidecar
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def command(folder: Path, as_json: bool) -> None:
-    """Say how far the dataset in DIR is: shards done, clouds, failures, time left at the speed so far."""
-    report = gather(folder)
+    """Say how far the dataset in DIR is: shards done, clouds, failures, time left at the speed so far.
+
+    Likewise of the complete clouds that a preset puts beside it.
+    """
+    first, *others = reports = [{"folder": str(each)} | gather(each) for each in datasets_in(folder)]
     if as_json:
-        click.echo(json.dumps(report, indent=2))
+        click.echo(json.dumps(first | {"others": others}, indent=2))
         return
+    for report in reports:
+        tell(report)
+
+
+def tell(report: dict[str, Any]) -> None:
+    """Print one report."""
+    click.echo(f"folder      {report['folder']}")
     click.echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
     click.echo(f"shards      {report['shards_done']} of {report['shards']} done")
     click.echo(f"clouds      {report['clouds']}")

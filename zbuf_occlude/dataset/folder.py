@@ -11,6 +11,13 @@ from zbuf_occlude.errors import DatasetError
 PLAN, MANIFEST = "plan.json", "manifest.json"
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
+ORIGINAL = "original"
+"""Folder, in a dataset's own, of the dataset of complete clouds that some presets want beside it."""
+
+
+def datasets_in(out: Path) -> list[Path]:
+    """Return a dataset's folder and, where it has one, that of its complete clouds."""
+    return [out, *([out / ORIGINAL] if (out / ORIGINAL / PLAN).exists() else [])]
 
 
 def read_plan(out: Path) -> Plan:

@@ -139,7 +139,9 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
     for shard in range(len(plan.shards)):
         sidecar = read_sidecar(out, shard, plan.fingerprint)
         if sidecar is None:
-            raise DatasetError(f"all {len(plan.shards)} shards must be done; shard {shard} is not. Run it first.")
+            raise DatasetError(
+                f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not. Run it first."
+            )
         sidecars.append(sidecar)
     if not any(sidecar["n_clouds"] for sidecar in sidecars):
         reasons = [reason for sidecar in sidecars for reason in sidecar["failures"].values()]

@@ -12,8 +12,6 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 MODELNET8 = ("airplane", "bed", "bookshelf", "bottle", "car", "chair", "lamp", "table")
 SHARES = {"train": 40, "val": 10, "test": 25}
 """Objects of each class in each split (paper 4.3)."""
-ORIGINAL = "original"
-"""Folder, in the dataset's own, of the complete clouds."""
 
 
 def two_hundred(meshes: MeshCollection) -> MeshCollection:
@@ -63,7 +61,7 @@ class Preset:
     choose : callable
         Picks the meshes out of all there are.
     original : bool
-        Whether a complete cloud of each object is wanted too, as a dataset in the folder `ORIGINAL`.
+        Whether a complete cloud of each object is wanted too, as a dataset in the folder `folder.ORIGINAL`.
     """
 
     name: str

@@ -16,6 +16,8 @@ from zbuf_occlude.meshes.files import SUFFIXES, UP, load_mesh
 SPLITS = ("train", "val", "test")
 _SPLIT_FOLDERS = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+_ALL = "*"
+"""Stands for the meshes of a folder that cannot be read."""
 _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
@@ -110,7 +112,7 @@ class MeshCollection(Sequence[MeshEntry]):
         Raises
         ------
         MeshError
-            A path does not exist, a file is of a format not read here, or a folder has no mesh.
+            A path does not exist or cannot be read, a file is of a format not read here, or a folder has no mesh.
         OptionError
             `up` is unknown.
 
@@ -125,7 +127,8 @@ class MeshCollection(Sequence[MeshEntry]):
         A key that another path given earlier has taken already gets ``~2``, ``~3``... A file met twice is taken once.
         In keys and labels, which are lines of text files, line breaks, control characters and bytes that are not UTF-8
         are written as in Python, ``\\n``, ``\\xff``.
-        Files of other formats and hidden ones are ignored, linked folders followed.
+        Files of other formats and hidden ones are ignored, linked folders followed. A folder below the path given that
+        cannot be read is one entry, ``FOLDER/*``, which fails when it is loaded.
         """
         if up is not None and up not in UP:
             raise OptionError(f"up must be one of {', '.join(UP)}; got {up!r}.")
@@ -141,7 +144,11 @@ class MeshCollection(Sequence[MeshEntry]):
                     continue
                 met.add(absolute)
                 key = _free(labelled.key, entries)
-                load = partial(load_mesh, file, up=up, name=key)
+                load = (
+                    partial(_unreadable, file.parent)
+                    if file.name == _ALL
+                    else partial(load_mesh, file, up=up, name=key)
+                )
                 entries[key] = MeshEntry(key, labelled.label, labelled.split, load, file)
         return cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)))
 
@@ -255,8 +262,11 @@ def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
         return
     try:
         items = sorted(os.scandir(folder), key=lambda item: item.name)
-    except OSError as error:
-        raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
+    except OSError:
+        if not above:
+            _unreadable(Path(folder))
+        yield Path(folder, _ALL)
+        return
     for item in items:
         if item.name.startswith(".") or item.name == _UNPACKERS_RUBBISH:
             continue
@@ -264,6 +274,15 @@ def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
             yield from _walk(item.path, (*above, real))
         elif Path(item.name).suffix.lower() in SUFFIXES:
             yield Path(item.path)
+
+
+def _unreadable(folder: Path) -> Mesh:
+    """Raise MeshError that says why a folder cannot be read."""
+    try:
+        os.scandir(folder).close()
+    except OSError as error:
+        raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
+    raise MeshError(f"{folder}: a folder must be readable; it was not when meshes were looked for. Start again.")
 
 
 def _free(key: str, taken: dict[str, MeshEntry]) -> str:

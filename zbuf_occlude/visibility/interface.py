@@ -19,6 +19,8 @@ from zbuf_occlude.sampling import SurfacePoints
 
 CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
+_KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int, float, np.integer, np.floating)}
+"""Of options' values; a bool is an int too, and so comes first."""
 
 
 class Closable(Protocol):
@@ -170,14 +172,22 @@ class Method:
         return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 
     def check_options(self, options: dict[str, Any]) -> None:
-        """Raise OptionError for an option the method does not have."""
+        """Raise OptionError for an option the method does not have, or a value of another kind than its default."""
         known = self.options()
-        for name in options:
+        for name, value in options.items():
             if name not in known:
                 raise OptionError(
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
                     f"got {name!r}."
                 )
+            kind = _kind(known[name]) or "a number"  # that is meant where the default is None
+            if _kind(value) != kind and not (value is None and known[name] is None):
+                raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {value!r}.")
+
+
+def _kind(value: Any) -> str:
+    """Say what kind of thing an option's value is; "" for what none can be."""
+    return next((kind for kind, types in _KINDS.items() if isinstance(value, types)), "")
 
 
 def _imported(name: str) -> Any:
