@@ -10,6 +10,7 @@ import trimesh
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS, load_mesh
 from zbuf_occlude.cli import COMMANDS
+from zbuf_occlude.gl.probe import Probe
 
 
 @pytest.fixture
@@ -56,6 +57,23 @@ def test_doctor_says_what_works(run: Run) -> None:
         assert row["renderer"] if row["works"] else row["reason"]
     assert report["methods"]["oracle"] == ""
     assert "OpenGL backends" in run("doctor").out
+
+
+@pytest.mark.parametrize(("named", "code"), [("", 0), ("osmesa", 0), ("egl", 1), ("egl:0", 1)])
+def test_doctor_judges_the_backend_that_is_taken(
+    run: Run, monkeypatch: pytest.MonkeyPatch, named: str, code: int
+) -> None:
+    probes = (
+        Probe("egl", 0, works=False, reason="/nowhere not loaded.", fix="unset GLCONTEXT_LINUX_LIBEGL"),
+        Probe("osmesa", None, works=True, renderer="llvmpipe", version="4.5", is_software=True),
+    )
+    monkeypatch.setattr("zbuf_occlude.cli.doctor.probe_all", lambda: probes)
+    monkeypatch.setenv("ZBUF_OCCLUDE_GL", named)
+    outcome = run("doctor")
+    assert outcome.code == code
+    assert "egl, device 0: does not work: /nowhere not loaded.\n    fix: unset GLCONTEXT_LINUX_LIBEGL" in outcome.out
+    assert ("depth_buffer           ready" in outcome.out) == (code == 0)
+    assert ("which does not work" in outcome.out) == (code == 1)
 
 
 def test_visible_writes_what_the_camera_sees(run: Run, plates: Path, tmp_path: Path) -> None:

@@ -211,7 +211,7 @@ def test_an_explicit_device_wins_over_the_environment() -> None:
 def test_missing_libraries_name_what_was_tried_and_the_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
     monkeypatch.delenv("GLCONTEXT_DEVICE_INDEX", raising=False)
-    monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL_is_not_here.so")
+    monkeypatch.setattr("zbuf_occlude.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
     monkeypatch.setattr("zbuf_occlude.gl.osmesa._SONAMES", ("libOSMesa_is_not_here.so",))
     with pytest.raises(GlError) as caught:
         GlContext.open()

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from zbuf_occlude.gl import probe as module
-from zbuf_occlude.gl.context import FIXES
+from zbuf_occlude.gl.context import FIXES, egl_fix
 from zbuf_occlude.gl.probe import LIMITS, Probe, probe, probe_all
 
 
@@ -25,11 +25,17 @@ def test_all_backends_have_a_row_and_those_that_fail_a_reason() -> None:
 
 
 def test_a_missing_library_comes_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("GLCONTEXT_LINUX_LIBEGL", raising=False)
+    monkeypatch.setattr(module, "_ask", lambda *_: {"works": False, "reason": f"no libEGL. Try: {FIXES['egl']}"})
+    assert probe("egl").fix == FIXES["egl"] == egl_fix()
+
+
+def test_a_library_named_by_the_environment_is_not_to_be_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "libEGL_is_not_here.so")
     found = probe("egl")
     assert not found.works
     assert "libEGL_is_not_here.so" in found.reason
-    assert found.fix == FIXES["egl"]
+    assert found.fix == "unset GLCONTEXT_LINUX_LIBEGL"
 
 
 def test_a_crash_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,13 @@
 """`zbuf-occlude doctor`: what works on this machine, and the one command that would fix what does not."""
 
 import json
+import os
 from dataclasses import asdict
 from typing import Any
 
 import click
 
+from zbuf_occlude.gl.context import ENVIRONMENT
 from zbuf_occlude.gl.probe import Probe, probe_all
 from zbuf_occlude.visibility import METHODS
 
@@ -15,29 +17,37 @@ from zbuf_occlude.visibility import METHODS
 def command(as_json: bool) -> None:
     """Say which OpenGL backends work, on which renderer, and which methods can run.
 
-    Every backend is tried in a process of its own. ZBUF_OCCLUDE_GL chooses one (egl, osmesa, or egl:INDEX).
-    Exit code 0 when a backend works, 1 when none does.
+    Every backend is tried in a process of its own. Without ZBUF_OCCLUDE_GL (egl, osmesa, or egl:INDEX) the first that
+    works is taken. Exit code 0 when that, or the one that ZBUF_OCCLUDE_GL names, works, 1 when not.
     """
     probes = probe_all()
-    methods = {method.name: verdict(method.missing(), method.needs_gl, probes) for method in METHODS}
+    named = os.environ.get(ENVIRONMENT, "").strip()
+    works = any(probe.works for probe in probes if serves(probe, named))
+    methods = {method.name: verdict(method.missing(), method.needs_gl, works) for method in METHODS}
     if as_json:
         click.echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
         click.echo("OpenGL backends")
         for probe in probes:
             click.echo("\n".join(describe(probe)))
+        if named:
+            click.echo(f"  {ENVIRONMENT} names {named}, which {'works' if works else 'does not work'}")
         click.echo("methods")
         for name, reason in methods.items():
             click.echo(f"  {name:22} {reason or 'ready'}")
-    if not any(probe.works for probe in probes):
+    if not works:
         raise SystemExit(1)
 
 
-def verdict(missing: str, needs_gl: bool, probes: tuple[Probe, ...]) -> str:
+def serves(probe: Probe, named: str) -> bool:
+    """Whether a probe is of the backend that the environment names, if it names one."""
+    backend, _, index = named.partition(":")
+    return not named or (probe.backend == backend and index in ("", str(probe.device_index)))
+
+
+def verdict(missing: str, needs_gl: bool, works: bool) -> str:
     """Say why a method cannot run; empty when it can."""
-    if missing:
-        return missing
-    return "needs OpenGL; see above" if needs_gl and not any(probe.works for probe in probes) else ""
+    return missing or ("needs OpenGL; see above" if needs_gl and not works else "")
 
 
 def describe(probe: Probe) -> list[str]:
