@@ -157,7 +157,7 @@ def test_csv(tmp_path: Path) -> None:
         (b"az,el\n1,2\n", "must have the columns azimuth,elevation[,distance] and a row; found: az, el."),
         (b"azimuth,elevation\n1,east\n", "must hold numbers, angles in degrees; could not convert"),
         (b"azimuth,elevation\n1\n", "must hold numbers, angles in degrees; "),
-        (b"azimuth,elevation\n1,95\n", "elevation must lie in [-pi/2, pi/2]; got 95 degrees."),
+        (b"azimuth,elevation\n1,9\n1,-91\n", "must hold elevations in [-90, 90] degrees from the xy plane; got -91."),
         (b"azimuth,elevation\nnan,5\n", "azimuth must be finite; got nan."),
         (b"azimuth,elevation,distance\n1,5,-2\n", "distance must be positive; got -2."),
         (b"azimuth,elevation\n\xff\xfe,1\n", "views must be a readable CSV;"),

@@ -1,12 +1,15 @@
 """Still pictures of clouds and meshes as seen from an eye, drawn into matplotlib axes; no display, no global state."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ft2font import FT2Font
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,6 +33,26 @@ def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figu
     for each in axes.flat:
         each.set_axis_off()
     return figure, axes
+
+
+def set_title(axes: Axes, text: str, **style: Any) -> None:
+    """Write a title in any script, $ and all: by an installed font that has its characters, else as Python escapes."""
+    families = list(font_manager.FontProperties().get_family())
+    lacking = set(map(ord, text)) - _characters(font_manager.findfont(font_manager.FontProperties()))
+    if lacking:
+        fonts = sorted(font_manager.fontManager.ttflist, key=lambda font: (font.name, font.fname))
+        fallback = next((font.name for font in fonts if lacking <= _characters(font.fname)), None)
+        if fallback is None:
+            text = "".join(ascii(c)[1:-1] if ord(c) in lacking else c for c in text)
+        else:
+            families.append(fallback)
+    axes.set_title(text, fontfamily=families, parse_math=False, **style)
+
+
+@cache
+def _characters(font_file: str) -> frozenset[int]:
+    """The code points that a font can write."""
+    return frozenset(FT2Font(font_file).get_charmap())
 
 
 def project(

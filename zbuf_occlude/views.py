@@ -184,6 +184,9 @@ def from_csv(path: str | Path) -> Views:
         distance = np.array([float(r.get("distance") or PAPER_DISTANCE) for r in rows])
     except (TypeError, ValueError) as error:
         raise OptionError(f"{path} must hold numbers, angles in degrees; {error}.") from None
+    if (np.abs(table[:, 1]) > 90).any():
+        worst = table[np.abs(table[:, 1]).argmax(), 1]
+        raise OptionError(f"{path} must hold elevations in [-90, 90] degrees from the xy plane; got {worst:g}.")
     try:
         return Views(np.radians(table[:, 0]), np.radians(table[:, 1]), distance)
     except ArgumentError as error:

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
+from tests.processes import ended
 from zbuf_occlude import DatasetError, Mesh, MeshError
 from zbuf_occlude.dataset import generate as dataset
 from zbuf_occlude.dataset.generate import make_shards, run_here
@@ -174,18 +174,8 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     workers = [int(parent.stdout.readline()) for _ in range(2)]
     parent.kill()
     parent.wait()
-    deadline = time.monotonic() + 20
-    while any(Path(f"/proc/{pid}").exists() and _state(pid) not in "ZX" for pid in workers):
-        assert time.monotonic() < deadline, "the workers outlived their parent"
-        threading.Event().wait(0.1)
+    assert all(ended(pid) for pid in workers), "the workers outlived their parent"
     parent.stdout.close()
-
-
-def _state(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except (OSError, IndexError):
-        return "X"
 
 
 def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:

@@ -6,8 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import pytest
 import trimesh
 
 import zbuf_occlude as zo
+from tests.processes import ended
 from zbuf_occlude.camera import Frusta, fitted_frusta, view_matrices
 from zbuf_occlude.visibility import find_method, oracle, pyrender
 from zbuf_occlude.visibility.pyrender import PyrenderOccluder
@@ -44,21 +44,6 @@ def torus() -> Iterator[PyrenderOccluder]:
 
 def process_of(occluder: PyrenderOccluder) -> "subprocess.Popen[bytes]":
     return occluder._worker.process
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def soon(condition: Callable[[], bool], seconds: float = 30.0) -> bool:
-    """Wait for something that another process does."""
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return condition()
 
 
 @pytest.mark.parametrize("winding", [1, -1])
@@ -251,7 +236,7 @@ def test_no_process_outlives_its_occluder(torus: PyrenderOccluder) -> None:
     pid = process_of(forgotten).pid
     del forgotten
     gc.collect()
-    assert not is_running(pid)
+    assert ended(pid, 0)
 
 
 def test_the_process_ends_with_the_one_that_started_it(torus: PyrenderOccluder) -> None:
@@ -268,4 +253,4 @@ def test_the_process_ends_with_the_one_that_started_it(torus: PyrenderOccluder) 
     assert child.returncode == -signal.SIGKILL, child.stderr
     pid, _, heavy = child.stdout.partition(" ")
     assert heavy == "[]"  # the process that asks loads none of them
-    assert soon(lambda: not is_running(int(pid)))
+    assert ended(int(pid))

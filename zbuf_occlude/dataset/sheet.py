@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.drawing import draw_cloud, new_figure
+from zbuf_occlude.drawing import draw_cloud, new_figure, set_title
 from zbuf_occlude.views import Views
 
 COLUMNS = 8
@@ -41,7 +41,7 @@ def write_contact_sheet(path: Path, source: Source) -> None:
         draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0), radius=0.64)
         draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up, radius=0.64)
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
-        top.set_title(classes[labels[index]], fontsize=10, parse_math=False)  # a folder may be called $x$
+        set_title(top, classes[labels[index]], fontsize=10)
         bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
     figure.suptitle("Above: from a fixed viewpoint. Below: from the camera of each cloud.", fontsize=9, color="0.35")
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
