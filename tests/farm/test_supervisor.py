@@ -1,5 +1,9 @@
 """The supervisor alone, with workers that do as they are told at once."""
 
+from collections.abc import Iterator
+
+import pytest
+
 from zbuf_occlude.farm.supervisor import Limits, Message, supervise
 
 
@@ -46,3 +50,55 @@ def test_the_last_shard_does_not_wait_for_a_replacement_without_room() -> None:
     supervise([7, 8], finished.append, hire=hire, wait=lambda *_: next(rounds) and None, n_workers=2, limits=Limits())
     assert sorted(finished) == [7, 8]
     assert [puppet.end for puppet in hired][1:] == ["dismissed", "dismissed"][: len(hired) - 1]
+
+
+class Mortal(Puppet):
+    """Has a shard of one mesh, its number; dies where `fates` says so: at "start", or at the mesh of a number."""
+
+    fates: Iterator[str | int] = iter(())
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lost: dict[int, str] = {}
+        self.fate = next(self.fates, None)
+        if self.fate == "start":
+            self.said, self.end = [], "the worker died"
+
+    def assign(self, shard: int, lost: dict[int, str]) -> None:
+        self.lost = lost
+        self.said.append(("mesh", shard))
+        if self.fate == shard and shard not in lost:
+            self.end = "the worker died"
+        else:
+            self.said.append(("done", shard))
+
+
+@pytest.mark.parametrize(
+    ("n_workers", "fates", "given_up"),
+    [
+        (1, [0] * 4, False),
+        (1, [0] * 5, True),
+        # one more is allowed for each worker that dies at no mesh after the first has died at this one
+        (1, ["start", "start", 0, 0, 0, 0, 0], True),
+        (1, [0, "start", "start", 0, 0, 0, 0, 0], False),
+        (1, [0, "start", "start", 0, 0, 0, 0, 0, 0], True),
+        # and for each that died at a mesh that another then makes (the third makes 1 and goes on to 0)
+        (2, [0, 1, 0, 0, 0, 0], False),
+        (2, [0, 1, 0, 0, 0, 0, 0], True),
+    ],
+)
+def test_a_mesh_is_blamed_only_when_nothing_else_kills(
+    monkeypatch: pytest.MonkeyPatch, n_workers: int, fates: list[str | int], given_up: bool
+) -> None:
+    hired: list[Mortal] = []
+    monkeypatch.setattr(Mortal, "fates", iter(fates))
+
+    def hire(seat: int) -> Mortal:
+        hired.append(Mortal())
+        return hired[-1]
+
+    done: list[int] = []
+    shards = list(range(n_workers))
+    supervise(shards, done.append, hire=hire, wait=lambda *_: None, n_workers=n_workers, limits=Limits())
+    assert sorted(done) == shards
+    assert hired[-1].lost == ({0: f"the worker died at it, {fates.count(0)} times"} if given_up else {})

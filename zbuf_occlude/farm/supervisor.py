@@ -1,5 +1,6 @@
 """The supervisor: hands shards to workers, and expects them to die, hang and swell. Knows no engine."""
 
+import logging
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -8,8 +9,11 @@ from typing import Literal, Protocol
 
 from zbuf_occlude.errors import DatasetError, OptionError
 
+_LOG = logging.getLogger(__name__)
+
 DEATHS_A_MESH = 5
-"""A mesh at which so many workers have died is given up; below that the death may have had another cause."""
+"""A mesh at which so many workers have died is given up. It is given more while workers die that are at no mesh, or at
+one that another makes: then something else kills them."""
 BREAKS = 5
 """So many workers in a row may lose, or never get, their GL context before the run gives up."""
 SHARDS_A_WORKER = 200
@@ -83,11 +87,17 @@ class _Seat:
 
 @dataclass
 class _Book:
-    """What is remembered about shards and meshes."""
+    """What is remembered about shards and meshes.
+
+    `deaths` are of workers at a mesh that has not been made yet; when it is, they were no fault of its and are counted
+    in `n_innocent`, as are those of workers at no mesh. `innocent_before` is that number when a mesh had its first.
+    """
 
     queue: deque[int]
     left: set[int]
     deaths: Counter[int] = field(default_factory=Counter)
+    n_innocent: int = 0
+    innocent_before: dict[int, int] = field(default_factory=dict)
     lost: dict[int, str] = field(default_factory=dict)
     n_broken: int = 0
 
@@ -135,10 +145,8 @@ def supervise(
             for number in range(min(n_workers, len(book.left))):
                 if number not in seats:
                     seats[number] = _Seat(hire(number))
-            for (
-                seat
-            ) in seats.values():  # all of them: the last shard must not wait for a replacement that finds no room
-                _assign(seat, book)
+            for seat in seats.values():
+                _assign(seat, book)  # all of them: the last shard must not wait for a replacement that finds no room
             wait([seat.worker for seat in seats.values()], GRACE)
             for number, seat in list(seats.items()):
                 if _look_after(seat, book, limits, done):
@@ -167,11 +175,11 @@ def _look_after(seat: _Seat, book: _Book, limits: Limits, done: Callable[[int], 
     for message in seat.worker.listen():
         _hear(seat, book, message, done)
     if ending:
-        _bury(seat, book, f"{ending} at it, {DEATHS_A_MESH} times", at_once=False)
+        _bury(seat, book, ending)
         return True
-    if reason := _excess(seat, limits):
+    if excess := _excess(seat, limits):
         seat.worker.kill()
-        _bury(seat, book, reason, at_once=True)
+        _bury(seat, book, excess, at_once=True)
         return True
     if seat.n_done >= SHARDS_A_WORKER and seat.shard is None:
         seat.worker.dismiss()
@@ -184,8 +192,10 @@ def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None
     if kind == "ready":
         seat.ready = True
     elif kind == "mesh" and isinstance(value, int):
+        _acquit(seat, book)
         seat.mesh_id, seat.mesh_began = value, time.monotonic()
     elif kind == "done" and isinstance(value, int):
+        _acquit(seat, book)
         book.left.discard(value)
         book.n_broken = 0
         seat.shard, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
@@ -199,14 +209,27 @@ def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None
         raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
 
 
-def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool) -> None:
-    """Put a dead worker's shard back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths."""
+def _acquit(seat: _Seat, book: _Book) -> None:
+    """The mesh that a worker was at is made: whatever killed others at it was something else."""
     if seat.mesh_id is not None:
-        book.deaths[seat.mesh_id] += 1
-        if at_once or book.deaths[seat.mesh_id] >= DEATHS_A_MESH:
-            book.lost[seat.mesh_id] = reason
+        book.n_innocent += book.deaths.pop(seat.mesh_id, 0)
+
+
+def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> None:
+    """Put a dead worker's shard back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths or more."""
+    mesh_id = seat.mesh_id
+    if mesh_id is None:
+        book.n_innocent += 1
+    elif at_once:
+        book.lost[mesh_id] = reason
+    else:
+        book.deaths[mesh_id] += 1
+        elsewhere = book.n_innocent - book.innocent_before.setdefault(mesh_id, book.n_innocent)
+        if book.deaths[mesh_id] >= DEATHS_A_MESH + elsewhere:
+            book.lost[mesh_id] = f"{reason} at it, {book.deaths[mesh_id]} times"
     if seat.shard is not None:
         book.queue.appendleft(seat.shard)
+        _LOG.warning("shard %d is made again: %s", seat.shard, reason)
 
 
 def _excess(seat: _Seat, limits: Limits) -> str:
