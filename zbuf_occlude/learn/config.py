@@ -1,0 +1,97 @@
+"""TrainConfig: everything that decides a training, beside the clouds."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+
+from zbuf_occlude.dataset.torch import Compose, Jitter, Rescale, Rotate
+from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.learn.models import find_model
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How a classifier is trained.
+
+    Parameters
+    ----------
+    model : str
+        Name in the table of models.
+    epochs : int
+        At most; the learning rate falls to 0 along half a cosine over so many.
+    batch_size : int
+        Clouds of a step.
+    learning_rate : float
+        Of Adam, at the start.
+    patience : int
+        Epochs without a better validation after which training stops.
+    seed : int
+        Of the first weights, the order of the clouds, the augmentation, and dropout.
+    rotate, rescale, jitter : bool
+        The paper's augmentation (4.3): about the vertical axis, by a factor, of each coordinate.
+    n_points : int, optional
+        Points of each cloud, drawn at random once; all by default.
+    device : str
+        "auto" (CUDA where there is one), "cpu", "cuda", or "cuda:1" and so on.
+    mixed_precision : bool
+        Half precision where it is safe, on CUDA only.
+
+    Raises
+    ------
+    OptionError
+        A value out of range, or an unknown model.
+    """
+
+    model: str = "voxnet"
+    epochs: int = 100
+    batch_size: int = 32
+    learning_rate: float = 0.001
+    patience: int = 20
+    seed: int = 0
+    rotate: bool = True
+    rescale: bool = True
+    jitter: bool = True
+    n_points: int | None = None
+    device: str = "auto"
+    mixed_precision: bool = True
+
+    def __post_init__(self) -> None:
+        find_model(self.model)
+        for name, lowest in (("epochs", 1), ("batch_size", 2), ("patience", 1), ("seed", 0), ("n_points", 1)):
+            value = getattr(self, name)
+            if value is not None and value < lowest:
+                raise OptionError(f"{name} must be at least {lowest}; got {value}.")
+        if not 0.0 < self.learning_rate < float("inf"):
+            raise OptionError(f"learning_rate must be a positive number; got {self.learning_rate}.")
+
+    @property
+    def augmentation(self) -> Compose:
+        """The transforms that each cloud goes through each time it is seen."""
+        switches = ((self.rotate, Rotate()), (self.rescale, Rescale()), (self.jitter, Jitter()))
+        return Compose([transform for wanted, transform in switches if wanted])
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The values as plain data; ``TrainConfig(**document)`` reads them back."""
+        return asdict(self)
+
+    def find_device(self) -> torch.device:
+        """Return the device to train on.
+
+        Raises
+        ------
+        OptionError
+            There is no device of this name.
+        UnavailableError
+            CUDA was asked for and is not there.
+        """
+        name = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
+        kind, _, number = name.partition(":")
+        if kind not in ("cpu", "cuda") or (number and not number.isdecimal()):
+            raise OptionError(f"device must be auto, cpu, cuda or cuda:N; got {self.device!r}.")
+        if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
+            raise UnavailableError(
+                f"device {name!r} must be there; PyTorch sees {torch.cuda.device_count()} CUDA devices. Take 'cpu'."
+            )
+        return torch.device(name)

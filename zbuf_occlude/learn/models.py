@@ -1,0 +1,85 @@
+"""The table of classifiers: a new one is one file and one row; this module needs no PyTorch."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from zbuf_occlude.errors import OptionError, UnavailableError
+
+if TYPE_CHECKING:
+    from zbuf_occlude.learn.classifier import Classifier
+
+
+@dataclass(frozen=True)
+class Model:
+    """A row of the table.
+
+    Parameters
+    ----------
+    name : str
+        What people type.
+    summary : str
+    factory : str
+        "module:class", imported when it is built.
+    options : mapping
+        Passed to the class beside the number of classes.
+    """
+
+    name: str
+    summary: str
+    factory: str
+    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def build(self, n_classes: int) -> "Classifier":
+        """Return the network with fresh weights, drawn by PyTorch's default generator.
+
+        Raises
+        ------
+        UnavailableError
+            PyTorch is not installed.
+        """
+        require_torch()
+        module, name = self.factory.split(":")
+        network: Classifier = getattr(import_module(module), name)(n_classes, **self.options)
+        return network
+
+
+MODELS = (
+    Model("voxnet", "3D convolutions on an occupancy grid of 32^3", "zbuf_occlude.learn.voxnet:VoxNet"),
+    Model("pointnet", "a function of each point, then the maximum", "zbuf_occlude.learn.pointnet:PointNet"),
+    Model(
+        "threedmfv",
+        "3D inception network on Fisher vectors of 8^3 Gaussians (3DmFV)",
+        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
+        MappingProxyType({"n_gaussians": 8}),
+    ),
+    Model(
+        "threedmfv5",
+        "the same on 5^3 Gaussians, several times as fast",
+        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
+        MappingProxyType({"n_gaussians": 5}),
+    ),
+)
+
+
+def find_model(name: str) -> Model:
+    """Return the row of this name.
+
+    Raises
+    ------
+    OptionError
+        There is none.
+    """
+    for model in MODELS:
+        if model.name == name:
+            return model
+    raise OptionError(f"model must be one of {', '.join(model.name for model in MODELS)}; got {name!r}.")
+
+
+def require_torch() -> None:
+    """Raise UnavailableError where PyTorch is not installed."""
+    if find_spec("torch") is None:
+        raise UnavailableError("classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'")

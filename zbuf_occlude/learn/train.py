@@ -1,0 +1,221 @@
+"""Training: one loop that knows no model. A kill at any moment changes nothing: the same call goes on."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from zbuf_occlude.errors import ArgumentError, DatasetError, OptionError
+from zbuf_occlude.learn.checkpoint import (
+    CHECKPOINT,
+    MODEL,
+    Epoch,
+    Trained,
+    fingerprint_of,
+    load_trained,
+    read_document,
+    write_document,
+    write_trained,
+)
+from zbuf_occlude.learn.config import TrainConfig
+from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.learn.evaluate import predict
+from zbuf_occlude.learn.models import find_model
+
+CHECKPOINT_SECONDS = 60.0
+"""Between two checkpoints, at least: a large model's takes seconds to write."""
+
+
+def train(
+    config: TrainConfig,
+    training: CloudSet,
+    validation: CloudSet,
+    folder: Path,
+    *,
+    progress: Callable[[Epoch], None] = lambda epoch: None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+) -> Trained:
+    """Train a classifier, or go on with a training that was stopped, or return one that is done.
+
+    Parameters
+    ----------
+    config : TrainConfig
+    training, validation : CloudSet
+        Of the same classes. The second decides which epoch is best and when to stop.
+    folder : Path
+        Made when missing; holds the checkpoint, and in the end the model and its history.
+    progress : callable
+        Told of each epoch that was done.
+    checkpoint_seconds : float
+        Between two checkpoints, at least; they are written at the ends of epochs.
+
+    Returns
+    -------
+    Trained
+
+    Raises
+    ------
+    ArgumentError
+        Fewer than two clouds to train on, none to validate with, or different classes.
+    DatasetError
+        The folder holds another training.
+    OptionError
+        The loss is no number any more, or `n_points` is more than the clouds have.
+    UnavailableError
+        The device is not there.
+
+    Notes
+    -----
+    Everything random is drawn from the seed and the epoch's number, so an epoch is the same whether or not the
+    training was stopped before it. On a CPU the weights are the same to the last bit, with the same number of threads;
+    on CUDA as far as its kernels are deterministic. The paper does not say how it trained: Adam with 0.001 is that of
+    PointNet and of 3DmFV, also for VoxNet.
+    """
+    training, validation = _checked(config, training, validation)
+    device = config.find_device()
+    fingerprint = fingerprint_of(config, training, validation)
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / MODEL).exists():
+        _refuse_another(folder, read_document(folder / MODEL, torch.device("cpu")), fingerprint)
+        return load_trained(folder, config.device)
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+        run = _Run(config, training, validation, device)
+        if (folder / CHECKPOINT).exists():
+            document = read_document(folder / CHECKPOINT, device)
+            _refuse_another(folder, document, fingerprint)
+            run.restore(document)
+        written = time.monotonic()
+        while not run.done:
+            progress(run.epoch())
+            if time.monotonic() - written >= checkpoint_seconds and not run.done:
+                write_document(folder / CHECKPOINT, run.document | {"fingerprint": fingerprint})
+                written = time.monotonic()
+    assert run.best is not None  # there was an epoch
+    write_trained(folder, config, training.classes, fingerprint, run.best_weights, run.history, run.best, run.seconds)
+    return load_trained(folder, config.device)
+
+
+class _Run:
+    """A training between two epochs."""
+
+    def __init__(self, config: TrainConfig, training: CloudSet, validation: CloudSet, device: torch.device) -> None:
+        self.config, self.validation, self.device = config, validation, device
+        torch.manual_seed(config.seed)
+        self.model = find_model(config.model).build(len(training.classes)).to(device)
+        self.optimizer = torch.optim.Adam(self.model.parameters(), config.learning_rate, fused=True)
+        self.half = config.mixed_precision and device.type == "cuda"
+        self.scaler = torch.amp.GradScaler(device.type, enabled=self.half)
+        parts = torch.from_numpy(training.positions).split(1024)
+        self.points = torch.cat([self.model.normalise(part.to(device)) for part in parts])
+        self.labels = torch.from_numpy(training.labels).to(device)
+        self.history: list[Epoch] = []
+        self.best: Epoch | None = None
+        self.best_weights: dict[str, torch.Tensor] = {}
+        self.seconds = 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether all epochs are over, or too many without a better one."""
+        since = len(self.history) - (self.best.number if self.best else 0)
+        return len(self.history) == self.config.epochs or since >= self.config.patience
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Everything that the next epoch depends on."""
+        return {
+            "weights": self.model.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "scaler": self.scaler.state_dict(),
+            "history": [asdict(epoch) for epoch in self.history],
+            "best": asdict(self.best) if self.best else None,
+            "best_weights": self.best_weights,
+            "seconds": self.seconds,
+        }
+
+    def restore(self, document: dict[str, Any]) -> None:
+        """Take up a document's state."""
+        self.model.load_state_dict(document["weights"])
+        self.optimizer.load_state_dict(document["optimizer"])
+        self.scaler.load_state_dict(document["scaler"])
+        self.history = [Epoch(**epoch) for epoch in document["history"]]
+        self.best = Epoch(**document["best"]) if document["best"] else None
+        self.best_weights, self.seconds = document["best_weights"], document["seconds"]
+
+    def epoch(self) -> Epoch:
+        """Train on every cloud once, then validate."""
+        start, number = time.perf_counter(), len(self.history) + 1
+        torch.manual_seed(int(np.random.SeedSequence([self.config.seed, number]).generate_state(1, np.uint64)[0] >> 1))
+        loss = self._pass(number)
+        logits = torch.from_numpy(predict(self.model, self.validation))
+        labels = torch.from_numpy(self.validation.labels)
+        epoch = Epoch(
+            number,
+            loss,
+            float(functional.cross_entropy(logits, labels)),
+            float((logits.argmax(dim=1) == labels).double().mean()),
+        )
+        if epoch.better_than(self.best):
+            self.best = epoch
+            self.best_weights = {name: value.clone() for name, value in self.model.state_dict().items()}
+        self.history.append(epoch)
+        self.seconds += time.perf_counter() - start
+        return epoch
+
+    def _pass(self, number: int) -> float:
+        """One pass over the clouds; returns the mean loss."""
+        self.model.train()
+        augment, losses = self.config.augmentation, []
+        batches = torch.randperm(len(self.points)).split(self.config.batch_size)
+        if len(batches[-1]) == 1:
+            batches = batches[:-1]  # batch normalisation needs two; it is another cloud in each epoch
+        for step, chosen in enumerate(batches):
+            done = (number - 1 + step / len(batches)) / self.config.epochs
+            self.model.settle(done)
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
+            points = torch.stack([augment(self.points[i]) for i in chosen])
+            with torch.autocast(self.device.type, torch.float16, enabled=self.half):
+                loss = self.model.loss(points, self.labels[chosen.to(self.device)])
+            self.optimizer.zero_grad()
+            self.scaler.scale(loss).backward()
+            self.scaler.step(self.optimizer)
+            self.scaler.update()
+            losses.append(loss.detach())
+        mean = float(torch.stack(losses).mean())
+        if not math.isfinite(mean):
+            raise OptionError(f"the loss must stay finite; in epoch {number} it is {mean}. Lower the learning rate.")
+        return mean
+
+
+def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> tuple[CloudSet, CloudSet]:
+    """Return both sets with the number of points asked for."""
+    if len(training) < 2 or not len(validation):
+        raise ArgumentError(
+            f"training needs 2 clouds and validation 1, at least; got {len(training)} and {len(validation)}."
+        )
+    if training.classes != validation.classes:
+        raise ArgumentError(
+            "training and validation must have the same classes; "
+            f"got {', '.join(training.classes)} and {', '.join(validation.classes)}."
+        )
+    if config.n_points is None:
+        return training, validation
+    for clouds in (training, validation):
+        if config.n_points > clouds.n_points:
+            raise OptionError(f"n_points must be at most {clouds.n_points}, those of a cloud; got {config.n_points}.")
+    return training.select_points(config.n_points, config.seed), validation.select_points(config.n_points, config.seed)
+
+
+def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str) -> None:
+    """Raise DatasetError for a folder in which other clouds or another config were used."""
+    if document["fingerprint"] != fingerprint:
+        raise DatasetError(
+            f"{folder} must be empty or of this same training; it holds one with other clouds or another config. "
+            "Choose another folder, or delete it."
+        )
