@@ -153,6 +153,15 @@ def test_an_unknown_model_names_the_known_ones() -> None:
         find_model("vox")
 
 
+def test_an_empty_grid_says_nothing_to_a_fresh_voxnet() -> None:
+    torch.manual_seed(4)
+    network = find_model("voxnet").build(3).eval()
+    outside = torch.full((1, 1, 3), 5.0)
+    with torch.inference_mode():
+        assert float(network(outside).abs().max()) < 1e-6
+        assert float(network(clouds(1, 50)).abs().max()) > 1e-4
+
+
 def test_batch_normalisation_settles() -> None:
     for name in ("voxnet", "pointnet"):
         network = find_model(name).build(2)

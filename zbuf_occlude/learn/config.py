@@ -1,5 +1,6 @@
 """TrainConfig: everything that decides a training, beside the clouds."""
 
+import re
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -87,10 +88,9 @@ class TrainConfig:
             CUDA was asked for and is not there.
         """
         name = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
-        kind, _, number = name.partition(":")
-        if kind not in ("cpu", "cuda") or (number and not number.isdecimal()):
+        if not re.fullmatch(r"cpu|cuda(:[0-9]+)?", name):
             raise OptionError(f"device must be auto, cpu, cuda or cuda:N; got {self.device!r}.")
-        if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
+        if name != "cpu" and int(name.partition(":")[2] or 0) >= torch.cuda.device_count():
             raise UnavailableError(
                 f"device {name!r} must be there; PyTorch sees {torch.cuda.device_count()} CUDA devices. Take 'cpu'."
             )

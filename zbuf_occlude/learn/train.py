@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import ArgumentError, DatasetError, OptionError
 from zbuf_occlude.learn.checkpoint import (
     CHECKPOINT,
@@ -98,6 +99,8 @@ def train(
                 written = time.monotonic()
     assert run.best is not None  # there was an epoch
     write_trained(folder, config, training.classes, fingerprint, run.best_weights, run.history, run.best, run.seconds)
+    for path in atomic.leftovers(folder):
+        path.unlink(missing_ok=True)
     return load_trained(folder, config.device)
 
 

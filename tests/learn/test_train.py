@@ -1,0 +1,266 @@
+"""Training: it learns, stops early, goes on after a kill to the same weights, and refuses what is not its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+
+from zbuf_occlude import OptionError  # noqa: E402
+from zbuf_occlude.dataset.torch import Jitter, Rescale, Rotate  # noqa: E402
+from zbuf_occlude.errors import ArgumentError, DatasetError, UnavailableError  # noqa: E402
+from zbuf_occlude.learn.checkpoint import CHECKPOINT, HISTORY, MODEL, Trained, load_trained  # noqa: E402
+from zbuf_occlude.learn.config import TrainConfig  # noqa: E402
+from zbuf_occlude.learn.data import CloudSet  # noqa: E402
+from zbuf_occlude.learn.evaluate import evaluate  # noqa: E402
+from zbuf_occlude.learn.models import find_model  # noqa: E402
+from zbuf_occlude.learn.train import train  # noqa: E402
+
+CONFIG = TrainConfig(epochs=5, batch_size=8, device="cpu")
+
+
+def boxes(n_clouds: int, seed: int, n_points: int = 40) -> CloudSet:
+    """Flat boxes and tall ones, in turn."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(n_clouds) % 2
+    sides = np.where(labels[:, None] == 0, [1.0, 0.8, 0.1], [0.3, 0.2, 1.0]) * rng.uniform(0.9, 1.1, (n_clouds, 3))
+    positions = (rng.random((n_clouds, n_points, 3)) - 0.5) * sides[:, None]
+    return CloudSet(positions, labels, ("flat", "tall"), np.arange(n_clouds), np.full(n_clouds, np.nan))
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Sums depend on the number of threads in their last bits."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def weights(trained: Trained) -> dict[str, bytes]:
+    return {name: value.numpy().tobytes() for name, value in trained.model.state_dict().items()}
+
+
+@pytest.mark.parametrize("model", ["voxnet", "pointnet"])
+def test_it_learns_and_leaves_what_it_learnt(tmp_path: Path, model: str) -> None:
+    before = torch.get_rng_state()
+    numbers: list[int] = []
+    config = replace(CONFIG, model=model)
+    trained = train(config, boxes(24, 0), boxes(8, 1), tmp_path, progress=lambda epoch: numbers.append(epoch.number))
+    assert torch.equal(torch.get_rng_state(), before), "the caller's draws are not disturbed"
+    assert numbers == [epoch.number for epoch in trained.history]
+    assert trained.best.validation_accuracy == 1.0
+    assert evaluate(trained.model, boxes(30, 2)).accuracy == 1.0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [HISTORY, MODEL]
+    document = json.loads((tmp_path / HISTORY).read_text())
+    assert TrainConfig(**document["config"]) == config
+    assert [epoch["loss"] for epoch in document["history"]] == [epoch.loss for epoch in trained.history]
+    again = load_trained(tmp_path, "cpu")
+    assert weights(again) == weights(trained)
+    assert (again.config, again.classes, again.best) == (config, ("flat", "tall"), trained.best)
+    assert not again.model.training
+
+
+def test_seeds_decide(tmp_path: Path) -> None:
+    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
+    one, same, other = (
+        weights(train(replace(config, seed=seed), *clouds, tmp_path / name))
+        for name, seed in (("one", 3), ("same", 3), ("other", 4))
+    )
+    assert one == same
+    assert one != other
+
+
+def test_it_stops_early_and_keeps_the_first_of_equals(tmp_path: Path) -> None:
+    config = replace(CONFIG, epochs=50, patience=3, learning_rate=1e-30)
+    trained = train(config, boxes(8, 0), boxes(4, 1), tmp_path)
+    assert [epoch.number for epoch in trained.history] == [1, 2, 3, 4]
+    assert trained.best.number == 1
+
+
+CHILD = """
+import sys, time, torch
+torch.set_num_threads(1)
+from pathlib import Path
+from tests.learn.test_train import CONFIG, boxes
+from zbuf_occlude.learn.train import train
+
+def tell(epoch):
+    sys.stdout.write(f"{epoch.number}\\n")
+    sys.stdout.flush()
+    time.sleep(0.05 * (epoch.number == int(sys.argv[2])))
+
+train(CONFIG, boxes(24, 0), boxes(8, 1), Path(sys.argv[1]), progress=tell, checkpoint_seconds=0.0)
+"""
+
+
+def test_killed_and_resumed_it_ends_with_the_same_weights(tmp_path: Path) -> None:
+    undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
+    folder = tmp_path / "killed"
+    seen: list[list[int]] = []
+    for last in (2, 4):
+        child = subprocess.Popen(
+            [sys.executable, "-c", CHILD, str(folder), str(last)],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=Path(__file__).parents[2],
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+        assert child.stdout is not None
+        seen.append([])
+        for line in child.stdout:
+            seen[-1].append(int(line))
+            if seen[-1][-1] == last:
+                child.send_signal(signal.SIGKILL)
+                break
+        child.stdout.close()
+        assert child.wait() == -signal.SIGKILL
+    assert seen[0] == [1, 2]
+    assert seen[1][0] in (2, 3), "the second run goes on where the first left a checkpoint"
+    assert (folder / CHECKPOINT).exists()
+    with pytest.raises(DatasetError, match=rf"it has no {MODEL}. Its training is not done; run the same command again"):
+        load_trained(folder)
+    (folder / f".{CHECKPOINT}.123.part").write_bytes(b"what a kill while writing leaves")
+    numbers: list[int] = []
+    resumed = train(CONFIG, boxes(24, 0), boxes(8, 1), folder, progress=lambda epoch: numbers.append(epoch.number))
+    assert numbers[0] in (4, 5)
+    assert weights(resumed) == weights(undisturbed)
+    assert resumed.history == undisturbed.history
+    assert sorted(path.name for path in folder.iterdir()) == [HISTORY, MODEL]
+
+
+def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path) -> None:
+    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
+    trained = train(config, *clouds, tmp_path)
+    numbers: list[int] = []
+    again = train(config, *clouds, tmp_path, progress=lambda epoch: numbers.append(epoch.number))
+    assert weights(again) == weights(trained)
+    assert numbers == []
+    for other in ((replace(config, seed=1), *clouds), (config, boxes(8, 5), clouds[1]), (config, clouds[0], clouds[0])):
+        with pytest.raises(DatasetError, match="must be empty or of this same training; it holds one with other cl"):
+            train(*other, tmp_path)
+
+
+def test_augmentation_can_be_switched_off() -> None:
+    kinds = [type(transform) for transform in TrainConfig().augmentation.transforms]
+    assert kinds == [Rotate, Rescale, Jitter]
+    some = TrainConfig(rescale=False, jitter=False).augmentation.transforms
+    assert [type(transform) for transform in some] == [Rotate]
+
+
+def test_augmentation_is_seen_by_the_network(tmp_path: Path) -> None:
+    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
+    switches = {"rotate": False, "rescale": False, "jitter": False}
+    plain = weights(train(replace(config, **switches), *clouds, tmp_path / "plain"))
+    for name in switches:
+        changed = train(replace(config, **{**switches, name: True}), *clouds, tmp_path / name)
+        assert weights(changed) != plain, name
+
+
+def test_a_last_batch_of_one_is_left_out(tmp_path: Path) -> None:
+    config = replace(CONFIG, model="pointnet", epochs=1)
+    assert len(train(config, boxes(9, 0), boxes(4, 1), tmp_path).history) == 1
+
+
+def test_fewer_points_are_the_same_clouds(tmp_path: Path) -> None:
+    config = replace(CONFIG, epochs=1, n_points=10)
+    trained = train(config, boxes(8, 0), boxes(4, 1), tmp_path / "chosen")
+    by_hand = (boxes(8, 0).select_points(10, 0), boxes(4, 1).select_points(10, 0))
+    assert weights(train(replace(config, n_points=None), *by_hand, tmp_path / "by_hand")) == weights(trained)
+
+
+@pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
+def test_half_precision_is_near_the_full_one(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The dtypes that mixed precision on CUDA brings, on a processor: nothing clashes, the loss is nearly the same."""
+    monkeypatch.setattr("zbuf_occlude.learn.grid_conv.SMALL", 0)  # CUDA takes torch's convolution
+    torch.manual_seed(0)
+    network = find_model(model).build(2)
+    points = network.normalise(torch.from_numpy(boxes(4, 0).positions))
+    labels = torch.tensor([0, 1, 0, 1])
+    network.train()
+    for layer in network.modules():
+        if isinstance(layer, torch.nn.Dropout):
+            layer.p = 0.0
+    full = network.loss(points, labels)
+    with torch.autocast("cpu", torch.bfloat16):
+        half = network.loss(points, labels)
+    half.backward()
+    assert abs(float(half.detach()) - float(full.detach())) < 0.05
+    assert all(torch.isfinite(p.grad).all() for p in network.parameters())
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+@pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
+def test_cuda_in_mixed_precision_learns_too(tmp_path: Path, model: str) -> None:
+    config = TrainConfig(model=model, epochs=5, batch_size=8, device="cuda")
+    trained = train(config, boxes(24, 0), boxes(8, 1), tmp_path)
+    assert next(trained.model.parameters()).is_cuda
+    assert evaluate(trained.model, boxes(30, 2)).accuracy == 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"epochs": 0}, "epochs must be at least 1; got 0"),
+        ({"batch_size": 1}, "batch_size must be at least 2; got 1"),
+        ({"patience": 0}, "patience must be at least 1; got 0"),
+        ({"seed": -1}, "seed must be at least 0; got -1"),
+        ({"n_points": 0}, "n_points must be at least 1; got 0"),
+        ({"learning_rate": 0.0}, r"learning_rate must be a positive number; got 0\.0"),
+        ({"model": "alexnet"}, "model must be one of voxnet, pointnet, "),
+    ],
+)
+def test_a_config_says_what_is_wrong(options: dict[str, object], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        TrainConfig(**options)
+
+
+def test_devices() -> None:
+    assert TrainConfig(device="cpu").find_device() == torch.device("cpu")
+    for name in ("tpu", "cuda:one", "cpu:"):
+        with pytest.raises(OptionError, match="device must be auto, cpu, cuda or cuda:N; got"):
+            TrainConfig(device=name).find_device()
+    with pytest.raises(UnavailableError, match=r"device 'cuda:99' must be there; PyTorch sees \d+ CUDA devices"):
+        TrainConfig(device="cuda:99").find_device()
+
+
+def test_clouds_that_cannot_be_trained_on(tmp_path: Path) -> None:
+    clouds = boxes(4, 0)
+    with pytest.raises(ArgumentError, match="needs 2 clouds and validation 1, at least; got 1 and 4"):
+        train(CONFIG, clouds.subset([0]), clouds, tmp_path)
+    with pytest.raises(ArgumentError, match="same classes; got flat, tall and low, high"):
+        train(CONFIG, clouds, replace(clouds, classes=("low", "high")), tmp_path)
+    with pytest.raises(OptionError, match="n_points must be at most 40, those of a cloud; got 41"):
+        train(replace(CONFIG, n_points=41), clouds, clouds, tmp_path)
+
+
+def test_a_loss_that_is_no_number_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"the loss must stay finite; in epoch 1 it is .*Lower the learning rate"):
+        train(replace(CONFIG, learning_rate=1e30), boxes(24, 0), boxes(4, 1), tmp_path)
+
+
+def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See: zbuf-occlude train"):
+        load_trained(tmp_path)
+    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
+    train(config, *clouds, tmp_path)
+    whole = (tmp_path / MODEL).read_bytes()
+    for damaged in (b"", b"nonsense", whole[: len(whole) // 2]):
+        (tmp_path / MODEL).write_bytes(damaged)
+        with pytest.raises(DatasetError, match="must be a file that training wrote; it cannot be read"):
+            load_trained(tmp_path)
+    torch.save({"weights": {}}, tmp_path / MODEL)
+    with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
+        load_trained(tmp_path)
+    (tmp_path / MODEL).unlink()
+    (tmp_path / CHECKPOINT).write_bytes(whole[:1000])
+    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote"):
+        train(config, *clouds, tmp_path)
