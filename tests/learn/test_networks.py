@@ -39,6 +39,12 @@ def test_parameters_are_as_published_for_40_classes(name: str, exact: int, publi
     assert abs(n_parameters - published) <= 0.01 * published
 
 
+def test_a_quarter_of_the_filters_is_a_sixteenth_of_the_parameters() -> None:
+    assert count(find_model("threedmfv5-small").build(40)) == pytest.approx(45_767_016 / 16, rel=0.01)
+    with pytest.raises(OptionError, match="n_filters must be even and at least 2; got 15"):
+        ThreeDmFV(40, 5, 15)
+
+
 def test_what_the_numbers_count() -> None:
     """Each T-Net and batch normalisation by itself: what their docstrings say."""
     pointnet = PointNet(40)
@@ -149,7 +155,8 @@ def test_normalisations() -> None:
 
 
 def test_an_unknown_model_names_the_known_ones() -> None:
-    with pytest.raises(OptionError, match="model must be one of voxnet, pointnet, threedmfv, threedmfv5; got 'vox'"):
+    names = "voxnet, pointnet, threedmfv, threedmfv5, threedmfv5-small"
+    with pytest.raises(OptionError, match=f"model must be one of {names}; got 'vox'"):
         find_model("vox")
 
 

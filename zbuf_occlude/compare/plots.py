@@ -52,11 +52,16 @@ def canvas(width: float, height: float, columns: int = 1) -> tuple[Figure, list[
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(1, columns, squeeze=False)[0])
     for each in axes:
-        each.spines[["top", "right"]].set_visible(False)
-        each.grid(color="#e6e6e6", linewidth=0.7)
-        each.set_axisbelow(True)
-        each.tick_params(labelsize=9, colors=GREY)
+        dressed(each)
     return figure, axes
+
+
+def dressed(axes: Axes) -> None:
+    """Give axes the report's style."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="#e6e6e6", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=9, colors=GREY)
 
 
 def colour(method: str) -> str:

@@ -62,6 +62,12 @@ MODELS = (
         "zbuf_occlude.learn.threedmfv:ThreeDmFV",
         MappingProxyType({"n_gaussians": 5}),
     ),
+    Model(
+        "threedmfv5-small",
+        "the same with a quarter of the filters, eight times as fast again; not the paper's network",
+        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
+        MappingProxyType({"n_gaussians": 5, "n_filters": 16}),
+    ),
 )
 
 

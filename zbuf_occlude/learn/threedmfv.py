@@ -48,36 +48,41 @@ class ThreeDmFV(Classifier):
     n_gaussians : int
         Gaussians a side: 8 as in the paper's best figures, or 5, the default of its code. Both have the same layers
         and the same number of parameters. At least 5, for the mean over 3^3 on the smaller grid.
+    n_filters : int
+        Of the first inception module, 64 in the paper; all other widths are multiples of it. Even.
 
     Raises
     ------
     OptionError
-        Fewer Gaussians.
+        Fewer Gaussians, or filters that cannot be halved.
 
     Notes
     -----
     Clouds are scaled into the unit sphere. The order of the points does not matter.
     """
 
-    def __init__(self, n_classes: int, n_gaussians: int = 8) -> None:
+    def __init__(self, n_classes: int, n_gaussians: int = 8, n_filters: int = 64) -> None:
         super().__init__(n_classes)
         if n_gaussians < 5:
             raise OptionError(f"n_gaussians must be at least 5 a side; got {n_gaussians}.")
+        if n_filters < 2 or n_filters % 2:
+            raise OptionError(f"n_filters must be even and at least 2; got {n_filters}.")
         self.n_gaussians = n_gaussians
+        f = n_filters
         self.body = nn.Sequential(
-            Inception(CHANNELS, 64),
-            Inception(192, 128),
-            Inception(384, 256),
+            Inception(CHANNELS, f),
+            Inception(3 * f, 2 * f),
+            Inception(6 * f, 4 * f),
             nn.MaxPool3d(2, ceil_mode=True),
-            Inception(768, 256),
-            Inception(768, 512),
+            Inception(12 * f, 4 * f),
+            Inception(12 * f, 8 * f),
             nn.MaxPool3d(2, ceil_mode=True),
         )
         side = -(-n_gaussians // 4)
         head: list[nn.Module] = []
-        for n_inputs, n_outputs in pairwise((1536 * side**3, 1024, 256, 128)):
+        for n_inputs, n_outputs in pairwise((24 * f * side**3, 16 * f, 4 * f, 2 * f)):
             head += [nn.Linear(n_inputs, n_outputs), nn.BatchNorm1d(n_outputs), nn.ReLU(), nn.Dropout(0.3)]
-        self.head = nn.Sequential(*head, nn.Linear(128, n_classes))
+        self.head = nn.Sequential(*head, nn.Linear(2 * f, n_classes))
 
     def normalise(self, points: torch.Tensor) -> torch.Tensor:
         """Scale clouds into the unit sphere, their centroids at its centre.

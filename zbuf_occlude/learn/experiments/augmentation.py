@@ -1,8 +1,10 @@
 """Training on occluded clouds, complete ones, or both (paper 4.3, 4.4, Table 3B); and does the method of HSR matter?"""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
+
+import numpy as np
 
 from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -10,18 +12,22 @@ from zbuf_occlude.dataset.presets import plan_of_originals, seventy_five_each
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.learn import sydney
 from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.experiments.names import (
+    AUGMENTATION,
+    GENERATED,
+    HSR,
+    MAIN,
+    METHODS,
+    ORIGINAL,
+    SCANS,
+    name_of_test,
+)
 from zbuf_occlude.learn.experiments.paper import TRAINING_SETS
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import Trial
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.views import modelnet8
 from zbuf_occlude.visibility import find_method
-
-NAME, METHODS_NAME = "augmentation", "methods"
-MAIN = Subject("exact")
-METHODS = (MAIN, Subject("depth_buffer"), Subject("occupancy_grid", {"n": 64}))
-"""How hidden surfaces are removed; the first for Table 3B, all for the comparison; the last is the paper's."""
-ORIGINAL, GENERATED, SCANS = "original", "generated", "scans"
-"""Test 1, Test 2 (with ``:METHOD`` after it when it is another's than `MAIN`), Test 3."""
 
 
 class AugmentationClouds:
@@ -59,7 +65,9 @@ class AugmentationClouds:
             n_points=self.size.sampled,
             sample_size=max(self.size.n_points),
         )
-        return Plan(self.meshes, recipe, "packed")
+        views = modelnet8()
+        # 5 elevations by 5 azimuths, row by row: every sixth goes down the diagonal, and in the end comes to all
+        return Plan(self.meshes, recipe, "packed", views.select(np.sort(np.arange(self.size.views) * 6 % len(views))))
 
     @property
     def n_clouds(self) -> int:
@@ -72,7 +80,7 @@ class AugmentationClouds:
         make_clouds(plan_of_originals(self.plan(MAIN)), self._folder(ORIGINAL), progress)
         for method in METHODS:
             reason = find_method(method.method).missing()
-            if reason is None:
+            if not reason:
                 try:
                     make_clouds(self.plan(method), self._folder(method.label), progress)
                     continue
@@ -89,11 +97,7 @@ class AugmentationClouds:
         return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
 
     def _read(self, name: str, split: str, n_points: int) -> CloudSet:
-        clouds = load_clouds(self._folder(name), split, n_points)
-        if name == ORIGINAL:
-            return clouds
-        most = self.size.train_views if split == "train" else self.size.test_views
-        return clouds.thinned(clouds.object_ids, most, seed=0)
+        return load_clouds(self._folder(name), split, n_points)
 
     def _read_scans(self, n_points: int) -> CloudSet:
         assert self.scans_root is not None  # it is only asked for when there is one
@@ -116,56 +120,46 @@ class AugmentationClouds:
         generated = self._load(method.label, split, n_points)
         return generated if kind == GENERATED else CloudSet.joined(generated, self._load(ORIGINAL, split, n_points))
 
+    def trials(self) -> list[Trial]:
+        """Return the trials of Table 3B, then those that compare methods; seed after seed.
 
-def trials(clouds: AugmentationClouds) -> Iterator[Trial]:
-    """Yield the trials of Table 3B: each model on each training set, with each number of points, seed after seed."""
-    size = clouds.size
-    for seed in size.seeds:
-        for n_points in size.n_points:
-            for model in size.models:
-                compared = n_points == size.n_points[-1] and model in size.method_models
-                methods = clouds.able if compared else (MAIN,)
-                for training_set, kind in TRAINING_SETS.items():
-                    yield Trial(
-                        NAME,
-                        {"model": model, "set": training_set, "points": n_points, "seed": seed},
-                        partial(clouds.of, kind, "train", n_points),
-                        partial(clouds.of, kind, "val", n_points),
-                        _tests(clouds, n_points, methods),
-                    )
+        Of Table 3B: each model on each training set, with each number of points. Of the methods: trained on the
+        generated clouds of one, tested on those of each; with `MAIN` that is training set 1 of Table 3B.
+        """
+        size, last = self.size, self.size.n_points[-1]
+        table_3b = [
+            Trial(
+                AUGMENTATION,
+                {"model": model, "set": training_set, "points": n_points, "seed": seed},
+                partial(self.of, kind, "train", n_points),
+                partial(self.of, kind, "val", n_points),
+                self._tests(n_points, self.able if n_points == last and model in size.method_models else (MAIN,)),
+            )
+            for seed in size.seeds
+            for n_points in size.n_points
+            for model in size.models
+            for training_set, kind in TRAINING_SETS.items()
+        ]
+        methods = [
+            Trial(
+                HSR,
+                {"model": model, "method": method.label, "points": last, "seed": seed},
+                partial(self.of, GENERATED, "train", last, method),
+                partial(self.of, GENERATED, "val", last, method),
+                self._tests(last, self.able),
+            )
+            for seed in size.seeds
+            for model in size.method_models
+            for method in self.able[1:]
+        ]
+        return table_3b + methods
 
-
-def method_trials(clouds: AugmentationClouds) -> Iterator[Trial]:
-    """Yield the trials that compare methods: trained on the clouds of one, tested on those of each.
-
-    Those of `MAIN` are among the trials of Table 3B: training set 1, and the last number of points.
-    """
-    n_points = clouds.size.n_points[-1]
-    for seed in clouds.size.seeds:
-        for model in clouds.size.method_models:
-            for method in clouds.able[1:]:
-                yield Trial(
-                    METHODS_NAME,
-                    {"model": model, "method": method.label, "points": n_points, "seed": seed},
-                    partial(clouds.of, GENERATED, "train", n_points, method),
-                    partial(clouds.of, GENERATED, "val", n_points, method),
-                    _tests(clouds, n_points, clouds.able),
-                )
-
-
-def _tests(
-    clouds: AugmentationClouds, n_points: int, methods: tuple[Subject, ...]
-) -> dict[str, Callable[[], CloudSet]]:
-    tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(clouds.of, ORIGINAL, "test", n_points)}
-    tests |= {test_of(method): partial(clouds.of, GENERATED, "test", n_points, method) for method in methods}
-    if clouds.scans_root is not None:
-        tests[SCANS] = partial(clouds.scans, n_points)
-    return tests
-
-
-def test_of(method: Subject) -> str:
-    """Return the name of Test 2 by a method."""
-    return GENERATED if method == MAIN else f"{GENERATED}:{method.label}"
+    def _tests(self, n_points: int, methods: Iterable[Subject]) -> dict[str, Callable[[], CloudSet]]:
+        tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.of, ORIGINAL, "test", n_points)}
+        tests |= {name_of_test(method): partial(self.of, GENERATED, "test", n_points, method) for method in methods}
+        if self.scans_root is not None:
+            tests[SCANS] = partial(self.scans, n_points)
+        return tests
 
 
 def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:

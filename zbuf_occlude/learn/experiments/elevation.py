@@ -1,6 +1,6 @@
 """Accuracy against the camera's elevation (paper 4.2, Table 3A): clouds, trials, and the areas seen (Fig. 12)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,19 +14,17 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.experiments.names import ELEVATION, MAIN, SPLIT_BY
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import Trial
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.views import Views, paper100
 
-NAME = "elevation"
-METHOD = "exact"
 PARTS = ("train", "train", "train", "val", "test")
 """Of each class's objects, in turn, what they are for when some are held out."""
 VALIDATION_SHARE = 0.1
 """Of the clouds at the training elevations, where no object is held out."""
-SPLIT_BY = {"elevations": "as in the paper: all objects in training and in the test", "objects": "other objects"}
 AREAS = "areas.json"
 AREA_POINTS = 2_000
 AREA_OBJECTS = 40
@@ -53,7 +51,7 @@ class ElevationClouds:
         size = self.size
         chosen = divided(two_hundred(self.meshes).limit(size.elevation_objects))
         recipe = Recipe(
-            method=METHOD,
+            method=MAIN.method,
             views="paper100",
             n_points=size.elevation_sampled,
             variations=size.variations,
@@ -61,13 +59,34 @@ class ElevationClouds:
         )
         return Plan(chosen, recipe, "packed", at_most(paper100(), size.azimuths))
 
+    @property
+    def n_clouds(self) -> int:
+        """Clouds that `make` makes."""
+        return self.plan.n_clouds
+
     def make(self, progress: Callable[[int], None]) -> None:
-        """Make the dataset; `progress` is told the number of clouds."""
-        make_clouds(self.plan, self.folder / "clouds" / NAME, progress)
+        """Make the dataset, and measure the areas; `progress` is told the number of clouds."""
+        make_clouds(self.plan, self.folder / "clouds" / ELEVATION, progress)
+        write_areas(self.plan.meshes[:AREA_OBJECTS], self.folder / AREAS)
+
+    def trials(self) -> list[Trial]:
+        """Return the trials: each model with the paper's split and with objects held out, seed after seed."""
+        return [
+            Trial(
+                ELEVATION,
+                {"model": model, "split": split_by, "seed": seed},
+                partial(self.training, split_by),
+                partial(self.validation, split_by),
+                {str(elevation): partial(self.test, split_by, elevation) for elevation in TEST_ELEVATIONS},
+            )
+            for seed in self.size.elevation_seeds
+            for model in self.size.models
+            for split_by in SPLIT_BY
+        ]
 
     @cached_property
     def _splits(self) -> dict[str, CloudSet]:
-        folder = self.folder / "clouds" / NAME
+        folder = self.folder / "clouds" / ELEVATION
         return {split: load_clouds(folder, split) for split in SPLITS}
 
     @cached_property
@@ -102,20 +121,6 @@ class ElevationClouds:
         return clouds.thinned(clouds.object_ids, self.size.per_elevation, seed=0)
 
 
-def trials(clouds: ElevationClouds) -> Iterator[Trial]:
-    """Yield the trials: each model with the paper's split and with objects held out, seed after seed."""
-    for seed in clouds.size.elevation_seeds:
-        for model in clouds.size.models:
-            for split_by in SPLIT_BY:
-                yield Trial(
-                    NAME,
-                    {"model": model, "split": split_by, "seed": seed},
-                    partial(clouds.training, split_by),
-                    partial(clouds.validation, split_by),
-                    {str(elevation): partial(clouds.test, split_by, elevation) for elevation in TEST_ELEVATIONS},
-                )
-
-
 def divided(meshes: MeshCollection) -> MeshCollection:
     """Return the meshes with the splits of `PARTS`, class by class."""
     seen: dict[str, int] = {}
@@ -138,8 +143,8 @@ def at_most(views: Views, azimuths: int) -> Views:
     return views.select(sorted(chosen))
 
 
-def write_areas(clouds: ElevationClouds) -> None:
-    """Measure what is seen of the objects from each elevation, once, and keep it as JSON.
+def write_areas(meshes: MeshCollection, path: Path) -> None:
+    """Measure what is seen of objects from each elevation, once, and keep it as JSON.
 
     Notes
     -----
@@ -151,15 +156,13 @@ def write_areas(clouds: ElevationClouds) -> None:
     ----------
     Paper 4.2 and Fig. 12, which show one airplane; here it is the mean over many objects.
     """
-    path = clouds.folder / AREAS
     if path.exists():
         return
-    views, mask = paper100(), make_mask(METHOD, {})
+    views, mask = paper100(), make_mask(MAIN.method, {})
     levels = degrees(views.elevation)
     names = np.unique(levels)
-    chosen = clouds.plan.meshes[:AREA_OBJECTS]
     curves = []
-    for entry in chosen:
+    for entry in meshes:
         try:
             mesh = entry.load().normalized()
         except MeshError:  # the dataset's manifest says so

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.errors import DatasetError
 
-FOLDER = "results"
+FOLDER, STUDY = "results", "study.json"
+"""In a study's folder: a JSON file for each trial; and what the study is."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,25 @@ def read_result(path: Path) -> Result | None:
         return Result(document["experiment"], document["facts"], tests, document)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} must be a trial's result; it is damaged ({error!r}). Delete it.") from None
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """Read what a folder's study is: size, objects, date, missing_methods.
+
+    Raises
+    ------
+    DatasetError
+        There is none, or its file is damaged.
+    """
+    path = folder / STUDY
+    try:
+        study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        study["size"]["name"], study["objects"], study["date"], study["missing_methods"]
+    except FileNotFoundError:
+        raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See: zbuf-occlude experiment -h") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} must be a study's; it is damaged ({error!r}). Choose another folder.") from None
+    return study
 
 
 def read_results(folder: Path) -> list[Result]:

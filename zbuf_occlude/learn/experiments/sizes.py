@@ -1,8 +1,9 @@
 """How large a study is: everything that decides its numbers, beside the objects and the scans."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ class Size:
     n_points : tuple of int
         Points of each cloud of 4.3: a classifier of each kind for each number. The last is that of the comparison of
         methods.
-    train_views, test_views : int
-        Of the 25 clouds of each object of 4.3 those that are trained on and tested, at most; drawn at random.
+    views : int
+        Of the 25 of 4.3; 5: each elevation once, each azimuth once.
     method_models : tuple of str
         Classifiers that methods of HSR are compared by.
     """
@@ -71,9 +72,15 @@ class Size:
     shares: tuple[int, int, int]
     sampled: int
     n_points: tuple[int, ...]
-    train_views: int
-    test_views: int
+    views: int
     method_models: tuple[str, ...]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The values as JSON has them."""
+        document = {field.name: getattr(self, field.name) for field in fields(self)}
+        document["passes"] = dict(self.passes)
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in document.items()}
 
 
 FULL = Size(
@@ -95,17 +102,16 @@ FULL = Size(
     shares=(40, 10, 25),
     sampled=40_000,
     n_points=(12_000, 1_024),
-    train_views=25,
-    test_views=25,
+    views=25,
     method_models=("voxnet", "pointnet", "threedmfv"),
 )
 
 QUICK = Size(
     name="quick",
     summary="a quarter of an hour on two processor cores",
-    models=("voxnet", "pointnet", "threedmfv5"),
+    models=("voxnet", "pointnet", "threedmfv5-small"),
     seeds=(0, 1, 2),
-    passes=MappingProxyType({"voxnet": 2_500, "pointnet": 2_500, "threedmfv5": 2_500}),
+    passes=MappingProxyType({"voxnet": 2_500, "pointnet": 2_500, "threedmfv5-small": 2_500}),
     batch_size=16,
     patience=1.0,
     n_validation=80,
@@ -119,7 +125,6 @@ QUICK = Size(
     shares=(40, 5, 16),
     sampled=1_500,
     n_points=(256,),
-    train_views=4,
-    test_views=4,
+    views=5,
     method_models=("voxnet",),
 )

@@ -1,0 +1,137 @@
+"""Do the paper's findings show? Differences between classifiers of one seed, their mean and spread, and a verdict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from zbuf_occlude.compare.tables import Table
+from zbuf_occlude.learn.experiments import paper
+from zbuf_occlude.learn.experiments.names import (
+    AUGMENTATION,
+    GENERATED,
+    HSR,
+    MAIN,
+    ORIGINAL,
+    name_of_test,
+    paper_name,
+    printed,
+)
+from zbuf_occlude.learn.experiments.results import Result
+from zbuf_occlude.learn.experiments.tables import NONE, accuracy, by_method, models_of, of, percent, values
+
+MUCH = 0.05
+"""Five points of percent: what "loses much" is taken to mean; the paper's two models lose 7 and 36."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A statement of the paper about differences of accuracy.
+
+    Parameters
+    ----------
+    text : str
+    better, worse : (int, str)
+        Training set and test; the finding is that the first's accuracy less the second's is at least `least`.
+    least : float
+    """
+
+    text: str
+    better: tuple[int, str]
+    worse: tuple[int, str]
+    least: float = 0.0
+
+
+FINDINGS = (
+    Finding("trained on complete shapes only (C2): lost on occluded clouds", (2, ORIGINAL), (2, GENERATED), MUCH),
+    Finding("on occluded clouds C3 is better than C2", (3, GENERATED), (2, GENERATED), MUCH),
+    Finding("on occluded clouds C3 is at least as good as C1", (3, GENERATED), (1, GENERATED)),
+    Finding("on complete clouds C3 is at least as good as C1", (3, ORIGINAL), (1, ORIGINAL)),
+    Finding("on complete clouds C3 is at least as good as C2", (3, ORIGINAL), (2, ORIGINAL)),
+)
+
+
+def verdict(differences: Sequence[float], least: float) -> str:
+    """Say whether differences are at least `least`: yes, no, or not decided by so many seeds.
+
+    Decided is what lies farther from `least` than the standard error of the mean, estimated from two seeds or more.
+    """
+    if len(differences) < 2:
+        return "one seed only"
+    away = float(np.mean(differences)) - least
+    error = float(np.std(differences, ddof=1)) / len(differences) ** 0.5
+    return "not decided" if abs(away) < error else "yes" if away >= 0.0 else "**no**"
+
+
+def table_of_findings(results: Sequence[Result]) -> Table:
+    """Return the paper's findings of 4.3 and 4.4, its differences, ours, and whether ours say the same."""
+    body = []
+    mine = of(results, AUGMENTATION)
+    several = len(values(mine, "points")) > 1
+    for finding in FINDINGS:
+        text = finding.text
+        for n_points in sorted(values(mine, "points"), reverse=True):
+            for model in models_of(results, AUGMENTATION):
+                found = differences(mine, finding, model, n_points)
+                if found:
+                    name = printed(model) + (f", {n_points:,} points" if several else "")
+                    published = _published(finding, model)
+                    body.append([text, name, published, percent(found), verdict(found, finding.least)])
+                    text = ""
+    return Table(
+        "Do the paper's findings show?",
+        ["the finding", "model", "the paper's difference", "here", "shows"],
+        body,
+        "Points of percent; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
+        f"difference is at least {100 * MUCH:.0f} for the first two, at least 0 for the others; not decided: within "
+        "the standard error of the mean.",
+        texts=2,
+        last_is_text=True,
+    )
+
+
+def differences(results: Sequence[Result], finding: Finding, model: str, n_points: int) -> list[float]:
+    """Return a finding's difference for each seed that has both results."""
+    sides = []
+    for training_set, test in (finding.better, finding.worse):
+        rows = of(results, AUGMENTATION, model=model, points=n_points, set=training_set)
+        sides.append({row.facts["seed"]: row.tests[test].accuracy for row in rows if test in row.tests})
+    return [sides[0][seed] - sides[1][seed] for seed in sides[0] if seed in sides[1]]
+
+
+def _published(finding: Finding, model: str) -> str:
+    numbers = next((rows for (name, _), rows in paper.TABLE_3B.items() if name == paper_name(model)), None)
+    if numbers is None:
+        return NONE
+    (first, test), (second, other) = finding.better, finding.worse
+    place = {ORIGINAL: 0, GENERATED: 1}
+    return f"{numbers[first][place[test]] - numbers[second][place[other]]:.1f}"
+
+
+def sentences(results: Sequence[Result]) -> list[str]:
+    """Return the study's answers in a few sentences."""
+    said = []
+    for experiment, make in ((AUGMENTATION, _of_augmentation), (HSR, _of_methods)):
+        if of(results, experiment):
+            said.append(make(results))
+    return said
+
+
+def _of_augmentation(results: Sequence[Result]) -> str:
+    mine = of(results, AUGMENTATION)
+    parts = []
+    for model in models_of(results, AUGMENTATION):
+        rows = {s: of(mine, AUGMENTATION, model=model, set=s, points=values(mine, "points")[-1]) for s in (1, 2, 3)}
+        cells = [percent(map(accuracy(GENERATED), rows[s])) for s in (1, 2, 3)]
+        parts.append(f"{printed(model)} {cells[0]}, {cells[1]} and {cells[2]} %")
+    return "On occluded clouds, trained on occluded ones, on complete ones only, and on both: " + "; ".join(parts) + "."
+
+
+def _of_methods(results: Sequence[Result]) -> str:
+    parts = []
+    test = name_of_test(MAIN)
+    for model in models_of(results, HSR):
+        rows = by_method(results, model)
+        cells = ", ".join(f"{percent(map(accuracy(test), found))} % (`{name}`)" for name, found in rows.items())
+        parts.append(f"{printed(model)} {cells}")
+    return f"Tested on clouds by `{MAIN.label}`, trained on clouds by another method: " + "; ".join(parts) + "."

@@ -1,0 +1,116 @@
+"""Run a study in a folder: clouds, classifiers, results; the same call again does only what is missing."""
+
+from collections.abc import Collection
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.learn import sydney
+from zbuf_occlude.learn.data import find_objects
+from zbuf_occlude.learn.experiments import augmentation, elevation
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
+from zbuf_occlude.learn.experiments.results import STUDY, read_study
+from zbuf_occlude.learn.experiments.sizes import Size
+from zbuf_occlude.learn.experiments.trials import run_trials
+
+EXPERIMENTS = (ELEVATION, AUGMENTATION)
+
+
+class Progress:
+    """Told what goes on; this one keeps it to itself."""
+
+    def plan(self, n_clouds: int, n_trials: int) -> None:
+        """Hear how much there will be to do: clouds to be made and classifiers to be trained and tested."""
+
+    def clouds(self, n: int) -> None:
+        """Hear that so many clouds are done."""
+
+    def trial(self, text: str, share: float) -> None:
+        """Hear which classifier is being trained, and which share of its training is done; 1: tested too."""
+
+
+def run_study(
+    folder: Path,
+    size: Size,
+    *,
+    experiments: Collection[str] = EXPERIMENTS,
+    modelnet: Path | None = None,
+    scans: Path | None = None,
+    progress: Progress | None = None,
+) -> int:
+    """Make the clouds, train and test the classifiers of a study.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when missing. What is in it of the same study is not made again.
+    size : Size
+    experiments : collection of str
+        Some of `EXPERIMENTS`.
+    modelnet : Path, optional
+        ModelNet40's folder; by default the built-in shapes.
+    scans : Path, optional
+        The Sydney Urban Objects dataset, for Test 3.
+    progress : Progress, optional
+
+    Returns
+    -------
+    int
+        Classifiers that were trained or tested now.
+
+    Raises
+    ------
+    DatasetError
+        The folder holds another study, or `scans` is not the dataset.
+    MeshError
+        `modelnet` is not ModelNet40.
+
+    Notes
+    -----
+    Killed at any moment, the same call goes on: clouds by shards, trainings from their last checkpoint, and a result
+    is there only when it is whole.
+    """
+    progress = progress or Progress()
+    if scans is not None:
+        sydney.find_scans(scans)  # before hours of work, not after
+    meshes = find_objects(modelnet)
+    parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds] = []
+    if ELEVATION in experiments:
+        parts.append(elevation.ElevationClouds(meshes, size, folder))
+    if AUGMENTATION in experiments:
+        parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans))
+    study = claim(folder, size, "ModelNet40" if modelnet else "built-in shapes")
+    progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
+    for part in parts:
+        part.make(progress.clouds)
+        if isinstance(part, augmentation.AugmentationClouds):
+            study["missing_methods"] = part.missing
+            atomic.write_json(folder / STUDY, study)
+    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress.trial)
+
+
+def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
+    """Make the folder this study's, or find that it is; return what is to be known of it.
+
+    Raises
+    ------
+    DatasetError
+        It is another's: another size, or other objects.
+    """
+    path = folder / STUDY
+    if path.exists():
+        study = read_study(folder)
+        if (study["size"], study["objects"]) != (size.document, objects):
+            raise DatasetError(
+                f"{folder} must be empty or hold this same study ({size.name}, {objects}); it holds another "
+                f"({study['size']['name']}, {study['objects']}). Choose another folder."
+            )
+        return study
+    if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers(folder)):
+        raise DatasetError(f"{folder} must be empty or hold a study; it has other files. Choose another folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    study = {"size": size.document, "objects": objects, "date": date.today().isoformat(), "missing_methods": {}}
+    atomic.write_json(path, study)
+    return study
