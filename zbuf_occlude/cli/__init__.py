@@ -16,6 +16,9 @@ COMMANDS = {
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
     "show": "Draw a dataset: a gallery to turn by hand, a contact sheet; the paper's Table 2 with its row.",
+    "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",
+    "evaluate": "Test a trained classifier: accuracy, confusion matrix, figures of each class.",
+    "experiment": "Repeat the paper's experiments with classifiers: elevation, augmentation; study.html.",
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }

@@ -196,6 +196,34 @@ class _Run:
         return mean
 
 
+def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:
+    """Take some objects out, with all their clouds, to validate with.
+
+    Parameters
+    ----------
+    clouds : CloudSet
+    share : float
+        Of the objects, at least one.
+    seed : int
+
+    Returns
+    -------
+    CloudSet, CloudSet
+        What is left, and what was taken out.
+
+    Raises
+    ------
+    ArgumentError
+        There is only one object.
+    """
+    objects = np.unique(clouds.object_ids)
+    if len(objects) < 2:
+        raise ArgumentError("one object cannot be held out of one; give a dataset of more, or with clouds to validate.")
+    taken = np.random.default_rng(seed).permutation(objects)[: max(1, round(share * len(objects)))]
+    held = np.isin(clouds.object_ids, taken)
+    return clouds.subset(~held), clouds.subset(held)
+
+
 def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> tuple[CloudSet, CloudSet]:
     """Return both sets with the number of points asked for."""
     if len(training) < 2 or not len(validation):

@@ -1,0 +1,106 @@
+"""`zbuf-occlude train`: a classifier from a dataset that `generate` wrote."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.learn.data import CloudSet, load_clouds
+from zbuf_occlude.learn.models import MODELS, require_torch
+
+HELD_OUT = 0.1
+"""Of the objects, where a dataset has no clouds to validate with."""
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the model.")
+@click.option(
+    "--model",
+    type=click.Choice([row.name for row in MODELS]),
+    default="voxnet",
+    show_default=True,
+    help="; ".join(f"{row.name}: {row.summary}" for row in MODELS) + ".",
+)
+@click.option(
+    "--epochs", type=click.IntRange(1), default=100, show_default=True, help="Passes over the clouds at most."
+)
+@click.option(
+    "--patience",
+    type=click.IntRange(1),
+    default=20,
+    show_default=True,
+    help="Stop after so many epochs without a better validation.",
+)
+@click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
+@click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Of Adam, at the start.")
+@click.option("--points", "n_points", type=click.IntRange(1), help="Of each cloud.  [default: all]")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.  [default: rotate]")
+@click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.  [default: rescale]")
+@click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.  [default: jitter]")
+@click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
+@click.option(
+    "--mixed-precision/--full-precision", default=True, help="On CUDA, half precision where it is safe.  [default: so]"
+)
+def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
+    """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
+
+    Clouds of the split train are learnt from; those of val say which epoch is best and when to stop. Without a split
+    val, a tenth of the objects of train is held out for that. Several DIRs must have the same classes, such as
+    a dataset and the complete clouds beside it.
+
+    \b
+    Writes into --out:
+      model.pt        weights of the best epoch, the classes, the options
+      history.json    loss and validation of each epoch
+      checkpoint.pt   while it trains; the same command again goes on from there
+
+    \b
+    Examples:
+      zbuf-occlude generate --sample-size 1024 --out clouds
+      zbuf-occlude train clouds --model pointnet --out pointnet
+      zbuf-occlude evaluate pointnet clouds
+    """
+    require_torch()
+    from zbuf_occlude.learn.config import TrainConfig  # late: these need torch
+    from zbuf_occlude.learn.train import hold_out, train
+
+    config = TrainConfig(**options)
+    config.find_device()  # before anything is read
+    training = load(folders, "train")
+    if all("val" in open_dataset(folder).order for folder in folders):
+        validation = load(folders, "val")
+    else:
+        training, validation = hold_out(training, HELD_OUT, config.seed)
+    click.echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
+    with tqdm(total=config.epochs, unit=" epochs", desc="train", smoothing=0.1) as bar:
+
+        def progress(epoch: Any) -> None:
+            bar.update(epoch.number - bar.n)
+            bar.set_postfix_str(f"loss {epoch.loss:.3f}, validation {epoch.validation_accuracy:.1%}")
+
+        trained = train(config, training, validation, out, progress=progress)
+    n_parameters = sum(parameter.numel() for parameter in trained.model.parameters())
+    best, n_epochs = trained.best, len(trained.history)
+    click.echo(
+        f"{config.model}, {n_parameters:,} parameters, {len(trained.classes)} classes: "
+        f"{best.validation_accuracy:.1%} of the validation after epoch {best.number} of {n_epochs} "
+        f"({trained.seconds:.0f} s)\nmodel    {out / 'model.pt'}\nhistory  {out / 'history.json'}"
+    )
+
+
+def load(folders: tuple[Path, ...], split: str) -> CloudSet:
+    """Return the clouds of a split of all datasets.
+
+    Raises
+    ------
+    DatasetError, ArgumentError
+        No such dataset or split; datasets that do not fit together.
+    """
+    clouds = load_clouds(folders[0], split)
+    for folder in folders[1:]:
+        clouds = CloudSet.joined(clouds, load_clouds(folder, split))
+    return clouds
