@@ -16,6 +16,7 @@ from zbuf_occlude.errors import MeshError
 from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
 from zbuf_occlude.learn.experiments.names import ELEVATION, MAIN, SPLIT_BY
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS
+from zbuf_occlude.learn.experiments.results import AREAS
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import Trial
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
@@ -25,7 +26,6 @@ PARTS = ("train", "train", "train", "val", "test")
 """Of each class's objects, in turn, what they are for when some are held out."""
 VALIDATION_SHARE = 0.1
 """Of the clouds at the training elevations, where no object is held out."""
-AREAS = "areas.json"
 AREA_POINTS = 2_000
 AREA_OBJECTS = 40
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.errors import DatasetError
 
-FOLDER, STUDY = "results", "study.json"
-"""In a study's folder: a JSON file for each trial; and what the study is."""
+FOLDER, STUDY, AREAS = "results", "study.json", "areas.json"
+"""In a study's folder: a JSON file for each trial; what the study is; the projected areas that are seen."""
 
 
 @dataclass(frozen=True)

@@ -11,24 +11,12 @@ from zbuf_occlude.learn import sydney
 from zbuf_occlude.learn.data import find_objects
 from zbuf_occlude.learn.experiments import augmentation, elevation
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
+from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import STUDY, read_study
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import run_trials
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
-
-
-class Progress:
-    """Told what goes on; this one keeps it to itself."""
-
-    def plan(self, n_clouds: int, n_trials: int) -> None:
-        """Hear how much there will be to do: clouds to be made and classifiers to be trained and tested."""
-
-    def clouds(self, n: int) -> None:
-        """Hear that so many clouds are done."""
-
-    def trial(self, text: str, share: float) -> None:
-        """Hear which classifier is being trained, and which share of its training is done; 1: tested too."""
 
 
 def run_study(
@@ -88,7 +76,7 @@ def run_study(
         if isinstance(part, augmentation.AugmentationClouds):
             study["missing_methods"] = part.missing
             atomic.write_json(folder / STUDY, study)
-    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress.trial)
+    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress)
 
 
 def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:

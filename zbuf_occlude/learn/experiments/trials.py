@@ -14,6 +14,7 @@ from zbuf_occlude.learn.checkpoint import Epoch, Trained
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.learn.evaluate import predict
+from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import path_of, read_result
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.train import train
@@ -51,11 +52,7 @@ class Trial:
         return "-".join((self.experiment, *parts))
 
 
-Progress = Callable[[str, float], None]
-"""Told what is being done, and the share of the trial's training that is done."""
-
-
-def run_trials(trials: Sequence[Trial], size: Size, folder: Path, progress: Progress = lambda text, share: None) -> int:
+def run_trials(trials: Sequence[Trial], size: Size, folder: Path, progress: Progress) -> int:
     """Train and test what has not been yet.
 
     Parameters
@@ -64,7 +61,7 @@ def run_trials(trials: Sequence[Trial], size: Size, folder: Path, progress: Prog
     size : Size
     folder : Path
         The study's.
-    progress : callable
+    progress : Progress
 
     Returns
     -------
@@ -81,7 +78,7 @@ def run_trials(trials: Sequence[Trial], size: Size, folder: Path, progress: Prog
         result = read_result(path)
         tested: dict[str, Any] = result.document["tests"] if result else {}
         missing = [name for name in trial.tests if name not in tested]
-        progress(trial.key, 0.0 if missing else 1.0)
+        progress.trial(trial.key, 0.0 if missing else 1.0)
         if not missing:
             continue
         training, validation = trial.training(), some(trial.validation(), size.n_validation)
@@ -90,7 +87,7 @@ def run_trials(trials: Sequence[Trial], size: Size, folder: Path, progress: Prog
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write_json(path, document_of(trial, trained, training, validation, {**tested, **new}))
         n_worked += 1
-        progress(trial.key, 1.0)
+        progress.trial(trial.key, 1.0)
     return n_worked
 
 
@@ -109,7 +106,7 @@ def run_training(
     )
 
     def after(epoch: Epoch) -> None:
-        progress(trial.key, epoch.number / epochs)
+        progress.trial(trial.key, 0.95 * epoch.number / epochs)  # the rest is testing
 
     return train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
 

@@ -1,0 +1,111 @@
+"""`zbuf-occlude experiment`: the paper's experiments with classifiers; clouds, training, tests, study.html."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from zbuf_occlude.learn.experiments.findings import sentences
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
+from zbuf_occlude.learn.experiments.progress import Progress
+from zbuf_occlude.learn.experiments.report import write_study
+from zbuf_occlude.learn.experiments.results import read_results
+from zbuf_occlude.learn.experiments.sizes import FULL, QUICK
+from zbuf_occlude.learn.models import require_torch
+
+ALL = "all"
+
+
+@click.command()
+@click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, ALL]))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the study.")
+@click.option("--quick", is_flag=True, help=f"{QUICK.summary[0].upper()}{QUICK.summary[1:]}; else {FULL.summary}.")
+@click.option(
+    "--modelnet",
+    type=click.Path(path_type=Path),
+    metavar="ROOT",
+    help="ModelNet40's folder, ROOT/CLASS/{train,test}/*.off.  [default: the built-in shapes]",
+)
+@click.option(
+    "--sydney",
+    type=click.Path(path_type=Path),
+    metavar="ROOT",
+    help="The unpacked Sydney Urban Objects dataset, for Test 3 on real scans; may be given later.",
+)
+def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Path | None) -> None:
+    """Repeat the paper's experiments with VoxNet, PointNet and 3DmFV, and compare with its numbers.
+
+    \b
+    elevation      4.2, Table 3A: trained on clouds seen from some elevations of the camera, tested on others; and
+                   why accuracy falls where the camera sees little of an object (Fig. 12)
+    augmentation   4.3 and 4.4, Table 3B: trained on occluded clouds, on complete ones, on both; tested on complete
+                   ones, on occluded ones, on real scans. And: does the method of hidden-surface removal matter?
+    all            both
+
+    \b
+    Writes into --out:
+      study.html, study.md   the answers, tables beside the paper's, plots
+      *.png                  the plots
+      results/*.json         one file a classifier: how it labelled each test set, how it was trained
+      classifiers/           the trained models, for `zbuf-occlude evaluate`
+      clouds/                the datasets, as of `zbuf-occlude generate`
+
+    The same command again does only what is missing; also after a kill, with another NAME, or with --sydney given for
+    the first time. Without a GPU take --quick.
+
+    \b
+    Examples:
+      zbuf-occlude experiment all --quick --out study
+      zbuf-occlude experiment augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
+    """
+    require_torch()
+    from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
+
+    wanted = EXPERIMENTS if name == ALL else (name,)
+    bars = Bars()
+    try:
+        n_worked = run_study(
+            out, QUICK if quick else FULL, experiments=wanted, modelnet=modelnet, scans=sydney, progress=bars
+        )
+    finally:
+        bars.close()
+    written = write_study(out)
+    for sentence in sentences(read_results(out)):
+        click.echo(sentence.replace("`", "").replace("**", ""))
+    click.echo(f"{n_worked} classifiers trained or tested now; report: {written[0]}")
+
+
+class Bars(Progress):
+    """Progress as two bars on stderr, one after the other: clouds, then classifiers."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._n_trials, self._done, self._share = 0, 0, 0.0
+
+    def plan(self, n_clouds: int, n_trials: int) -> None:
+        """Begin the bar of the clouds."""
+        self._n_trials = n_trials
+        self._bar = tqdm(total=n_clouds, unit=" clouds", desc="clouds", smoothing=0.05)
+
+    def clouds(self, n: int) -> None:
+        """Move the bar of the clouds."""
+        self._bar.update(n)
+
+    def trial(self, key: str, share: float) -> None:
+        """Move the bar of the classifiers, which is begun by the first."""
+        if self._n_trials:
+            self._bar.close()
+            self._bar = tqdm(total=self._n_trials, desc="classifiers", smoothing=0.05, bar_format=_FORMAT)
+            self._n_trials = 0
+        self._bar.set_postfix_str(key, refresh=False)
+        self._bar.update(max(0.0, share - self._share))
+        self._share = 0.0 if share >= 1.0 else share
+
+    def close(self) -> None:
+        """End the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
