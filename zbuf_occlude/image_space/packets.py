@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.threads import threaded
 
 PACKET = 16
 CHUNK = 16
@@ -89,7 +90,7 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets
     )
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _keys(
     positions: FloatArray, face_ids: IntArray, rows: IntArray, centre: FloatArray, scale: float
 ) -> NDArray[np.uint64]:
@@ -135,7 +136,7 @@ def _radix_order(keys: NDArray[np.uint64], n_bits: int) -> IntArray:
     return order
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _gather(
     positions: FloatArray, face_ids: IntArray, rows: IntArray, order: IntArray, centre: FloatArray, scale: float
 ) -> tuple[Float32, IntArray, Float32, Float32]:

@@ -27,6 +27,7 @@ from zbuf_occlude.image_space.projection import (
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.image_space.slots import SLOTS, slot_of
 from zbuf_occlude.image_space.tiles import make_tiles, search_tiles
+from zbuf_occlude.threads import threaded
 
 NEAR = np.float32(1e-3)
 """Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
@@ -69,7 +70,7 @@ class Workspace(NamedTuple):
     buckets: NDArray[np.int64]  # (BUCKETS + 1,)
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n_workers: int) -> BoolArray:
     """Answer for all points and eyes.
 

@@ -7,6 +7,7 @@ from numba import njit, prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
+from zbuf_occlude.threads import threaded
 
 NO_DISTANCES = np.empty(0)
 """Stands for "exclude no face"."""
@@ -66,7 +67,7 @@ def hidden_points(
     )
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _search(  # type: ignore[no-untyped-def]
     planes, sides, edges, face_labels, positions, labels, eye, contact, distances
 ):

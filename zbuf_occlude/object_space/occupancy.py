@@ -7,6 +7,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.threads import threaded
 
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
@@ -94,7 +95,7 @@ class OccupancyGrid:
         return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _walk_all(occupied, starts, eye):  # type: ignore[no-untyped-def]
     blocked = np.zeros(len(starts), dtype=np.bool_)
     for i in prange(len(starts)):

@@ -1,13 +1,14 @@
 """`oracle`: the judge. Every point against every face, in float64, by the definition itself."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import blocks
 from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.threads import threaded
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 SLANT = 5.0
@@ -128,7 +129,7 @@ def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
     return across, np.cross(unit, across)
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _visible(corners: FloatArray, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     k, n = targets.shape[:2]

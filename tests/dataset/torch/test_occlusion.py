@@ -119,7 +119,7 @@ def test_in_workers() -> None:
 
 @pytest.mark.parametrize("used_before", [False, True])
 def test_in_forked_workers(used_before: bool) -> None:
-    """In an interpreter of its own: what one that has used numba's threads forks would be ended by GNU OpenMP."""
+    """In an interpreter of its own, which has or has not used numba's threads before it forks."""
     program = (
         "import torch; from tests.dataset.torch.test_occlusion import Meshes, OnTheFlyOcclusion\n"
         f"if {used_before}: OnTheFlyOcclusion(128)(Meshes(lambda mesh: mesh)[0][0])\n"
@@ -129,11 +129,7 @@ def test_in_forked_workers(used_before: bool) -> None:
     )
     root = Path(__file__).parents[3]
     child = subprocess.run([sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=False)
-    if used_before and "UnavailableError" in child.stderr:  # numba's other layers, where installed, can be forked
-        assert "must not be forked from a process that has used numba's threads" in child.stderr
-        assert "Give the DataLoader multiprocessing_context='spawn'." in child.stderr
-    else:
-        assert child.returncode == 0, child.stderr
+    assert child.returncode == 0, child.stderr
 
 
 def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.plan import SCALES
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import PAPER_DISTANCE
@@ -63,10 +63,8 @@ class OnTheFlyOcclusion:
     copy whose ``pos`` is that tensor and whose ``face`` is None, as PyTorch Geometric's own sampling transforms do.
 
     Meshes are recognised by their content. A mesh met for the first time is cleaned and prepared, which costs several
-    times what a cloud does. Randomness comes from torch's default generator. In a worker one thread is used.
-
-    GNU OpenMP ends a process that was forked from one that had used it: give the DataLoader
-    ``multiprocessing_context="spawn"`` where the main process asks a method before the workers start.
+    times what a cloud does. Randomness comes from torch's default generator. In a worker, forked or spawned, one thread
+    is used: the other cores belong to the other workers.
     """
 
     def __init__(
@@ -107,8 +105,6 @@ class OnTheFlyOcclusion:
         ------
         ArgumentError
             Not a mesh.
-        UnavailableError
-            The worker was forked from a process that had used numba's threads.
         MeshError
             The mesh has no face of any area, or nothing of it was seen from any eye.
         """
@@ -126,22 +122,12 @@ class OnTheFlyOcclusion:
     def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any]) -> torch.Tensor:
         if get_worker_info() is not None and self._process != os.getpid():
             self._process = os.getpid()
-            self._settle()
+            numba.set_num_threads(1)
         positions = self._subject(vertices, faces).next_cloud(self)
         if self.scale == "cloud":
             centre, factor = fit(positions)
             positions = (positions - centre) * factor
         return torch.from_numpy(positions.astype(np.float32))
-
-    def _settle(self) -> None:
-        """Make this worker use one thread: the other cores belong to the other workers."""
-        ours = not find_method(self.method).extra  # the others bring their own threads
-        if ours and _inherited_layer() == "omp":
-            raise UnavailableError(
-                "workers must not be forked from a process that has used numba's threads, GNU OpenMP would end them; "
-                "these were. Give the DataLoader multiprocessing_context='spawn'."
-            )
-        numba.set_num_threads(1)
 
     def _subject(self, vertices: NDArray[Any], faces: NDArray[Any]) -> "_Subject":
         key = hash((vertices.tobytes(), faces.tobytes()))
@@ -196,14 +182,6 @@ class _Subject:
             positions = np.concatenate(parts)
             if len(positions):
                 self._clouds.append(positions[draw(np.arange(len(positions)), wanted, rng)])
-
-
-def _inherited_layer() -> str:
-    """The threading layer that numba is bound to in this process before we have used it; "" for none."""
-    try:
-        return str(numba.threading_layer())
-    except ValueError:  # not initialised
-        return ""
 
 
 def _array(values: Any) -> NDArray[Any]:

@@ -1,0 +1,56 @@
+"""Kernels with threads: the same answers in a process forked from one that has used them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import sphere
+from zbuf_occlude import threads
+
+FORK = """
+import multiprocessing, numba, sys
+import zbuf_occlude as zo
+from tests.test_threads import answer
+before = answer(sys.argv[1])
+layer = numba.threading_layer()
+with multiprocessing.get_context("fork").Pool(1) as pool:
+    after, forked = pool.apply_async(answer, [sys.argv[1], True]).get(timeout=240)
+assert (before == after).all()
+assert forked == (layer == "omp"), (forked, layer)
+"""
+
+
+def answer(method: str, with_state: bool = False) -> object:
+    mesh = sphere(12)
+    points = zo.sample_surface(mesh, n_points=500, seed=0)
+    with zo.prepare(mesh, method) as occluder:
+        mask = occluder.visible(points, zo.views.paper100().eyes[:9])
+    assert 0.2 < mask.mean() < 0.5
+    return (mask, threads._forked) if with_state else mask
+
+
+@pytest.mark.parametrize("method", ["exact", "oracle", "exact_hsr", "occupancy_grid"])
+def test_a_fork_of_a_process_that_has_used_threads_answers_the_same(method: str) -> None:
+    root = Path(__file__).parents[1]
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "2"}
+    child = subprocess.run(
+        [sys.executable, "-c", FORK, method], cwd=root, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert child.returncode == 0, child.stderr
+
+
+def test_the_twin_is_kept_apart_from_its_sibling_in_numbas_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    from zbuf_occlude.visibility.oracle import _visible
+
+    assert _visible.__doc__ is not None
+    monkeypatch.setattr(threads, "_forked", True)
+    forked = answer("oracle")
+    monkeypatch.undo()
+    assert np.array_equal(np.asarray(forked), np.asarray(answer("oracle")))
+    bases = {kernel._cache._impl.filename_base for kernel in (_visible._parallel, _visible._serial)}
+    assert len(bases) == 2
