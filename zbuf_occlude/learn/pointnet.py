@@ -172,7 +172,7 @@ class MaxLinear(nn.Module):
         rows = features.reshape(-1, width)
         with torch.no_grad():
             rising = torch.where(self.factor < 0.0, -1.0, 1.0)
-            best = (features @ (weight * rising[:, None]).T).argmax(dim=1)  # (b, n_outputs)
+            best = ((weight * rising[:, None]) @ features.transpose(1, 2)).argmax(dim=2)  # (b, n_outputs)
             best += n * torch.arange(b, device=best.device)[:, None]
         with torch.autocast(features.device.type, enabled=False):
             rows = rows.to(weight.dtype)
