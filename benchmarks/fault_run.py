@@ -59,7 +59,7 @@ class Victim:
             time.sleep(LOOK)
             progress = self._progress()
             if progress == 1.0 and n_end:
-                time.sleep(self.rng.uniform(0, writing / 2))
+                time.sleep(self.rng.uniform(0, 0.3 * writing))
                 n_end -= self._kill(END)
                 continue
             due = time.monotonic() > moment or progress * n_before > n_before - len(before) + 0.5
