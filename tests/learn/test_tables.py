@@ -73,7 +73,11 @@ def test_table_3b_without_scans() -> None:
     table = table_3b(study_of_augmentation())
     row = line(table, "VoxNet, 1,024 points", "C2 original", "here")
     assert row[3:] == ["85.5 ± 0.7", "45.5 ± 0.7", "–", "–", "–", "–"]
+    assert line(table, "VoxNet, 1,024 points", "C2 original", "**paper**, 12,000 points")[3:5] == ["82.0", "45.9"]
     assert line(table, "PointNet, 1,024 points", "C3 both", "here")[3:5] == ["90.0", "80.0"]
+    assert not [row for row in table.rows if row[0].startswith("PointNet") and "paper" in row[2]], (
+        "it has none of these"
+    )
     assert "Test 3 is empty here" in table.note
     assert sydney.SOURCE in table.note
     assert "--sydney DIR" in table.note

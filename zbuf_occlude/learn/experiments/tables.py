@@ -140,9 +140,11 @@ def table_3b(results: Sequence[Result]) -> Table:
             for training_set, kind in paper.TRAINING_SETS.items():
                 rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set)
                 first = f"{printed(model)}, {n_points:,} points" if training_set == 1 else ""
-                published = _published(model, n_points, training_set)
-                if any(text != NONE for text in published):
-                    body.append([first, f"C{training_set} {kind}", "**paper**", *published, NONE, NONE])
+                if published := _published(model, n_points):
+                    points, numbers = published
+                    cells = [NONE if number is None else f"{number:.1f}" for number in numbers[training_set]]
+                    words = "**paper**" + (f", {points:,} points" if points != n_points else "")
+                    body.append([first, f"C{training_set} {kind}", words, *cells, NONE, NONE])
                     first = ""
                 if rows:
                     scores = [_scores(row) for row in rows]
@@ -193,14 +195,18 @@ def _only(result: Result, test: str) -> Result:
     return Result(result.experiment, result.facts, {test: result.tests[test]}, result.document)
 
 
-def _published(model: str, n_points: int, training_set: int) -> list[str]:
-    """Write the paper's four numbers, as far as it has them for this model and as many points."""
-    key = (paper_name(model), n_points)
-    if key in paper.TABLE_3B:
-        return [f"{number:.1f}" for number in paper.TABLE_3B[key][training_set]]
-    if key in paper.TABLE_3B_FEWER:
-        return [NONE, NONE, *(f"{number:.1f}" for number in paper.TABLE_3B_FEWER[key][training_set])]
-    return [NONE] * 4
+def _published(model: str, n_points: int) -> tuple[int, dict[int, tuple[float | None, ...]]] | None:
+    """Return points of a cloud and the four numbers by training set that the paper has nearest to a model of ours."""
+    name = paper_name(model)
+    known: dict[tuple[str, int], dict[int, tuple[float | None, ...]]] = dict(paper.TABLE_3B)
+    if (name, n_points) in paper.TABLE_3B_FEWER:
+        fewer = paper.TABLE_3B_FEWER[name, n_points]
+        known[name, n_points] = {s: (None, None, *numbers) for s, numbers in fewer.items()}
+    mine = [points for other, points in known if other == name]
+    if not mine:
+        return None
+    nearest = min(mine, key=lambda points: abs(points - n_points))
+    return nearest, known[name, nearest]
 
 
 def _scores(result: Result) -> Any:

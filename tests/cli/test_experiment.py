@@ -1,0 +1,73 @@
+"""experiment: a small study from the command line; help, and what is wrong in one line."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from tests.learn.hand_made import TINY
+from tests.test_light_import import run as run_program
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`--quick` is still quicker."""
+    monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
+
+
+@pytest.mark.usefixtures("tiny")
+def test_elevation(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    out = tmp_path / "study"
+    done = run("experiment", "elevation", "--quick", "--out", out)
+    assert done.code == 0, done.err
+    assert f"2 classifiers trained or tested now; report: {out / 'study.html'}" in done.out
+    assert "clouds: 100%" in done.err
+    assert "classifiers: 100%" in done.err
+    assert "Traceback" not in done.err
+    assert "VoxNet" in (out / "study.md").read_text()
+    assert (out / "elevation.png").stat().st_size > 10_000
+    again = run("experiment", "elevation", "--quick", "--out", out)
+    assert "0 classifiers trained or tested now" in again.out
+    full = run("experiment", "elevation", "--out", out)
+    assert full.code == 1
+    assert "error: " in full.err
+    assert "it holds another (tiny, built-in shapes). Choose another folder." in full.err
+
+
+@pytest.mark.usefixtures("tiny")
+def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    out = tmp_path / "study"
+    for arguments, code, message in (
+        (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|all}'"),
+        (("experiment", "everything", "--out", out), 2, "'everything' is not one of"),
+        (("experiment", "all", "--quick"), 2, "Missing option '--out'"),
+        (("experiment", "all", "--quick", "--modelnet", out, "--out", out), 1, "there is no folder"),
+        (("experiment", "all", "--quick", "--modelnet", tmp_path / "no", "--out", out), 1, "modelnet.cs.princeton.edu"),
+        (("experiment", "all", "--quick", "--sydney", tmp_path, "--out", out), 1, "https://www.acfr.usyd.edu.au"),
+    ):
+        outcome = run(*arguments)
+        assert (outcome.code, message in outcome.err) == (code, True), outcome
+        assert "Traceback" not in outcome.err
+        assert not out.exists()
+
+
+def test_without_torch_help_teaches_and_the_rest_names_the_extra() -> None:
+    start = (
+        "import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', 'experiment', *ARGUMENTS]\n"
+        "from zbuf_occlude.__main__ import main\n"
+    )
+    helped = run_program(start.replace("*ARGUMENTS", "'--help'") + "main()")
+    for words in ("Table 3A", "Table 3B", "--sydney", "Examples:", "The same command again does only what is missing"):
+        assert words in helped
+    asked = start.replace("*ARGUMENTS", "'all', '--out', 'nowhere'") + (
+        "sys.stderr = sys.stdout\n"
+        "try:\n    main()\n"
+        "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"
+    )
+    answer = run_program(asked)
+    assert "error: classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
+    assert answer.endswith("exit 1")
+    assert len(answer.splitlines()) == 2
+    assert not Path("nowhere").exists()

@@ -1,0 +1,219 @@
+"""A whole study, small: both experiments, stopped and gone on with, scans given later; and what a folder refuses."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+
+from tests.learn.hand_made import TINY  # noqa: E402
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError  # noqa: E402
+from zbuf_occlude.learn import sydney  # noqa: E402
+from zbuf_occlude.learn.experiments import augmentation as augmentation_module  # noqa: E402
+from zbuf_occlude.learn.experiments import trials as trials_module  # noqa: E402
+from zbuf_occlude.learn.experiments.augmentation import AugmentationClouds  # noqa: E402
+from zbuf_occlude.learn.experiments.elevation import ElevationClouds, degrees, divided  # noqa: E402
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, MAIN  # noqa: E402
+from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS  # noqa: E402
+from zbuf_occlude.learn.experiments.progress import Progress  # noqa: E402
+from zbuf_occlude.learn.experiments.report import write_study  # noqa: E402
+from zbuf_occlude.learn.experiments.results import FOLDER, Result, read_results, read_study  # noqa: E402
+from zbuf_occlude.learn.experiments.sizes import FULL, QUICK  # noqa: E402
+from zbuf_occlude.learn.experiments.study import run_study  # noqa: E402
+from zbuf_occlude.meshes import shapes  # noqa: E402
+
+
+class Stop(Exception):  # noqa: N818  (no error: an end)
+    """As if the process were killed."""
+
+
+class StopAt(Progress):
+    """Stops when a trial is heard of for so many times, and remembers what it heard."""
+
+    def __init__(self, trial: int = 10**9, n_clouds: int = 10**9) -> None:
+        self.left, self.n_clouds = trial, n_clouds
+        self.planned, self.made = (0, 0), 0
+
+    def plan(self, n_clouds: int, n_trials: int) -> None:
+        self.planned = (n_clouds, n_trials)
+
+    def clouds(self, n: int) -> None:
+        self.made += n
+        if self.made >= self.n_clouds:
+            raise Stop
+
+    def trial(self, key: str, share: float) -> None:
+        self.left -= 1
+        if not self.left:
+            raise Stop
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Weights are the same bit for bit with the same number of threads; one is quickest for so little."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study that was stopped three times, in its clouds and in two of its trainings, and is done now."""
+    out = tmp_path_factory.mktemp("studies") / "study"
+    torch.set_num_threads(1)
+    for stop in (StopAt(n_clouds=30), StopAt(trial=6), StopAt(trial=20)):
+        with pytest.raises(Stop):
+            run_study(out, TINY, progress=stop)
+    done = {path: path.stat().st_mtime_ns for path in (out / FOLDER).iterdir()}
+    assert done, "what was finished before the stop is kept"
+    run_study(out, TINY)
+    assert all(path.stat().st_mtime_ns == time for path, time in done.items()), "and not made again"
+    return out
+
+
+def able(folder: Path) -> int:
+    """Methods that can run here beside the exact one."""
+    return 2 - len(read_study(folder)["missing_methods"])
+
+
+def test_every_classifier_is_there(folder: Path) -> None:
+    results = read_results(folder)
+    counts = {name: sum(r.experiment == name for r in results) for name in (AUGMENTATION, HSR, ELEVATION)}
+    assert counts == {AUGMENTATION: 6, HSR: 2 * able(folder), ELEVATION: 2}
+    assert set(read_study(folder)["missing_methods"]) <= {"depth_buffer"}, "for lack of GL, and nothing else"
+    for result in results:
+        if result.experiment == ELEVATION:
+            assert set(result.tests) == {str(e) for e in TEST_ELEVATIONS}
+            assert all(
+                test.counts.sum() == (40 if result.is_of(split="elevations") else 8) for test in result.tests.values()
+            )
+        else:
+            assert result.tests["original"].counts.sum(axis=1).tolist() == [1] * 8
+            assert result.tests["generated"].counts.sum(axis=1).tolist() == [2] * 8
+            assert result.tests["original"].truth == shapes.CLASSES
+    sizes = {
+        result.facts["set"]: result.document["n_training"] for result in results if result.experiment == AUGMENTATION
+    }
+    assert sizes == {1: 32, 2: 16, 3: 48}
+
+
+def test_stopped_or_not_the_results_are_the_same(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first trials of an uninterrupted study; those of the other were stopped more than once."""
+    monkeypatch.setattr(augmentation_module, "METHODS", (MAIN,))  # no time for the others
+    with pytest.raises(Stop):
+        run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], progress=StopAt(trial=11))
+    whole = read_results(tmp_path / "other")
+    assert whole
+    mine = {json.dumps(result.facts): result for result in read_results(folder) if result.experiment == AUGMENTATION}
+    for result in whole:
+        other = mine[json.dumps(result.facts)]
+        assert set(result.tests) == {"original", "generated"} <= set(other.tests)
+        for name, test in result.tests.items():
+            assert (test.counts == other.tests[name].counts).all()
+        assert result.document["validation_accuracy"] == other.document["validation_accuracy"]
+
+
+def test_nothing_is_done_twice(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise AssertionError("trained or tested again")
+
+    monkeypatch.setattr(trials_module, "train", refuse)
+    heard = StopAt()
+    assert run_study(folder, TINY, progress=heard) == 0
+    assert heard.made == heard.planned[0], "the bar of the clouds reaches its end"
+
+
+def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = tmp_path / "scans"
+    (root / "objects").mkdir(parents=True)
+    (root / "folds").mkdir()
+    rng = np.random.default_rng(0)
+    for fold in range(4):
+        names = [f"{label}.{fold}.1" for label in sydney.CLASSES]
+        for name in names:
+            records = np.zeros(20, sydney.RECORD)
+            for axis in "xyz":
+                records[axis] = rng.normal(size=20)
+            records.tofile(root / "objects" / f"{name}.bin")
+        (root / "folds" / f"fold{fold}.txt").write_text("".join(f"{name}.bin\n" for name in names))
+    before = {result.document["seconds"] for result in read_results(folder)}
+    monkeypatch.setattr("zbuf_occlude.learn.train._Run", None)  # training anything would fail
+    n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root)
+    results: list[Result] = [result for result in read_results(folder) if result.experiment != ELEVATION]
+    assert n_worked == len(results)
+    assert all(result.tests["scans"].counts.sum(axis=1).tolist() == [4] * 14 for result in results)
+    assert all(result.tests["scans"].predicted == shapes.CLASSES for result in results)
+    assert {result.document["seconds"] for result in read_results(folder)} == before
+    write_study(folder)
+    assert "Test 3 has 56 clouds" in (folder / "study.md").read_text()
+
+
+def test_a_folder_of_another_study_is_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        DatasetError, match=r"must be empty or hold this same study \(quick, built-in.*another \(tiny, "
+    ):
+        run_study(folder, QUICK)
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(DatasetError, match="must be empty or hold a study; it has other files"):
+        run_study(tmp_path, TINY)
+    with pytest.raises(DatasetError, match="must be the Sydney Urban Objects dataset"):
+        run_study(tmp_path / "new", TINY, scans=tmp_path)
+    with pytest.raises(MeshError, match="must be ModelNet40's folder"):
+        run_study(tmp_path / "new", TINY, modelnet=tmp_path / "nowhere")
+    assert not (tmp_path / "new").exists(), "refused before anything was made"
+
+
+# ---- who is in which set ------------------------------------------------------------------------------------------
+
+
+def test_elevation_sets(folder: Path) -> None:
+    clouds = ElevationClouds(shapes.collection(), TINY, folder)
+    for split_by in ("elevations", "objects"):
+        training, validation = clouds.training(split_by), clouds.validation(split_by)
+        for part in (training, validation):
+            assert set(degrees(part.elevations)) <= set(TRAIN_ELEVATIONS)
+        for elevation in (-80, 0, 10):
+            test = clouds.test(split_by, elevation)
+            assert set(degrees(test.elevations)) == {elevation}
+            shared = set(test.object_ids) & set(training.object_ids)
+            assert bool(shared) == (split_by == "elevations")
+        assert (set(training.object_ids) & set(validation.object_ids) == set()) == (split_by == "objects")
+    assert len(clouds.training("elevations")) + len(clouds.validation("elevations")) == 40 * 8
+    assert len(set(clouds.training("objects").object_ids)) == 24
+
+
+def test_no_object_is_in_two_sets_of_the_augmentation(folder: Path) -> None:
+    clouds = AugmentationClouds(shapes.collection(), TINY, folder)
+    parts = [set(clouds.of("both", split, 32).object_ids) for split in ("train", "val", "test")]
+    assert [len(part) for part in parts] == [16, 8, 8]
+    assert not (parts[0] & parts[1] | parts[0] & parts[2] | parts[1] & parts[2])
+    for split in ("train", "val", "test"):
+        assert set(clouds.of("original", split, 32).object_ids) == set(clouds.of("generated", split, 32).object_ids)
+
+
+def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
+    elevation = ElevationClouds(shapes.collection(), FULL, tmp_path)
+    assert elevation.n_clouds == 200_000
+    augmentation = AugmentationClouds(shapes.collection(), FULL, tmp_path)
+    plan = augmentation.plan(MAIN)
+    assert plan.n_clouds == 15_000
+    splits = [entry.split for entry in plan.meshes]
+    assert [25 * splits.count(split) for split in ("train", "val", "test")] == [8_000, 2_000, 5_000]
+    assert {trial.facts["points"] for trial in augmentation.trials()} == {12_000, 1_024}
+    assert len(divided(elevation.plan.meshes)) == 200
+
+
+def test_five_views_are_each_elevation_and_each_azimuth_once(tmp_path: Path) -> None:
+    views = AugmentationClouds(shapes.collection(), replace(TINY, views=5), tmp_path).plan(MAIN).views
+    assert degrees(views.elevation).tolist() == [-80, -40, 0, 40, 80]
+    assert sorted(degrees(views.azimuth) % 360) == [0, 72, 144, 216, 288]
+
+
+def test_too_few_objects_for_the_augmentation(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="must find 75 meshes of each of airplane"):
+        AugmentationClouds(shapes.collection(n_members=60), TINY, tmp_path)
