@@ -1,6 +1,6 @@
 """A study's tables: results of trials, mean and spread over the seeds, beside the paper's numbers."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -195,10 +195,11 @@ def _only(result: Result, test: str) -> Result:
     return Result(result.experiment, result.facts, {test: result.tests[test]}, result.document)
 
 
-def _published(model: str, n_points: int) -> tuple[int, dict[int, tuple[float | None, ...]]] | None:
+def _published(model: str, n_points: int) -> tuple[int, Mapping[int, tuple[float | None, ...]]] | None:
     """Return points of a cloud and the four numbers by training set that the paper has nearest to a model of ours."""
     name = paper_name(model)
-    known: dict[tuple[str, int], dict[int, tuple[float | None, ...]]] = dict(paper.TABLE_3B)
+    known: dict[tuple[str, int], Mapping[int, tuple[float | None, ...]]] = {}
+    known.update(paper.TABLE_3B)
     if (name, n_points) in paper.TABLE_3B_FEWER:
         fewer = paper.TABLE_3B_FEWER[name, n_points]
         known[name, n_points] = {s: (None, None, *numbers) for s, numbers in fewer.items()}
