@@ -33,7 +33,7 @@ def occupancy(points: torch.Tensor) -> torch.Tensor:
 
     References
     ----------
-    Maturana and Scherer 2015, III-B: a grid of 32^3, the object within 24^3. Without rays the three models of
+    Maturana and Scherer 2015: a grid of 32^3, the object within 24^3. Without rays the three models of
     occupancy of the paper come to this one. Their code shifts the values to -1 and 1.
     """
     grid = points.new_full((len(points), VOXELS**3), -1.0)

@@ -23,7 +23,7 @@ parameters for K = 40, as many as in the authors' code; 45,756,904 without batch
 References
 ----------
 Y. Ben-Shabat, M. Lindenbaum, A. Fischer: "3DmFV: Three-Dimensional Point Cloud Classification in Real-Time Using
-Convolutional Neural Networks", IEEE RA-L 3(4), 2018; Figure 3, and the layers of the authors' published code (its
+Convolutional Neural Networks", IEEE RA-L 3(4), 2018; the layers are those of the authors' published code (its
 TensorFlow form, which also keeps 5^3 on the smaller grid).
 """
 

@@ -12,7 +12,7 @@
     dropout 0.4
     linear            K                  128 K + K
 
-921,736 parameters for K = 40: the paper's number (IV-D), with all weights and biases.
+921,736 parameters for K = 40: the paper's number, all weights and biases counted.
 
 References
 ----------
