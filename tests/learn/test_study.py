@@ -1,6 +1,9 @@
 """A whole study, small: both experiments, stopped and gone on with, scans given later; and what a folder refuses."""
 
 import json
+import multiprocessing
+import os
+import signal
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +14,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from tests.learn.hand_made import TINY  # noqa: E402
-from zbuf_occlude.errors import DatasetError, MeshError, OptionError  # noqa: E402
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn import sydney  # noqa: E402
+from zbuf_occlude.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.learn.experiments import augmentation as augmentation_module  # noqa: E402
 from zbuf_occlude.learn.experiments import trials as trials_module  # noqa: E402
 from zbuf_occlude.learn.experiments.augmentation import AugmentationClouds  # noqa: E402
@@ -24,6 +28,7 @@ from zbuf_occlude.learn.experiments.report import write_study  # noqa: E402
 from zbuf_occlude.learn.experiments.results import FOLDER, Result, read_results, read_study  # noqa: E402
 from zbuf_occlude.learn.experiments.sizes import FULL, QUICK  # noqa: E402
 from zbuf_occlude.learn.experiments.study import run_study  # noqa: E402
+from zbuf_occlude.learn.experiments.trials import Trial, run_trials  # noqa: E402
 from zbuf_occlude.meshes import shapes  # noqa: E402
 
 
@@ -52,6 +57,16 @@ class StopAt(Progress):
             raise Stop
 
 
+class Heard(Progress):
+    """Remembers what it heard of trials."""
+
+    def __init__(self) -> None:
+        self.trials: list[tuple[str, float]] = []
+
+    def trial(self, key: str, share: float) -> None:
+        self.trials.append((key, share))
+
+
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
     """Weights are the same bit for bit with the same number of threads; one is quickest for so little."""
@@ -68,10 +83,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.set_num_threads(1)
     for stop in (StopAt(n_clouds=30), StopAt(trial=6), StopAt(trial=20)):
         with pytest.raises(Stop):
-            run_study(out, TINY, progress=stop)
+            run_study(out, TINY, progress=stop, workers=1)
     done = {path: path.stat().st_mtime_ns for path in (out / FOLDER).iterdir()}
     assert done, "what was finished before the stop is kept"
-    run_study(out, TINY)
+    run_study(out, TINY, workers=1)
     assert all(path.stat().st_mtime_ns == time for path, time in done.items()), "and not made again"
     return out
 
@@ -102,13 +117,19 @@ def test_every_classifier_is_there(folder: Path) -> None:
     assert sizes == {1: 32, 2: 16, 3: 48}
 
 
-def test_stopped_or_not_the_results_are_the_same(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first trials of an uninterrupted study; those of the other were stopped more than once."""
+def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An uninterrupted study in two processes; the other was stopped more than once."""
     monkeypatch.setattr(augmentation_module, "METHODS", (MAIN,))  # no time for the others
-    with pytest.raises(Stop):
-        run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], progress=StopAt(trial=11))
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
+    heard = Heard()
+    assert run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], workers=2, progress=heard) == 6
     whole = read_results(tmp_path / "other")
-    assert whole
+    assert len(whole) == 6
+    finished = {path.stem for path in (tmp_path / "other" / FOLDER).iterdir()}
+    assert {key for key, share in heard.trials if share == 1.0} == finished
+    assert any(0.0 < share < 1.0 for _, share in heard.trials), "workers tell how far they are"
     mine = {json.dumps(result.facts): result for result in read_results(folder) if result.experiment == AUGMENTATION}
     for result in whole:
         other = mine[json.dumps(result.facts)]
@@ -124,7 +145,7 @@ def test_nothing_is_done_twice(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(trials_module, "train", refuse)
     heard = StopAt()
-    assert run_study(folder, TINY, progress=heard) == 0
+    assert run_study(folder, TINY, progress=heard, workers=1) == 0
     assert heard.made == heard.planned[0], "the bar of the clouds reaches its end"
 
 
@@ -143,7 +164,7 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
         (root / "folds" / f"fold{fold}.txt").write_text("".join(f"{name}.bin\n" for name in names))
     before = {result.document["seconds"] for result in read_results(folder)}
     monkeypatch.setattr("zbuf_occlude.learn.train._Run", None)  # training anything would fail
-    n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root)
+    n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, workers=1)
     results: list[Result] = [result for result in read_results(folder) if result.experiment != ELEVATION]
     assert n_worked == len(results)
     assert all(result.tests["scans"].counts.sum(axis=1).tolist() == [4] * 14 for result in results)
@@ -151,6 +172,32 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
     assert {result.document["seconds"] for result in read_results(folder)} == before
     write_study(folder)
     assert "Test 3 has 56 clouds" in (folder / "study.md").read_text()
+
+
+def test_a_worker_that_is_killed_is_told_in_words(tmp_path: Path) -> None:
+    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, kill_oneself, kill_oneself, {"original": kill_oneself})
+    trials = [trial, replace(trial, facts={"model": "voxnet", "seed": 1})]
+    with pytest.raises(UnavailableError, match="the processes that train must live; one was killed"):
+        run_trials(trials, TINY, tmp_path, Progress(), workers=2)
+    assert not multiprocessing.active_children()
+
+
+def kill_oneself() -> CloudSet:
+    """As a machine without memory does."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def test_an_error_in_a_worker_is_the_commands(tmp_path: Path) -> None:
+    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, complain, complain, {"original": complain})
+    with pytest.raises(DatasetError, match="it is not there"):
+        run_trials([trial, replace(trial, facts={"model": "voxnet", "seed": 1})], TINY, tmp_path, Progress(), workers=2)
+    assert not multiprocessing.active_children()
+
+
+def complain() -> CloudSet:
+    """Raise as a damaged dataset does."""
+    raise DatasetError("it is not there")
 
 
 def test_a_folder_of_another_study_is_refused(folder: Path, tmp_path: Path) -> None:

@@ -81,7 +81,8 @@ class Bars(Progress):
 
     def __init__(self) -> None:
         self._bar: Any = None
-        self._n_trials, self._done, self._share = 0, 0, 0.0
+        self._n_trials = 0
+        self._shares: dict[str, float] = {}
 
     def plan(self, n_clouds: int, n_trials: int) -> None:
         """Begin the bar of the clouds."""
@@ -99,8 +100,8 @@ class Bars(Progress):
             self._bar = tqdm(total=self._n_trials, desc="classifiers", smoothing=0.05, bar_format=_FORMAT)
             self._n_trials = 0
         self._bar.set_postfix_str(key, refresh=False)
-        self._bar.update(max(0.0, share - self._share))
-        self._share = 0.0 if share >= 1.0 else share
+        self._bar.update(max(0.0, share - self._shares.get(key, 0.0)))
+        self._shares[key] = share
 
     def close(self) -> None:
         """End the bar."""

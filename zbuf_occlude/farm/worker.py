@@ -19,7 +19,7 @@ _PR_SET_PDEATHSIG = 1
 def serve(connection: Connection, plan: Plan, out: Path, device_index: int | None, parent: int) -> None:
     """Run as the main function of a child process that shall not outlive its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt means
-    _die_with_parent(parent)
+    die_with_parent(parent)
     work(connection, plan, out, device_index)
 
 
@@ -62,7 +62,7 @@ def resident_gigabytes(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
 
 
-def _die_with_parent(parent: int) -> None:
+def die_with_parent(parent: int) -> None:
     """Have the kernel kill this process when its parent ends, however that ends (Linux)."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before the line above

@@ -1,7 +1,7 @@
 """Training on occluded clouds, complete ones, or both (paper 4.3, 4.4, Table 3B); and does the method of HSR matter?"""
 
 from collections.abc import Callable, Iterable
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,8 @@ from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import plan_of_originals, seventy_five_each
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.learn import sydney
-from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.data import CloudSet, make_clouds
+from zbuf_occlude.learn.experiments.loading import loaded, read_scans
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
     GENERATED,
@@ -53,8 +53,6 @@ class AugmentationClouds:
         self.size, self.folder, self.scans_root = size, folder, scans
         self.meshes = first_of_each(seventy_five_each(meshes), size.shares)
         self.missing: dict[str, str] = {}
-        self._load = cache(self._read)
-        self.scans = cache(self._read_scans)
 
     def plan(self, method: Subject) -> Plan:
         """Return the plan of the occluded clouds by a method."""
@@ -96,12 +94,13 @@ class AugmentationClouds:
     def _folder(self, name: str) -> Path:
         return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
 
-    def _read(self, name: str, split: str, n_points: int) -> CloudSet:
-        return load_clouds(self._folder(name), split, n_points)
+    def _load(self, name: str, split: str, n_points: int) -> CloudSet:
+        return loaded(self._folder(name), split, n_points)
 
-    def _read_scans(self, n_points: int) -> CloudSet:
-        assert self.scans_root is not None  # it is only asked for when there is one
-        return sydney.read_clouds(self.scans_root, n_points)
+    def scans(self, n_points: int) -> CloudSet:
+        """Return the clouds of Test 3, all four folds."""
+        assert self.scans_root is not None  # they are only asked for when there are some
+        return read_scans(self.scans_root, n_points)
 
     def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
         """Return the clouds of a split.

@@ -13,7 +13,8 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.learn.data import CloudSet, load_clouds, make_clouds
+from zbuf_occlude.learn.data import CloudSet, make_clouds
+from zbuf_occlude.learn.experiments.loading import loaded
 from zbuf_occlude.learn.experiments.names import ELEVATION, MAIN, SPLIT_BY
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS
 from zbuf_occlude.learn.experiments.results import AREAS
@@ -87,7 +88,7 @@ class ElevationClouds:
     @cached_property
     def _splits(self) -> dict[str, CloudSet]:
         folder = self.folder / "clouds" / ELEVATION
-        return {split: load_clouds(folder, split) for split in SPLITS}
+        return {split: loaded(folder, split, self.size.elevation_points) for split in SPLITS}
 
     @cached_property
     def _all(self) -> CloudSet:

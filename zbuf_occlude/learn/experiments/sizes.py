@@ -1,8 +1,6 @@
 """How large a study is: everything that decides its numbers, beside the objects and the scans."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any
 
 
@@ -19,9 +17,9 @@ class Size:
         Names in the table of models.
     seeds : tuple of int
         One classifier of each kind is trained with each of them (4.3, 4.4 and the methods of HSR).
-    passes : mapping of model to int
-        Clouds shown to a classifier in its training, however large its training set: else the one that is trained on
-        few clouds would also be trained for a shorter time.
+    passes : int
+        Clouds shown to a classifier of 4.3 in its training, however large its training set: else the one that is
+        trained on few clouds would also be trained for a shorter time.
     batch_size : int
     patience : float
         Training stops when validation has not become better for this share of it; 1: it never stops early.
@@ -29,6 +27,8 @@ class Size:
         Clouds looked at after each epoch, at most.
     elevation_seeds : tuple of int
         Those of 4.2.
+    elevation_passes : int
+        Clouds shown to a classifier of 4.2.
     elevation_objects : int
         Objects of 4.2, the same number of each class as far as can be.
     azimuths : int
@@ -58,11 +58,12 @@ class Size:
     summary: str
     models: tuple[str, ...]
     seeds: tuple[int, ...]
-    passes: Mapping[str, int]
+    passes: int
     batch_size: int
     patience: float
     n_validation: int
     elevation_seeds: tuple[int, ...]
+    elevation_passes: int
     elevation_objects: int
     azimuths: int
     variations: int
@@ -78,9 +79,8 @@ class Size:
     @property
     def document(self) -> dict[str, Any]:
         """The values as JSON has them."""
-        document = {field.name: getattr(self, field.name) for field in fields(self)}
-        document["passes"] = dict(self.passes)
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in document.items()}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 FULL = Size(
@@ -88,11 +88,12 @@ FULL = Size(
     summary="the paper's numbers of objects, views, clouds and points; meant for a GPU",
     models=("voxnet", "pointnet", "threedmfv"),
     seeds=(0, 1, 2),
-    passes=MappingProxyType({"voxnet": 400_000, "pointnet": 400_000, "threedmfv": 400_000}),
+    passes=480_000,
     batch_size=32,
     patience=0.25,
     n_validation=2_000,
     elevation_seeds=(0, 1, 2),
+    elevation_passes=480_000,
     elevation_objects=200,
     azimuths=10,
     variations=10,
@@ -111,18 +112,19 @@ QUICK = Size(
     summary="a quarter of an hour on two processor cores",
     models=("voxnet", "pointnet", "threedmfv5-small"),
     seeds=(0, 1, 2),
-    passes=MappingProxyType({"voxnet": 2_500, "pointnet": 2_500, "threedmfv5-small": 2_500}),
+    passes=3_200,
     batch_size=16,
     patience=1.0,
     n_validation=80,
     elevation_seeds=(0,),
+    elevation_passes=2_400,
     elevation_objects=200,
     azimuths=3,
     variations=1,
     elevation_sampled=1_500,
     elevation_points=256,
     per_elevation=1,
-    shares=(40, 5, 16),
+    shares=(16, 5, 16),
     sampled=1_500,
     n_points=(256,),
     views=5,

@@ -27,6 +27,7 @@ def run_study(
     modelnet: Path | None = None,
     scans: Path | None = None,
     progress: Progress | None = None,
+    workers: int | None = None,
 ) -> int:
     """Make the clouds, train and test the classifiers of a study.
 
@@ -42,6 +43,8 @@ def run_study(
     scans : Path, optional
         The Sydney Urban Objects dataset, for Test 3.
     progress : Progress, optional
+    workers : int, optional
+        As in `run_trials`.
 
     Returns
     -------
@@ -76,7 +79,7 @@ def run_study(
         if isinstance(part, augmentation.AugmentationClouds):
             study["missing_methods"] = part.missing
             atomic.write_json(folder / STUDY, study)
-    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress)
+    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
 
 
 def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
