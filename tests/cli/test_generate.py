@@ -218,3 +218,20 @@ def test_no_such_mesh(run: Run, tmp_path: Path) -> None:
     outcome = run("generate", tmp_path / "nowhere", "--out", tmp_path / "out", *SMALL)
     assert outcome.code == 1
     assert "there is no such file or folder" in outcome.err
+
+
+def test_auto_says_what_it_took_and_why(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    auto = ("generate", modelnet, "--out", out, "--method", "auto", "--views", "ring:4@30", "--points", 600)
+    outcome = run(*auto, "--sample-size", 64, "--workers", 1)
+    assert outcome.code == 0, outcome.err
+    options = manifest(out)["options"]
+    assert options["method"] in {"exact", "exact_gl"}  # with a GPU the latter
+    assert "600 points" in options["reason"] or "GPU here" in options["reason"]
+    assert f"because {options['reason']}" in outcome.out
+    assert manifest(out)["error"]["false_visible"] == manifest(out)["error"]["false_hidden"] == 0.0
+    again = run(*auto, "--sample-size", 64, "--workers", 1)
+    assert again.code == 0, "the choice must be the same, or the run could not be resumed: " + again.err
+    refused = run(*auto, "--set", "contact=1e-6")
+    assert refused.code == 2
+    assert "--set needs a named method; got --method auto" in refused.err

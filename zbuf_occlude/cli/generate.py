@@ -15,6 +15,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.options import collect, method_options, parse_settings, up_option
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
+from zbuf_occlude.dataset.auto import AUTO, resolve
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
@@ -51,7 +52,7 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     callback=use_preset,
     help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given beside it override it.",
 )
-@method_options()
+@method_options(also=(AUTO,))
 @click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {SPECS}.")
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
@@ -144,6 +145,7 @@ def command(
       zbuf-occlude generate ModelNet40 --views paper100 --out modelnet40-occluded
       zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
       zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
+      zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
     """
     points, density = recipe.pop("points"), recipe.pop("density")
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
@@ -151,17 +153,15 @@ def command(
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
     choose = MeshCollection.interleaved if preset is None else find_preset(preset).choose
-    plan = Plan(
-        collect(meshes, up, limit, out=out, choose=choose),
-        Recipe(
-            method=method,
-            method_options=parse_settings(method, settings),
-            n_points=None if density is not None else points or 20_000,
-            density=density,
-            **recipe,
-        ),
-        format,
+    collection = collect(meshes, up, limit, out=out, choose=choose)
+    made = Recipe(
+        method=method,
+        method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
+        n_points=None if density is not None else points or 20_000,
+        density=density,
+        **recipe,
     )
+    plan = Plan(collection, resolve(made, collection), format)
     plans = [(plan, out)]
     if preset is not None and find_preset(preset).original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
@@ -230,7 +230,7 @@ def describe(plan: Plan, out: Path) -> str:
     return (
         f"{len(plan.meshes)} meshes x {len(plan.views)} views x {recipe.variations} variations = "
         f"{plan.n_clouds} clouds of {recipe.sample_size} points in {len(plan.shards)} shards, "
-        f"{'complete' if recipe.complete else f'by {recipe.method}'}\n"
+        f"{'complete' if recipe.complete else f'by {recipe.method}'}{recipe.reason and f' ({recipe.reason})'}\n"
         f"into {out}: {size} ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"
     )

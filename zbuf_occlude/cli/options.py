@@ -16,8 +16,8 @@ from zbuf_occlude.visibility import METHODS, find_method
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-def method_options(default: str = "depth_buffer") -> Decorator:
-    """--method and --set, passed on as `method` and `settings`."""
+def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:
+    """--method and --set, passed on as `method` and `settings`; `also` are words besides the methods' names."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         function = click.option(
@@ -29,7 +29,7 @@ def method_options(default: str = "depth_buffer") -> Decorator:
         )(function)
         return click.option(
             "--method",
-            type=click.Choice([method.name for method in METHODS]),
+            type=click.Choice([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
             help="How hidden surfaces are removed.",

@@ -25,10 +25,13 @@ def summary(document: dict[str, Any], out: Path) -> str:
     """Say what was made, how wrong it is, and where it is."""
     counts, error, files = document["counts"], document["error"], document["files"]
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
-    how = "complete" if document["options"]["complete"] else f"by {document['options']['method']}"
+    options = document["options"]
+    how = "complete" if options["complete"] else f"by {options['method']}"
+    why = [f"because {options['reason']}"] if options["reason"] else []
     lines = [
         f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
         f"{len(document['classes'])} classes, {how} on {document['renderer']}",
+        *why,
         measured(error),
         f"data      {out}/{find_format(document['format']).patterns[0]} ({n_files} files)",
         f"manifest  {out / MANIFEST}",

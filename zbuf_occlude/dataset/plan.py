@@ -34,6 +34,8 @@ class Recipe:
         Name in the table of methods.
     method_options : mapping
         The method's own options.
+    reason : str
+        Why this method, where it was not a person who chose it (`auto`).
     views : str
         A specification of `zbuf_occlude.views.parse`.
     distance : float
@@ -62,6 +64,7 @@ class Recipe:
 
     method: str = "depth_buffer"
     method_options: Mapping[str, Any] | None = None
+    reason: str = ""
     views: str = "modelnet8"
     distance: float = PAPER_DISTANCE
     n_points: int | None = 20_000

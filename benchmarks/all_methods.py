@@ -1,0 +1,202 @@
+"""Every method of the table against Embree, over numbers of faces and points: milliseconds a view, errors, growth.
+
+    python benchmarks/all_methods.py [--faces 340 2600 19000 31000 1000000] [--points 2000 10000 50000 500000 1000000]
+                                     [--seconds 1.5] [--rounds 3] [--json FILE]
+
+100 eyes (`paper100`); meshes of tiny faces (`shapes.benchmark_mesh`), below 1,500 faces a bookshelf of 346. In a cell
+all methods answer in turn, `--rounds` times, and the medians of the ratios to Open3D's `test_occlusions` count: its
+call alone, rays made beforehand, on the same points in the same (sampled, random) order. A method that would take
+longer than `--seconds` a round is asked about fewer eyes; its time is given a view all the same. One that takes
+longer for a single eye has no ratio, one that would take far longer no row. "trimesh" is `Trimesh.ray.intersects_any`
+with embreex, as a user calls it. Wrong: against the oracle on 50 points and 3 eyes. Then exponents of growth: in
+points and faces (least squares of logarithms, over the cells of at least 10,000 points), in eyes (10 to 100); and the
+peak memory of each method, measured in a process of its own on the largest cell in which it answered for all eyes.
+"""
+
+import argparse
+import json
+import multiprocessing
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import open3d
+import trimesh
+
+import zbuf_occlude as zo
+from zbuf_occlude import Mesh, SurfacePoints
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
+
+Ask = Callable[[FloatArray], BoolArray]
+PEER = "open3d"
+
+
+def mesh_of(n_faces: int) -> Mesh:
+    if n_faces < 1500:  # fewer than the airplane can have
+        return shapes.make("bookshelf", 0).normalized()
+    return shapes.benchmark_mesh(n_faces).normalized()
+
+
+def open3d_peer(mesh: Mesh, points: SurfacePoints) -> Ask:
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
+    )
+    made: dict[bytes, Any] = {}
+
+    def ask(eyes: FloatArray) -> BoolArray:
+        answers = []
+        for eye in eyes:
+            if eye.tobytes() not in made:
+                rays = np.empty((len(points), 6), dtype=np.float32)
+                rays[:, :3], rays[:, 3:] = eye, points.positions - eye
+                made[eye.tobytes()] = open3d.core.Tensor(rays)
+            answers.append(~scene.test_occlusions(made[eye.tobytes()], 0.0, 1.0 - 1e-4).numpy())
+        return np.stack(answers)
+
+    return ask
+
+
+def trimesh_peer(mesh: Mesh, points: SurfacePoints) -> Ask:
+    caster = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).ray
+
+    def ask(eyes: FloatArray) -> BoolArray:
+        answers = []
+        for eye in eyes:
+            away = eye - points.positions
+            # rays begin off the surface, as its users must
+            answers.append(~caster.intersects_any(points.positions + 1e-4 * away, away))
+        return np.stack(answers)
+
+    return ask
+
+
+def seconds_of(ask: Ask, eyes: FloatArray) -> float:
+    began = time.perf_counter()
+    ask(eyes)
+    return time.perf_counter() - began
+
+
+def cell(mesh: Mesh, n_points: int, gl: GlContext, seconds: float, rounds: int) -> dict[str, Any]:
+    """Measure all methods on one mesh with so many points."""
+    points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
+    eyes = eyes[np.random.default_rng(0).permutation(len(eyes))]
+    few = points.select(np.random.default_rng(1).choice(n_points, 50, replace=False))
+    with zo.prepare(mesh, "oracle") as oracle:
+        truth = oracle.visible(few, eyes[:3])
+    asked: dict[str, tuple[Ask, int]] = {}
+    found: dict[str, Any] = {}
+    occluders = []
+    candidates: dict[str, Any] = {PEER: open3d_peer, "trimesh": trimesh_peer}
+    for name in [*candidates, *(method.name for method in zo.METHODS)]:
+        began = time.perf_counter()
+        if name in candidates:
+            small, ask = candidates[name](mesh, few), candidates[name](mesh, points)
+        else:
+            if slow(name, len(mesh.faces), n_points, seconds):
+                continue
+            occluder = zo.prepare(mesh, name, **({"gl": gl} if zo.METHODS[row_of(name)].needs_gl else {}))
+            occluders.append(occluder)
+
+            def small(eyes: FloatArray, occluder: Any = occluder) -> BoolArray:
+                return occluder.visible(few, eyes)
+
+            def ask(eyes: FloatArray, occluder: Any = occluder) -> BoolArray:
+                return occluder.visible(points, eyes)
+
+        found[name] = {"prepare_s": time.perf_counter() - began, "wrong": float((small(eyes[:3]) != truth).mean())}
+        one = min(seconds_of(ask, eyes[:1]) for _ in range(2))
+        if one > seconds:
+            found[name] |= {"ms": 1e3 * one, "eyes": 1}
+            continue
+        asked[name] = ask, int(np.clip(seconds / one, 1, len(eyes)))
+    times: dict[str, list[float]] = {name: [] for name in asked}
+    for _ in range(rounds):
+        for name, (ask, n_eyes) in asked.items():
+            times[name].append(seconds_of(ask, eyes[:n_eyes]) / n_eyes)
+    for name, (ask, n_eyes) in asked.items():
+        found[name] |= {
+            "ms": 1e3 * float(np.median(times[name])),
+            "eyes": n_eyes,
+            "ratio": float(np.median(np.divide(times[PEER], times[name]))),
+        }
+        if n_eyes == len(eyes):
+            found[name]["eyes_exponent"] = float(np.log10(np.median(times[name]) * 10 / seconds_of(ask, eyes[:10])) + 1)
+    for occluder in occluders:
+        occluder.close()
+    return found
+
+
+def row_of(name: str) -> int:
+    return [method.name for method in zo.METHODS].index(name)
+
+
+def slow(name: str, n_faces: int, n_points: int, seconds: float) -> bool:
+    """Whether a brute-force method would need far longer than `seconds` for one eye: 3e-9 s a pair at best."""
+    pairs = {"oracle": n_points, "exact_hsr": n_points, "vertex_hsr": n_faces, "vertex_hsr_culled": n_faces}
+    return pairs.get(name, 0) * n_faces * 3e-9 > 4 * seconds
+
+
+def peak(arguments: tuple[str, int, int]) -> float:
+    """Peak memory of a process that lets a method answer for 100 eyes, beyond what it has before, in MB."""
+    name, n_faces, n_points = arguments
+    mesh = mesh_of(n_faces)
+    points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with zo.prepare(mesh, name) as occluder:
+        occluder.visible(points, eyes)
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+
+
+def exponents(cells: dict[tuple[int, int], dict[str, Any]], name: str) -> str:
+    """Growth in points and faces: log ms = a log points + b log faces + c."""
+    rows = [(n, f, found[name]["ms"]) for (f, n), found in cells.items() if "ms" in found.get(name, {}) and n >= 10_000]
+    if len({n for n, _, _ in rows}) < 2 or len({f for _, f, _ in rows}) < 2:
+        return "- | -"
+    n, f, ms = np.log(np.array(rows, dtype=float)).T
+    a, b, _ = np.linalg.lstsq(np.stack([n, f, np.ones_like(n)], axis=1), ms, rcond=None)[0]
+    return f"{a:.2f} | {b:.2f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--faces", type=int, nargs="+", default=[340, 2_600, 19_000, 31_000, 1_000_000])
+    parser.add_argument("--points", type=int, nargs="+", default=[2_000, 10_000, 50_000, 500_000, 1_000_000])
+    parser.add_argument("--seconds", type=float, default=1.5)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    cells: dict[tuple[int, int], dict[str, Any]] = {}
+    with GlContext.open() as gl:
+        print(f"{gl.renderer}\n\n| faces | points | method | ms a view | x {PEER} | wrong | eyes |\n|" + " --- |" * 7)
+        for n_faces in options.faces:
+            mesh = mesh_of(n_faces)
+            for n_points in options.points:
+                found = cells[len(mesh.faces), n_points] = cell(mesh, n_points, gl, options.seconds, options.rounds)
+                for name, row in found.items():
+                    ratio = f"{row['ratio']:.2f}" if "ratio" in row else "-"
+                    place = f"| {len(mesh.faces):,} | {n_points:,} | {name}"
+                    print(f"{place} | {row['ms']:.2f} | {ratio} | {row['wrong']:.3f} | {row['eyes']} |", flush=True)
+    print("\n| method | points^ | faces^ | eyes^ | peak MB | at faces, points |\n|" + " --- |" * 6)
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        for method in zo.METHODS:
+            reached = [key for key, found in cells.items() if found.get(method.name, {}).get("eyes") == 100]
+            eyes = [found[method.name]["eyes_exponent"] for key, found in cells.items() if key in reached]
+            memory = at = "-"
+            if reached:
+                largest = max(reached, key=lambda key: key[0] * key[1])
+                memory, at = f"{pool.apply(peak, ((method.name, *largest),)):.0f}", f"{largest[0]:,}, {largest[1]:,}"
+            growth = f"{np.median(eyes):.2f}" if eyes else "-"
+            print(f"| {method.name} | {exponents(cells, method.name)} | {growth} | {memory} | {at} |", flush=True)
+    if options.json:
+        rows = [{"faces": f, "points": n, **found} for (f, n), found in cells.items()]
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

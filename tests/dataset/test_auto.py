@@ -1,0 +1,62 @@
+"""`--method auto`: what it chooses for which sizes and machines, and that the reason reaches the recipe."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import Mesh, MeshCollection, OptionError
+from zbuf_occlude.dataset import auto
+from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
+from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.meshes import shapes
+
+
+@pytest.mark.parametrize(
+    ("n_faces", "n_points", "gpu", "embree", "method"),
+    [
+        (3000, 20_000, True, True, "exact_gl"),
+        (3000, 20_000, False, True, "exact"),
+        (MANY_FACES, FEW_POINTS, False, True, "embree"),
+        (MANY_FACES, FEW_POINTS, False, False, "exact"),
+        (MANY_FACES, FEW_POINTS + 1, False, True, "exact"),
+        (MANY_FACES - 1, FEW_POINTS, False, True, "exact"),
+    ],
+)
+def test_choices(n_faces: int, n_points: int, gpu: bool, embree: bool, method: str) -> None:
+    choice = choose(n_faces, n_points, gpu=gpu, embree=embree)
+    assert choice.method == method
+    assert ("GPU here" in choice.reason) == gpu
+    if not gpu:
+        assert f"{n_points:,} points" in choice.reason
+        assert f"{n_faces:,} faces" in choice.reason
+
+
+def test_a_named_method_stays() -> None:
+    recipe = Recipe(method="oracle")
+    assert resolve(recipe, shapes.collection()) is recipe
+
+
+def test_the_reason_names_the_sizes_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(auto, "_has_gpu", lambda: False)
+    meshes = shapes.collection().limit(1)
+    n_faces = len(meshes[0].load().faces)
+    found = resolve(Recipe(method=AUTO, n_points=1234), meshes)
+    assert found == replace(Recipe(n_points=1234), method="exact", reason=found.reason)
+    assert f"1,234 points on meshes of about {n_faces:,} faces" in found.reason
+
+
+def test_a_density_counts_points_by_area(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(auto, "_has_gpu", lambda: False)
+    square = Mesh(5.0 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    lines = ["OFF", "4 2 0", *(" ".join(map(str, v)) for v in square.vertices), "3 0 1 2", "3 0 2 3"]
+    (tmp_path / "square.off").write_text("\n".join(lines))
+    (tmp_path / "broken.off").write_text("OFF\n")
+    found = resolve(Recipe(method=AUTO, n_points=None, density=700.0), MeshCollection.from_paths([tmp_path]))
+    assert "700 points on meshes of about 2 faces" in found.reason
+
+
+def test_options_need_a_named_method() -> None:
+    with pytest.raises(OptionError, match="--set needs a named method; got --method auto"):
+        resolve(Recipe(method=AUTO, method_options={"contact": 1e-6}), shapes.collection())
