@@ -13,7 +13,7 @@ FACE = "zbuf_occlude"
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names beside it
     {"errors": set(), "numba_cache": set(), "threads": set()},
-    {"arrays": set()},
+    {"arrays": set(), "checks": set()},
     {"mesh": set()},
     {"camera": set(), "closed": set(), "predicates": set(), "rational": set()},
     {"sampling": set(), "views": set(), "meshes": set()},

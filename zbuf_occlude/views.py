@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, frozen
+from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import ArgumentError, OptionError
 
 PAPER_DISTANCE = 4.0
@@ -247,8 +248,7 @@ def _product(elevations: FloatArray, n_azimuths: int, distance: float) -> Views:
 
 
 def _positive(count: int, name: str) -> int:
-    if not isinstance(count, (int, np.integer)) or count < 1:
-        raise OptionError(f"{name} must be a positive int; got {count!r}.")
+    check_int(name, count, 1)
     if count > MAX_VIEWS:
         raise OptionError(f"{name} must be at most {MAX_VIEWS:,}; got {count}.")
     return int(count)

@@ -12,8 +12,9 @@ from zbuf_occlude.dataset.generate import merge as merge_shards
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 def command(folder: Path) -> None:
-    """Write the final files, the picture and the manifest of DIR, when all its shards are done; likewise of the complete
-    clouds that a preset puts beside them.
+    """Write the final files, the picture and the manifest of DIR, when all its shards are done.
+
+    Likewise of the complete clouds that a preset puts beside them.
 
     `zbuf-occlude generate` without --shard does this itself.
     """

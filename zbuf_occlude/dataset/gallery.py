@@ -61,6 +61,7 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
         )
     page = Template(asset("gallery.html")).substitute(
         title=html.escape(f"Occluded point clouds: {folder.absolute().name}"),
+        style=asset("page.css"),
         facts=html.escape("; ".join(facts) + "."),
         table2=_table([*table2.PAPER, table2.row_of(folder)]),
         viewer_script=viewer_script(),

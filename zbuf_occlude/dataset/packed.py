@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.camera import view_matrices
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.folder import read_finished
@@ -45,7 +46,7 @@ from zbuf_occlude.dataset.packing import (
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Numbers, mixed_order
-from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -297,8 +298,8 @@ class PackedDataset(Sequence[PackedCloud]):
         if plan.format != "packed":
             raise DatasetError(f"{folder} must be in the format packed; it is in {plan.format}.")
         files = manifest["files"]
-        if split is not None and split not in files:
-            raise OptionError(f"split must be one of {', '.join(files)}; got {split!r}.")
+        if split is not None:
+            check_word("split", split, files)
         names = sorted({name for names in files.values() for name in names})
         self.archives = Archives(plan, [Path(folder) / name for name in names])
         splits = np.array([entry.split for entry in plan.meshes])[self.archives.mesh_ids]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -90,9 +91,8 @@ class Recipe:
                 raise OptionError(f"{name} must be positive; got {value}.")
             if value is not None and value > most:
                 raise OptionError(f"{name} must be at most {most:,}; got {value}.")
-        for name, word, known in (("scale", self.scale, SCALES), ("frame", self.frame, FRAMES)):
-            if word not in known:
-                raise OptionError(f"{name} must be one of {', '.join(known)}; got {word!r}.")
+        check_word("scale", self.scale, SCALES)
+        check_word("frame", self.frame, FRAMES)
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))

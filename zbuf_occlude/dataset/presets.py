@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -98,10 +99,7 @@ def find_preset(name: str) -> Preset:
     OptionError
         No such preset; the message lists those there are.
     """
-    for row in PRESETS:
-        if row.name == name:
-            return row
-    raise OptionError(f"preset must be one of {', '.join(row.name for row in PRESETS)}; got {name!r}.")
+    return find_row("preset", name, PRESETS)
 
 
 def plan_of_originals(plan: Plan) -> Plan:

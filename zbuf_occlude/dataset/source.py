@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +45,11 @@ class Source:
         """Clouds of each split."""
         return {split: len(numbers) for split, numbers in self.order.items()}
 
-    def batches(self, split: str, size: int = CLOUDS_A_FILE) -> Iterator[NDArray[Any]]:
-        """Yield the records of a split, `size` at a time."""
+    def batches(self, split: str, size: int = CLOUDS_A_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
+        """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""
         numbers = self.order[split]
+        if in_any_order and (blocks := self.blocks_of(numbers)) is not None:
+            numbers = numbers[np.argsort(blocks, kind="stable")]
         for start in range(0, len(numbers), size):
             yield self.take(numbers[start : start + size])
 
@@ -73,10 +76,16 @@ def mixed_order(plan: Plan, mesh_ids: NDArray[Any]) -> dict[str, Numbers]:
     return order
 
 
+def kept(whole: Callable[[Path], NDArray[Any]]) -> Callable[[Path, Numbers], NDArray[Any]]:
+    """Return a `load` for `source_of_files` that reads files whole and keeps the last one in memory."""
+    last = lru_cache(maxsize=1)(whole)
+    return lambda path, rows: last(path)[rows]
+
+
 def source_of_files(
     plan: Plan,
     files: dict[str, list[Path]],
-    sizes: dict[str, list[int]],
+    count: Callable[[Path], int],
     load: Callable[[Path, Numbers], NDArray[Any]],
 ) -> Source:
     """Return a source over files that hold records.
@@ -85,11 +94,13 @@ def source_of_files(
     ----------
     plan : Plan
     files : dict of split to paths
-    sizes : dict of split to number of clouds in each of its files
+    count : callable
+        Returns the number of clouds in a file.
     load : callable
         Returns the records of some rows of a file, in the order of the rows.
     """
     paths = [path for split in files for path in files[split]]
+    sizes = {split: [count(path) for path in files[split]] for split in files}
     ends = np.cumsum([size for split in files for size in sizes[split]])
 
     def take(numbers: Numbers) -> NDArray[Any]:

@@ -101,7 +101,7 @@ def _read_all(
     total = 0
     for split, expected in manifest["counts"]["clouds_by_split"].items():
         n_clouds = 0
-        for records in source.batches(split):
+        for records in source.batches(split, in_any_order=True):
             n_clouds += len(records)
             progress(len(records))
             if not np.isfinite(records["data"]).all():

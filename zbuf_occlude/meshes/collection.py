@@ -9,6 +9,7 @@ from itertools import zip_longest
 from pathlib import Path, PurePosixPath
 from typing import overload
 
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.files import SUFFIXES, UP, load_mesh
@@ -130,8 +131,8 @@ class MeshCollection(Sequence[MeshEntry]):
         Files of other formats and hidden ones are ignored, linked folders followed. A folder below the path given that
         cannot be read is one entry, ``FOLDER/*``, which fails when it is loaded.
         """
-        if up is not None and up not in UP:
-            raise OptionError(f"up must be one of {', '.join(UP)}; got {up!r}.")
+        if up is not None:
+            check_word("up", up, UP)
         given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")
@@ -166,9 +167,8 @@ class MeshCollection(Sequence[MeshEntry]):
             ("split", splits, [split for split in SPLITS if any(entry.split == split for entry in self)]),
         ):
             chosen[what] = set(known) if names is None else {names} if isinstance(names, str) else set(names)
-            unknown = sorted(chosen[what] - set(known))
-            if unknown:
-                raise OptionError(f"{what} must be one of {', '.join(known)}; got {unknown[0]!r}.")
+            for name in sorted(chosen[what]):
+                check_word(what, name, known)
         return MeshCollection(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":

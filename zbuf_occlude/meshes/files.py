@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.checks import check_word
+from zbuf_occlude.errors import MeshError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.obj import read_obj
@@ -74,8 +75,8 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
     package's own readers (docs/architecture.md says why).
     """
     path = Path(path)
-    if up is not None and up not in UP:
-        raise OptionError(f"up must be one of {', '.join(UP)}; got {up!r}.")
+    if up is not None:
+        check_word("up", up, UP)
     suffix = path.suffix.lower()
     try:
         if suffix not in SUFFIXES:

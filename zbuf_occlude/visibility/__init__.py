@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import find_row
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.visibility.interface import Method, Occluder
 
@@ -86,10 +86,7 @@ def find_method(name: str) -> Method:
     OptionError
         No such method; the message lists those there are.
     """
-    for method in METHODS:
-        if method.name == name:
-            return method
-    raise OptionError(f"method must be one of {', '.join(m.name for m in METHODS)}; got {name!r}.")
+    return find_row("method", name, METHODS)
 
 
 def prepare(mesh: Mesh, method: str = "depth_buffer", *, gl: Any = None, **options: Any) -> Occluder:

@@ -5,7 +5,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
@@ -29,8 +29,7 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Embree":
     OptionError
         `contact` is out of range.
     """
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_fraction("contact", contact)
     return Embree(mesh, contact)
 
 

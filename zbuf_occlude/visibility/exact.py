@@ -4,7 +4,7 @@ import numba
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
 from zbuf_occlude.image_space.scene import make_scene
@@ -16,8 +16,7 @@ from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
     """Make a mesh ready; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_fraction("contact", contact)
     return Exact(mesh, contact)
 
 

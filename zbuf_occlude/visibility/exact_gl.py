@@ -3,7 +3,7 @@
 from typing import Any
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.gl.exact_pass import ExactPass, UploadedPoints
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -12,8 +12,7 @@ from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 def prepare(mesh: Mesh, *, gl: Any, contact: float = CONTACT) -> "ExactGl":
     """Put a mesh on the GPU of a context, `gl`; `contact` is the contact tolerance as a fraction of the diagonal."""
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_fraction("contact", contact)
     return ExactGl(mesh, gl, contact)
 
 

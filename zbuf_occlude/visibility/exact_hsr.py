@@ -3,7 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import check_fraction, check_int, check_word
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
@@ -37,14 +37,10 @@ def prepare(
     OptionError
         A value is out of range.
     """
-    if cull not in CULLS:
-        raise OptionError(f"cull must be one of {', '.join(CULLS)}; got {cull!r}.")
-    if not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
-        raise OptionError(f"n_samples must be a positive int; got {n_samples!r}.")
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise OptionError(f"seed must be an int from 0; got {seed!r}.")
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_word("cull", cull, CULLS)
+    check_int("n_samples", n_samples, 1)
+    check_int("seed", seed, 0)
+    check_fraction("contact", contact)
     return ExactHsr(mesh, cull, n_samples, seed, contact)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
@@ -34,10 +35,8 @@ def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0)
     """
     if not isinstance(n, (int, np.integer)) or not 2 <= n <= LARGEST:
         raise OptionError(f"n must be an int in [2, {LARGEST}], cells along a side; got {n!r}.")
-    if not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
-        raise OptionError(f"n_samples must be a positive int; got {n_samples!r}.")
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise OptionError(f"seed must be an int from 0; got {seed!r}.")
+    check_int("n_samples", n_samples, 1)
+    check_int("seed", seed, 0)
     return OccupancyGridOccluder(mesh, int(n), int(n_samples), seed)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import blocks
 from zbuf_occlude.sampling import SurfacePoints
@@ -21,8 +21,7 @@ BAND = 1e-6
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Oracle":
     """Make the judge of a mesh; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_fraction("contact", contact)
     return Oracle(mesh, contact)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import Frusta, cube_faces, cube_frusta, cube_view_matrices, fitted_frusta, view_matrices
+from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -64,8 +65,7 @@ def prepare(
     """
     if not isinstance(resolution, (int, np.integer)) or not 1 <= resolution <= LARGEST:
         raise OptionError(f"resolution must be an int in [1, {LARGEST}], pixels along a side; got {resolution!r}.")
-    if not 0.0 <= tolerance < 1.0:
-        raise OptionError(f"tolerance must lie in [0, 1), a fraction of the mesh's diagonal; got {tolerance}.")
+    check_fraction("tolerance", tolerance)
     if not 0.0 <= slope_bias < np.inf:
         raise OptionError(f"slope_bias must not be negative and be finite, in pixels; got {slope_bias}.")
     return PyrenderOccluder(mesh, int(resolution), tolerance, slope_bias)

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.checks import check_fraction, check_int
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.object_space.division import Division, divide_faces
@@ -34,10 +35,8 @@ def prepare(mesh: Mesh, *, divide: float = 1.0, max_faces: int = 50_000, contact
     """
     if not 0.0 < divide <= 1.0:
         raise OptionError(f"divide must lie in (0, 1], a fraction of the mesh's area; got {divide}.")
-    if not isinstance(max_faces, (int, np.integer)) or max_faces < 1:
-        raise OptionError(f"max_faces must be a positive int; got {max_faces!r}.")
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_int("max_faces", max_faces, 1)
+    check_fraction("contact", contact)
     division = divide_faces(mesh, divide, int(max_faces))
     if division.limited:
         areas = division.mesh.areas

@@ -3,6 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.checks import check_fraction, check_int
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
@@ -35,12 +36,9 @@ def prepare(
     """
     if suggestion not in (1, 2):
         raise OptionError(f"suggestion must be 1 or 2, the paper's first or second (section 3.6); got {suggestion!r}.")
-    if not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
-        raise OptionError(f"n_samples must be a positive int; got {n_samples!r}.")
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise OptionError(f"seed must be an int from 0; got {seed!r}.")
-    if not 0.0 <= contact < 1.0:
-        raise OptionError(f"contact must lie in [0, 1), a fraction of the mesh's diagonal; got {contact}.")
+    check_int("n_samples", n_samples, 1)
+    check_int("seed", seed, 0)
+    check_fraction("contact", contact)
     return VertexHsrCulled(mesh, suggestion, n_samples, seed, contact)
 
 

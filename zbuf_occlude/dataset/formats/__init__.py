@@ -11,9 +11,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
+from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import SPLITS
 
 
@@ -80,7 +80,4 @@ def find_format(name: str) -> Format:
     OptionError
         No such format; the message lists those there are.
     """
-    for row in FORMATS:
-        if row.name == name:
-            return row
-    raise OptionError(f"format must be one of {', '.join(row.name for row in FORMATS)}; got {name!r}.")
+    return find_row("format", name, FORMATS)

@@ -39,8 +39,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    sizes = {split: [_count(path) for path in paths[split]] for split in paths}
-    return source_of_files(plan, paths, sizes, read_rows)
+    return source_of_files(plan, paths, _count, read_rows)
 
 
 def read_rows(path: Path, rows: Numbers) -> NDArray[Any]:

@@ -1,6 +1,5 @@
 """NumPy archives: train-000000.npz and so on, an array for each field of the records."""
 
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
@@ -28,9 +27,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files; the last file used is kept in memory."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    sizes = {split: [_count(path) for path in paths[split]] for split in paths}
 
-    @lru_cache(maxsize=1)
     def whole(path: Path) -> NDArray[Any]:
         with np.load(path) as archive:
             records = np.empty(len(archive["label"]), record_type(plan.recipe.sample_size))
@@ -38,7 +35,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
                 records[name] = archive[name]
         return records
 
-    return source_of_files(plan, paths, sizes, lambda path, rows: whole(path)[rows])
+    return source_of_files(plan, paths, _count, kept(whole))
 
 
 def _count(path: Path) -> int:

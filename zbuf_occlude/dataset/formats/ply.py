@@ -41,8 +41,9 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     paths = {
         split: [out / line for line in (out / names[0]).read_text().splitlines()] for split, names in files.items()
     }
-    sizes = {split: [1] * len(paths[split]) for split in paths}
-    return source_of_files(plan, paths, sizes, lambda path, rows: _read_cloud(path, plan.recipe.sample_size)[rows])
+    return source_of_files(
+        plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe.sample_size)[rows]
+    )
 
 
 def _name(record: Any, plan: Plan) -> str:

@@ -14,7 +14,6 @@ there is the package webdataset (extra ``webdataset``), and any program that kno
 import io
 import json
 import tarfile
-from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 ARRAYS = ("data", "face_ids")
 
@@ -45,13 +44,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these shards; the last shard used is kept in memory."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    sizes = {split: [_count(path) for path in paths[split]] for split in paths}
-
-    @lru_cache(maxsize=1)
-    def whole(path: Path) -> NDArray[Any]:
-        return _read_shard(path, plan.recipe.sample_size)
-
-    return source_of_files(plan, paths, sizes, lambda path, rows: whole(path)[rows])
+    return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan.recipe.sample_size)))
 
 
 def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> None:

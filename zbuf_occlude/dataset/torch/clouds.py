@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
@@ -24,12 +25,16 @@ class _Split:
     """One split, its files opened by whichever process reads them."""
 
     def __init__(
-        self, folder: str | os.PathLike[str], split: str, n_points: int | None, transform: Transform | None
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_points: int | None = None,
+        transform: Transform | None = None,
     ) -> None:
         self.folder, self.split, self.transform = Path(folder), split, transform
         source = self._open()
-        if split not in source.order:
-            raise OptionError(f"split must be one of {', '.join(source.order)}; got {split!r}.")
+        check_word("split", split, source.order)
         size = source.plan.recipe.sample_size
         if n_points is not None and not 1 <= n_points <= size:
             raise OptionError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
@@ -81,16 +86,6 @@ class CloudDataset(_Split, Dataset[Sample]):
     unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
 
-    def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        split: str = "train",
-        *,
-        n_points: int | None = None,
-        transform: Transform | None = None,
-    ) -> None:
-        super().__init__(folder, split, n_points, transform)
-
     def __len__(self) -> int:
         return len(self.numbers)
 
@@ -134,7 +129,7 @@ class CloudStream(_Split, IterableDataset[Sample]):
         transform: Transform | None = None,
         pool: int = 32,
     ) -> None:
-        super().__init__(folder, split, n_points, transform)
+        super().__init__(folder, split, n_points=n_points, transform=transform)
         if pool < 1:
             raise OptionError(f"pool must be at least 1; got {pool}.")
         self.pool, self._epoch = pool, 0

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.plan import SCALES
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
@@ -84,8 +85,7 @@ class OnTheFlyOcclusion:
                 raise OptionError(f"{name} must be positive; got {value}.")
         if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
             raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
-        if scale not in SCALES:
-            raise OptionError(f"scale must be one of {', '.join(SCALES)}; got {scale!r}.")
+        check_word("scale", scale, SCALES)
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -123,8 +124,7 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
 
 
 def _check(label: str, index: int, seed: int) -> None:
-    if label not in STYLES:
-        raise OptionError(f"label must be one of {', '.join(CLASSES)}; got {label!r}.")
+    check_word("label", label, CLASSES)
     for name, value in (("index", index), ("seed", seed)):
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 0:
             raise OptionError(f"{name} must be an int of at least 0; got {value!r}.")

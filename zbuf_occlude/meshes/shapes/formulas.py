@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -170,8 +171,7 @@ def make(name: str, n: int = 48) -> Mesh:
     OptionError
         An unknown name, or n below 4.
     """
-    if name not in FORMULAS:
-        raise OptionError(f"formula must be one of {', '.join(FORMULAS)}; got {name!r}.")
+    check_word("formula", name, FORMULAS)
     if n < 4:
         raise OptionError(f"n must be at least 4; got {n}.")
     formula = FORMULAS[name]
