@@ -1,6 +1,8 @@
 """How large a study is: everything that decides its numbers, beside the objects and the scans."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Any
 
 
@@ -17,7 +19,7 @@ class Size:
         Names in the table of models.
     seeds : tuple of int
         One classifier of each kind is trained with each of them (4.3, 4.4 and the methods of HSR).
-    passes : int
+    passes : mapping of model to int
         Clouds shown to a classifier of 4.3 in its training, however large its training set: else the one that is
         trained on few clouds would also be trained for a shorter time.
     batch_size : int
@@ -58,7 +60,7 @@ class Size:
     summary: str
     models: tuple[str, ...]
     seeds: tuple[int, ...]
-    passes: int
+    passes: Mapping[str, int]
     batch_size: int
     patience: float
     n_validation: int
@@ -80,6 +82,7 @@ class Size:
     def document(self) -> dict[str, Any]:
         """The values as JSON has them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values["passes"] = dict(self.passes)
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
@@ -88,7 +91,7 @@ FULL = Size(
     summary="the paper's numbers of objects, views, clouds and points; meant for a GPU",
     models=("voxnet", "pointnet", "threedmfv"),
     seeds=(0, 1, 2),
-    passes=480_000,
+    passes=MappingProxyType({"voxnet": 480_000, "pointnet": 480_000, "threedmfv": 480_000}),
     batch_size=32,
     patience=0.25,
     n_validation=2_000,
@@ -112,21 +115,21 @@ QUICK = Size(
     summary="a quarter of an hour on two processor cores",
     models=("voxnet", "pointnet", "threedmfv5-small"),
     seeds=(0, 1, 2),
-    passes=3_200,
-    batch_size=16,
+    passes=MappingProxyType({"voxnet": 3_840, "pointnet": 5_760, "threedmfv5-small": 3_840}),
+    batch_size=8,
     patience=1.0,
     n_validation=80,
     elevation_seeds=(0,),
-    elevation_passes=2_400,
+    elevation_passes=5_040,
     elevation_objects=200,
-    azimuths=3,
+    azimuths=2,
     variations=1,
-    elevation_sampled=1_500,
-    elevation_points=256,
+    elevation_sampled=1_000,
+    elevation_points=128,
     per_elevation=1,
     shares=(16, 5, 16),
-    sampled=1_500,
-    n_points=(256,),
+    sampled=1_000,
+    n_points=(128,),
     views=5,
     method_models=("voxnet",),
 )

@@ -178,10 +178,11 @@ def run_training(
     trial: Trial, training: CloudSet, validation: CloudSet, size: Size, folder: Path, told: Told
 ) -> Trained:
     """Train a trial's classifier, or go on, or read it back."""
-    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes
+    model = str(trial.facts["model"])
+    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes[model]
     epochs = max(1, round(passes / len(training)))
     config = TrainConfig(
-        model=str(trial.facts["model"]),
+        model=model,
         epochs=epochs,
         batch_size=size.batch_size,
         patience=max(1, round(size.patience * epochs)),
