@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import signal
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 from tests.learn.hand_made import TINY  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn import sydney  # noqa: E402
-from zbuf_occlude.learn.data import CloudSet  # noqa: E402
+from zbuf_occlude.learn.data import CloudSet, find_objects  # noqa: E402
 from zbuf_occlude.learn.experiments import augmentation as augmentation_module  # noqa: E402
 from zbuf_occlude.learn.experiments import trials as trials_module  # noqa: E402
 from zbuf_occlude.learn.experiments.augmentation import AugmentationClouds  # noqa: E402
@@ -253,6 +254,23 @@ def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
     assert [25 * splits.count(split) for split in ("train", "val", "test")] == [8_000, 2_000, 5_000]
     assert {trial.facts["points"] for trial in augmentation.trials()} == {12_000, 1_024}
     assert len(divided(elevation.plan.meshes)) == 200
+
+
+def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> None:
+    """40, 10 and 25 of each of the eight classes, whatever else there is; nothing is loaded to choose."""
+    for label in (*shapes.CLASSES, "bathtub"):
+        for split, numbers in (("train", range(1, 61)), ("test", range(61, 86))):
+            (tmp_path / label / split).mkdir(parents=True)
+            for number in numbers:
+                (tmp_path / label / split / f"{label}_{number:04d}.off").write_text("OFF")
+    one, other = (AugmentationClouds(find_objects(tmp_path), FULL, tmp_path).meshes for _ in range(2))
+    assert [(entry.key, entry.split) for entry in one] == [(entry.key, entry.split) for entry in other]
+    counts = Counter((entry.label, entry.split) for entry in one)
+    wanted = {"train": 40, "val": 10, "test": 25}
+    assert counts == {(label, split): n for label in shapes.CLASSES for split, n in wanted.items()}
+    assert {entry.key for entry in one if entry.split == "test"} >= {"car/test/car_0061.off", "lamp/test/lamp_0085.off"}
+    few = AugmentationClouds(find_objects(tmp_path), TINY, tmp_path).meshes
+    assert {entry.key for entry in few} <= {entry.key for entry in one}
 
 
 def test_five_views_are_each_elevation_and_each_azimuth_once(tmp_path: Path) -> None:
