@@ -1,6 +1,5 @@
 """Results written by hand, and a study small enough for a test."""
 
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ TINY = Size(
     summary="of a test",
     models=("voxnet",),
     seeds=(0, 1),
-    passes=MappingProxyType({"voxnet": 16}),
+    passes=(16,),
     batch_size=8,
     patience=1.0,
     n_validation=4,

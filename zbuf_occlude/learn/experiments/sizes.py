@@ -1,8 +1,6 @@
 """How large a study is: everything that decides its numbers, beside the objects and the scans."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any
 
 
@@ -19,9 +17,9 @@ class Size:
         Names in the table of models.
     seeds : tuple of int
         One classifier of each kind is trained with each of them (4.3, 4.4 and the methods of HSR).
-    passes : mapping of model to int
-        Clouds shown to a classifier of 4.3 in its training, however large its training set: else the one that is
-        trained on few clouds would also be trained for a shorter time.
+    passes : tuple of int
+        For each of `models`, the clouds shown to it in a training of 4.3, however large the training set: else the one
+        that is trained on few clouds would also be trained for a shorter time.
     batch_size : int
     patience : float
         Training stops when validation has not become better for this share of it; 1: it never stops early.
@@ -60,7 +58,7 @@ class Size:
     summary: str
     models: tuple[str, ...]
     seeds: tuple[int, ...]
-    passes: Mapping[str, int]
+    passes: tuple[int, ...]
     batch_size: int
     patience: float
     n_validation: int
@@ -82,7 +80,6 @@ class Size:
     def document(self) -> dict[str, Any]:
         """The values as JSON has them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        values["passes"] = dict(self.passes)
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
@@ -91,7 +88,7 @@ FULL = Size(
     summary="the paper's numbers of objects, views, clouds and points; meant for a GPU",
     models=("voxnet", "pointnet", "threedmfv"),
     seeds=(0, 1, 2),
-    passes=MappingProxyType({"voxnet": 480_000, "pointnet": 480_000, "threedmfv": 480_000}),
+    passes=(480_000, 480_000, 480_000),
     batch_size=32,
     patience=0.25,
     n_validation=2_000,
@@ -115,7 +112,7 @@ QUICK = Size(
     summary="a quarter of an hour on two processor cores",
     models=("voxnet", "pointnet", "threedmfv5-small"),
     seeds=(0, 1, 2),
-    passes=MappingProxyType({"voxnet": 3_840, "pointnet": 5_760, "threedmfv5-small": 3_840}),
+    passes=(3_840, 5_760, 3_840),
     batch_size=8,
     patience=1.0,
     n_validation=80,

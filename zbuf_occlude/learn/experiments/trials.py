@@ -179,7 +179,7 @@ def run_training(
 ) -> Trained:
     """Train a trial's classifier, or go on, or read it back."""
     model = str(trial.facts["model"])
-    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes[model]
+    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes[size.models.index(model)]
     epochs = max(1, round(passes / len(training)))
     config = TrainConfig(
         model=model,
