@@ -14,7 +14,7 @@ AUTO = "auto"
 LOOKED_AT = 8
 """Of a collection so many meshes are loaded to see how large they are."""
 
-FEW_POINTS, MANY_FACES = 3_000, 500_000
+FEW_POINTS, MANY_FACES = 2_000, 1_000_000
 """With at most so many points on at least so many faces Embree answers before `exact` (docs/performance.md)."""
 
 
