@@ -32,7 +32,7 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
     full = run("experiment", "elevation", "--out", out)
     assert full.code == 1
     assert "error: " in full.err
-    assert "it holds another (tiny, built-in shapes). Choose another folder." in full.err
+    assert "it holds another (tiny, built-in shapes), with other name, summary, models," in full.err
 
 
 @pytest.mark.usefixtures("tiny")

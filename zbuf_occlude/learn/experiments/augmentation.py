@@ -136,7 +136,7 @@ class AugmentationClouds:
             )
             for seed in size.seeds
             for n_points in size.n_points
-            for model in size.models
+            for model in size.augmentation_models
             for training_set, kind in TRAINING_SETS.items()
         ]
         methods = [

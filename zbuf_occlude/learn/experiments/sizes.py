@@ -14,12 +14,12 @@ class Size:
     summary : str
         One line.
     models : tuple of str
-        Names in the table of models.
+        Names in the table of models: those of 4.2.
     seeds : tuple of int
         One classifier of each kind is trained with each of them (4.3, 4.4 and the methods of HSR).
-    passes : tuple of int
-        For each of `models`, the clouds shown to it in a training of 4.3, however large the training set: else the one
-        that is trained on few clouds would also be trained for a shorter time.
+    passes : int
+        Clouds shown to a classifier of 4.3 in its training, however large its training set: else the one that is
+        trained on few clouds would also be trained for a shorter time.
     batch_size : int
     patience : float
         Training stops when validation has not become better for this share of it; 1: it never stops early.
@@ -41,6 +41,8 @@ class Size:
         Points of each cloud of 4.2.
     per_elevation : int
         Clouds of each object at each elevation that are tested, at most, when objects are seen in training.
+    augmentation_models : tuple of str
+        Those of 4.3 and 4.4.
     shares : (int, int, int)
         Objects of each class of 4.3 to train, to validate and to test.
     sampled : int
@@ -58,7 +60,7 @@ class Size:
     summary: str
     models: tuple[str, ...]
     seeds: tuple[int, ...]
-    passes: tuple[int, ...]
+    passes: int
     batch_size: int
     patience: float
     n_validation: int
@@ -70,6 +72,7 @@ class Size:
     elevation_sampled: int
     elevation_points: int
     per_elevation: int
+    augmentation_models: tuple[str, ...]
     shares: tuple[int, int, int]
     sampled: int
     n_points: tuple[int, ...]
@@ -88,7 +91,7 @@ FULL = Size(
     summary="the paper's numbers of objects, views, clouds and points; meant for a GPU",
     models=("voxnet", "pointnet", "threedmfv"),
     seeds=(0, 1, 2),
-    passes=(480_000, 480_000, 480_000),
+    passes=480_000,
     batch_size=32,
     patience=0.25,
     n_validation=2_000,
@@ -100,6 +103,7 @@ FULL = Size(
     elevation_sampled=8_000,
     elevation_points=1_024,
     per_elevation=100,
+    augmentation_models=("voxnet", "pointnet", "threedmfv"),
     shares=(40, 10, 25),
     sampled=40_000,
     n_points=(12_000, 1_024),
@@ -112,21 +116,22 @@ QUICK = Size(
     summary="a quarter of an hour on two processor cores",
     models=("voxnet", "pointnet", "threedmfv5-small"),
     seeds=(0, 1, 2),
-    passes=(3_840, 5_760, 3_840),
+    passes=5_760,
     batch_size=8,
     patience=1.0,
-    n_validation=80,
+    n_validation=200,
     elevation_seeds=(0,),
     elevation_passes=5_040,
     elevation_objects=200,
     azimuths=2,
     variations=1,
-    elevation_sampled=1_000,
-    elevation_points=128,
+    elevation_sampled=1_500,
+    elevation_points=256,
     per_elevation=1,
-    shares=(16, 5, 16),
-    sampled=1_000,
-    n_points=(128,),
+    augmentation_models=("voxnet", "threedmfv5-small"),
+    shares=(24, 5, 20),
+    sampled=1_500,
+    n_points=(256,),
     views=5,
     method_models=("voxnet",),
 )

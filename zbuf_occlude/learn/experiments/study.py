@@ -93,10 +93,12 @@ def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
     path = folder / STUDY
     if path.exists():
         study = read_study(folder)
-        if (study["size"], study["objects"]) != (size.document, objects):
+        mine = {**size.document, "objects": objects}
+        theirs = {**study["size"], "objects": study["objects"]}
+        if different := [name for name in mine if theirs.get(name) != mine[name]]:
             raise DatasetError(
                 f"{folder} must be empty or hold this same study ({size.name}, {objects}); it holds another "
-                f"({study['size']['name']}, {study['objects']}). Choose another folder."
+                f"({theirs['name']}, {theirs['objects']}), with other {', '.join(different)}. Choose another folder."
             )
         return study
     if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers(folder)):

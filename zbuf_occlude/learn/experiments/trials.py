@@ -178,11 +178,10 @@ def run_training(
     trial: Trial, training: CloudSet, validation: CloudSet, size: Size, folder: Path, told: Told
 ) -> Trained:
     """Train a trial's classifier, or go on, or read it back."""
-    model = str(trial.facts["model"])
-    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes[size.models.index(model)]
+    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes
     epochs = max(1, round(passes / len(training)))
     config = TrainConfig(
-        model=model,
+        model=str(trial.facts["model"]),
         epochs=epochs,
         batch_size=size.batch_size,
         patience=max(1, round(size.patience * epochs)),
