@@ -4,6 +4,8 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
 
 PACKAGES = ("zbuf-occlude", "numpy", "numba", "moderngl", "trimesh", "h5py", "pyrender", "embreex", "open3d")
@@ -77,6 +79,8 @@ def summed_up(
         },
         "failures": failures,
         "files": files,
+        # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
+        "rounding": 0.5 / STEPS if find_format(plan.format).all_points else 0.0,
         "error": {
             "false_visible": total["false_visible"] / n_checked if n_checked else None,
             "false_hidden": total["false_hidden"] / n_checked if n_checked else None,
