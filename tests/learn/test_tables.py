@@ -148,6 +148,7 @@ def test_findings_are_differences_of_one_seed() -> None:
     assert loses[1][2:] == ["33.8", "35.0 ± 0.0", "yes"], "C3 80 against C2 45"
     assert loses[2][2:] == ["3.4", "5.0 ± 0.0", "yes"]
     assert [row[4] for row in table.rows if row[1] == "PointNet"] == ["one seed only"] * 5
-    said = sentences([*study_of_augmentation(), *study_of_methods()])
+    said = sentences([*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
     assert "VoxNet 75.5 ± 0.7, 45.5 ± 0.7 and 80.5 ± 0.7 %" in said[0]
     assert "71.0 ± 1.4 % (`occupancy_grid:n=64`)" in said[1]
+    assert "VoxNet 20.0 and 20.0 (the paper 14.4)." in said[2]

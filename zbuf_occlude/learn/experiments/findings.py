@@ -9,16 +9,29 @@ from zbuf_occlude.compare.tables import Table
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
+    ELEVATION,
     GENERATED,
     HSR,
     MAIN,
     ORIGINAL,
+    SPLIT_BY,
     name_of_test,
     paper_name,
     printed,
 )
 from zbuf_occlude.learn.experiments.results import Result
-from zbuf_occlude.learn.experiments.tables import NONE, accuracy, by_method, models_of, of, percent, values
+from zbuf_occlude.learn.experiments.tables import (
+    NONE,
+    accuracy,
+    by_method,
+    curves_of,
+    lost_at_zero,
+    models_of,
+    of,
+    percent,
+    published_curve,
+    values,
+)
 
 MUCH = 0.05
 """Five points of percent: what "loses much" is taken to mean; the paper's two models lose 7 and 36."""
@@ -111,7 +124,7 @@ def _published(finding: Finding, model: str) -> str:
 def sentences(results: Sequence[Result]) -> list[str]:
     """Return the study's answers in a few sentences."""
     said = []
-    for experiment, make in ((AUGMENTATION, _of_augmentation), (HSR, _of_methods)):
+    for experiment, make in ((AUGMENTATION, _of_augmentation), (HSR, _of_methods), (ELEVATION, _of_elevation)):
         if of(results, experiment):
             said.append(make(results))
     return said
@@ -135,3 +148,17 @@ def _of_methods(results: Sequence[Result]) -> str:
         cells = ", ".join(f"{percent(map(accuracy(test), found))} % (`{name}`)" for name, found in rows.items())
         parts.append(f"{printed(model)} {cells}")
     return f"Tested on clouds by `{MAIN.label}`, trained on clouds by another method: " + "; ".join(parts) + "."
+
+
+def _of_elevation(results: Sequence[Result]) -> str:
+    parts = []
+    for model in models_of(results, ELEVATION):
+        lost = " and ".join(
+            percent(map(lost_at_zero, curves)) for split in SPLIT_BY if (curves := curves_of(results, model, split))
+        )
+        parts.append(f"{printed(model)} {lost} (the paper {percent([lost_at_zero(published_curve(model))])})")
+    return (
+        "Points of percent lost at the elevation 0 against ±10, with the paper's split and with objects held out: "
+        + "; ".join(parts)
+        + "."
+    )

@@ -82,7 +82,8 @@ def table_3a(results: Sequence[Result]) -> Table:
         "The paper's split is by elevation alone, so that every object tested has been seen in training, from other "
         "elevations; with objects held out none has. "
         + " ".join(f"Clouds a column, {SPLIT_BY[split]}: {text}." for split, text in counts.items() if text)
-        + " The paper's 40 classes are not the classes here unless ModelNet40 was given."
+        + " A share of 70 % has a standard error of 3 points among 200 clouds, of 5 among 80. The paper's forty classes "
+        "are here only when ModelNet40 was given."
     )
     header = ["model", "split", *(f"{e:+d}".replace("+0", "0") for e in paper.TEST_ELEVATIONS)]
     return Table("Table 3A of the paper: accuracy against the camera's elevation", header, body, note, texts=2)
@@ -97,15 +98,12 @@ def dead_angle(results: Sequence[Result], areas: dict[str, Any] | None) -> Table
     """Return how accuracy at 0 degrees compares with that at +-10 and over all, and the area that is seen there."""
     body = []
     for model in models_of(results, ELEVATION):
-        published = dict(zip(paper.TEST_ELEVATIONS, (n / 100 for n in paper.TABLE_3A[paper_name(model)]), strict=True))
-        body.append([printed(model), "**paper**", *_dip([published])])
-        for split, words in SPLIT_BY.items():
-            rows = of(results, ELEVATION, model=model, split=split)
-            curves = [
-                {e: row.tests[str(e)].accuracy for e in paper.TEST_ELEVATIONS if str(e) in row.tests} for row in rows
-            ]
-            if curves and all(len(curve) == len(paper.TEST_ELEVATIONS) for curve in curves):
-                body.append(["", words, *_dip(curves)])
+        body.append([printed(model), "**paper**", *_dip([published_curve(model)])])
+        body += [
+            ["", words, *_dip(curves)]
+            for split, words in SPLIT_BY.items()
+            if (curves := curves_of(results, model, split))
+        ]
     note = "Points of percent lost: accuracy at ±10 less that at 0; mean over all other elevations less that at 0."
     if areas:
         at = areas["elevations"].index(0)
@@ -120,12 +118,32 @@ def dead_angle(results: Sequence[Result], areas: dict[str, Any] | None) -> Table
     return Table("The dead angle", header, body, note, texts=2)
 
 
+def published_curve(model: str) -> dict[int, float]:
+    """Return the paper's accuracy by elevation."""
+    numbers = paper.TABLE_3A[paper_name(model)]
+    return {e: number / 100 for e, number in zip(paper.TEST_ELEVATIONS, numbers, strict=True)}
+
+
+def curves_of(results: Sequence[Result], model: str, split: str) -> list[dict[int, float]]:
+    """Return accuracy by elevation for each seed that has all elevations."""
+    rows = of(results, ELEVATION, model=model, split=split)
+    return [
+        {e: row.tests[str(e)].accuracy for e in paper.TEST_ELEVATIONS}
+        for row in rows
+        if all(str(e) in row.tests for e in paper.TEST_ELEVATIONS)
+    ]
+
+
+def lost_at_zero(curve: dict[int, float]) -> float:
+    """Return accuracy at +-10 degrees less that at 0."""
+    return (curve[-10] + curve[10]) / 2 - curve[0]
+
+
 def _dip(curves: Sequence[dict[int, float]]) -> list[str]:
     mean = {e: float(np.mean([curve[e] for curve in curves])) for e in curves[0]}
-    near = [(curve[-10] + curve[10]) / 2 - curve[0] for curve in curves]
     far = [float(np.mean([v for e, v in curve.items() if e != 0])) - curve[0] for curve in curves]
     worst = min(mean, key=lambda e: mean[e])
-    return [f"{worst:+d}°".replace("+0", "0"), percent(near), percent(far)]
+    return [f"{worst:+d}°".replace("+0", "0"), percent(map(lost_at_zero, curves)), percent(far)]
 
 
 # ---- Table 3B ----------------------------------------------------------------------------------------------------
