@@ -21,7 +21,8 @@ uint ask(int eye, Point point)
     Place place = place_of(tile_of(eye, point.position), point);
     float slope = max(abs(place.gain.x), abs(place.gain.y));
     float nearest = texelFetch(depths, ivec2(place.pixel), 0).r;
-    bool behind = nearest > place.depth + place.allowance + slope_bias * slope;
+    // what lies behind the far plane hides behind nothing
+    bool behind = !place.aside && nearest > max(place.depth, 0.0) + place.allowance + slope_bias * slope;
     return eye >= n_eyes || place.turned_away || behind ? HIDDEN : VISIBLE;
 }
 

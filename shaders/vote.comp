@@ -21,7 +21,7 @@ const uint HIDDEN = 0u, VISIBLE = 1u, DOUBTFUL = 256u;
 uint ask(int eye, Point point)
 {
     Place place = place_of(tile_of(eye, point.position), point);
-    uint votes = votes_of(place, floor(place.pixel - 0.5));
+    uint votes = place.aside ? 0u : votes_of(place, floor(place.pixel - 0.5));
     if (eye >= n_eyes || place.turned_away || votes == 15u) return HIDDEN;
     return votes == 0u ? VISIBLE : DOUBTFUL;
 }

@@ -85,6 +85,12 @@ def test_a_sheet_that_is_folded_shut_encloses_nothing() -> None:
     assert (closed_surfaces(sheet).outward == 0).all()
 
 
+@pytest.mark.parametrize(("thickness", "closed"), [(1e-3, True), (1e-5, False), (1e-6, False)])
+def test_a_plate_thinner_than_ten_contact_tolerances_counts_as_open(thickness: float, closed: bool) -> None:
+    plate = Mesh.from_trimesh(trimesh.creation.box((1.0, 1.0, thickness * np.sqrt(2.0))))
+    assert (closed_surfaces(plate).outward == int(closed)).all()
+
+
 def test_minus_zero_is_zero() -> None:
     shifted = BOX.vertices - BOX.vertices[0]
     corners = shifted[BOX.faces].reshape(-1, 3)

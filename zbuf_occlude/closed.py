@@ -6,11 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, IntArray
 from zbuf_occlude.mesh import Mesh
 
-NO_VOLUME = 1e-9
-"""A closed surface must enclose more than this, as a fraction of its diagonal cubed; flat ones have no inside."""
+THIN = 1e-4
+"""A closed surface must be thicker than this in the mean, as a fraction of the mesh's diagonal: ten contact tolerances.
+Sheets nearer than one do not hide each other, so the far side of a plate so thin is seen."""
 
 Signs = NDArray[np.int8]
 
@@ -41,7 +42,7 @@ def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
     Notes
     -----
     A surface is closed here when every edge, by the positions of its ends, is shared by exactly two of its faces, it
-    has two sides, and it encloses a volume. From an eye outside, a face turned away is then hidden, with all points
+    has two sides, and it is not `THIN`. From an eye outside, a face turned away is then hidden, with all points
     on it, *if* the surface does not turn itself inside out where it crosses itself; that is not checked here.
     """
     _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)  # -0.0 becomes 0.0
@@ -56,7 +57,7 @@ def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
     twins = np.full(len(keys), -1, dtype=np.int64)
     twins[order[pairs]], twins[order[pairs + 1]] = order[pairs + 1], order[pairs]
     outward, surfaces = _flood(twins, starts)
-    _point_out(outward, surfaces, mesh.corners)
+    _point_out(outward, surfaces, mesh)
     return ClosedSurfaces(outward, surfaces)
 
 
@@ -96,15 +97,17 @@ def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, 
     return sides, surfaces
 
 
-def _point_out(outward: Signs, surfaces: IntArray, corners: FloatArray) -> None:
-    """Turn the sides of each closed surface outwards, by the sign of the volume it encloses; 0 without a volume."""
+def _point_out(outward: Signs, surfaces: IntArray, mesh: Mesh) -> None:
+    """Turn the sides of each closed surface outwards, by the sign of the volume it encloses; 0 for a thin one."""
     n_surfaces = int(surfaces.max()) + 1
+    corners = (mesh.corners - mesh.centre) / mesh.diagonal
     low, high = np.full((n_surfaces, 3), np.inf), np.full((n_surfaces, 3), -np.inf)
     np.minimum.at(low, surfaces, corners.min(axis=1))
     np.maximum.at(high, surfaces, corners.max(axis=1))
     local = corners - ((low + high) / 2.0)[surfaces][:, None]
     volumes = (local[:, 0] * np.cross(local[:, 1], local[:, 2])).sum(axis=1) / 6.0
     enclosed = np.bincount(surfaces, weights=volumes * outward, minlength=n_surfaces)
-    least = NO_VOLUME * np.linalg.norm(high - low, axis=1) ** 3
-    turn = np.where(np.abs(enclosed) > least, np.sign(enclosed), 0.0).astype(np.int8)
+    areas = np.bincount(surfaces, weights=mesh.areas, minlength=n_surfaces) / mesh.diagonal**2
+    thick = np.abs(enclosed) > THIN * areas / 2.0  # a plate's volume is its thickness times half its area
+    turn = np.where(thick, np.sign(enclosed), 0.0).astype(np.int8)
     outward *= turn[surfaces]

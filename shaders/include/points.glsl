@@ -37,6 +37,7 @@ struct Place {
     vec2 gain;         // of the plane's depth, a pixel to the right and upwards; 0 for a free point
     float allowance;   // depth that `tolerance` of eye depth is worth here
     bool turned_away;  // on the far side of a closed surface, as an eye outside sees it: hidden, whatever the depths are
+    bool aside;        // outside the picture, which holds the whole mesh, or behind the eye: nothing is before it
 };
 
 Place place_of(int tile, Point point)
@@ -49,11 +50,15 @@ Place place_of(int tile, Point point)
     float facing = dot(d, point.normal);
     vec2 gain = vec2(dot(tiles[tile].across.xyz, point.normal), dot(tiles[tile].upward.xyz, point.normal));
     gain = facing == 0.0 ? vec2(0.0) : clamp(gain / facing, -most, most);
+    vec2 pixel = c.xy * inverse;
 #if $CUBE
-    bool turned_away = false;
+    bool turned_away = false, aside = false;
 #else
+    // a picture's border of two pixels is empty
+    vec2 inner = pixel - tiles[tile].corner.xy;
+    bool aside = c.w <= 0.0 || any(lessThan(inner, vec2(1.0))) || any(greaterThan(inner, vec2(tiles[tile].corner.z - 1.0)));
     // edge on, within rounding, it need not be
     bool turned_away = point.closed && facing < -1e-5 * (abs(d.x) + abs(d.y) + abs(d.z));
 #endif
-    return Place(c.xy * inverse, c.z * inverse, gain, tolerance * unit, turned_away);
+    return Place(pixel, c.z * inverse, gain, tolerance * unit, turned_away, aside);
 }

@@ -5,7 +5,7 @@ struct Tile {
     vec4 upward;  // from a pixel to the next, to the right and upwards. across.w: what depth gains per unit of inverse
                   // eye depth; upward.w: far - near
     vec4 eye;     // unit space
-    vec4 corner;  // the tile's lower left, in pixels; two unused
+    vec4 corner;  // the tile's lower left, and its side, in pixels; one unused
 };
 
 layout(std140, binding = 0) uniform Tiles { Tile tiles[$TILES]; };

@@ -9,7 +9,7 @@ import pytest
 from zbuf_occlude import Mesh, MeshCollection, OptionError
 from zbuf_occlude.dataset import auto
 from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes import shapes
 
 
@@ -55,6 +55,28 @@ def test_a_density_counts_points_by_area(monkeypatch: pytest.MonkeyPatch, tmp_pa
     (tmp_path / "broken.off").write_text("OFF\n")
     found = resolve(Recipe(method=AUTO, n_points=None, density=700.0), MeshCollection.from_paths([tmp_path]))
     assert "700 points on meshes of about 2 faces" in found.reason
+
+
+def test_large_files_are_not_loaded_and_broken_ones_do_not_count(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(auto, "_has_gpu", lambda: False)
+    monkeypatch.setattr(auto, "LARGE", 1000)
+    (tmp_path / "large.off").write_text("OFF\n" + "x" * 4000)  # loading it would fail
+    found = resolve(Recipe(method=AUTO, n_points=500), MeshCollection.from_paths([tmp_path]))
+    assert "500 points on meshes of about 100 faces" in found.reason
+    monkeypatch.setattr(auto, "LARGE", 10_000)
+    found = resolve(Recipe(method=AUTO, n_points=500), MeshCollection.from_paths([tmp_path]))
+    assert (found.method, "no mesh could be loaded" in found.reason) == ("exact", True)
+
+
+def test_a_named_method_resumes_what_auto_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(auto, "_has_gpu", lambda: False)
+    meshes = shapes.collection().limit(1)
+    chosen = Plan(meshes, resolve(Recipe(method=AUTO), meshes))
+    assert chosen.recipe.reason
+    assert chosen.fingerprint == Plan(meshes, Recipe(method="exact")).fingerprint
+    assert chosen.fingerprint != Plan(meshes, Recipe(method="oracle")).fingerprint
 
 
 def test_options_need_a_named_method() -> None:

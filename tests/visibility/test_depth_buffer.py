@@ -164,6 +164,20 @@ def test_an_eye_within_the_mesh_looks_all_round(gl: GlContext) -> None:
         assert occluder.visible(points, inside * 1000).mean() < 0.55
 
 
+@pytest.mark.parametrize("refine", ["none", "witness"])
+def test_free_points_about_the_mesh_and_behind_the_eye(gl: GlContext, refine: str) -> None:
+    ball = shapes.solids.icosphere(3)
+    off = np.random.default_rng(2).normal(size=(3000, 3))
+    off = off[np.abs(np.linalg.norm(off, axis=1) - 1.0) > 0.05]
+    behind = np.array([[0.0, -8.5, 0.0], [3.0, 3.0, 0.0], [0.0, -9.0, 3.0], [0.0, 40.0, 0.0], [9.0, 30.0, 0.0]])
+    points, eyes = SurfacePoints.free(np.concatenate([off, behind])), np.array([[0.0, -8.0, 0.0], [5.0, 4.0, 3.0]])
+    with prepare(ball, "oracle") as oracle, prepare(ball, "depth_buffer", gl=gl, refine=refine) as occluder:
+        truth, answer = oracle.visible(points, eyes), occluder.visible(points, eyes)
+    assert (answer[0, -5:] == [True, True, True, False, True]).all()
+    assert (answer[0, -5:] == truth[0, -5:]).all()
+    assert (answer == truth).mean() > 0.995
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -98,7 +98,9 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     metavar="I/N",
     help="Make only this machine's part, I from 0; then `zbuf-occlude merge`. A SLURM array task knows its own.",
 )
-@click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
+@click.option(
+    "--require-gpu", is_flag=True, help="Refuse to render in software, and, with --method auto, not to render."
+)
 @click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
 @click.pass_context
@@ -162,6 +164,10 @@ def command(
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
+    if require_gpu and method == AUTO and not find_method(plan.recipe.method).needs_gl:
+        raise GlError(
+            f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
+        )
     plans = [(plan, out)]
     if preset is not None and find_preset(preset).original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
@@ -224,13 +230,15 @@ def describe(plan: Plan, out: Path) -> str:
     """Say what a plan would make."""
     recipe = plan.recipe
     free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
+    how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
+    how = "complete" if recipe.complete else how
     size = f"about {megabytes(plan):.0f} MB"
     if not find_format(plan.format).all_points:
         size += ", twice that while working"
     return (
         f"{len(plan.meshes)} meshes x {len(plan.views)} views x {recipe.variations} variations = "
         f"{plan.n_clouds} clouds of {recipe.sample_size} points in {len(plan.shards)} shards, "
-        f"{'complete' if recipe.complete else f'by {recipe.method}'}{recipe.reason and f' ({recipe.reason})'}\n"
+        f"{how}\n"
         f"into {out}: {size} ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"
     )

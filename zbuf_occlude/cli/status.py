@@ -45,7 +45,7 @@ def gather(folder: Path) -> dict[str, Any]:
     plan, manifest = read_plan(folder), read_manifest(folder)
     report: dict[str, Any] = {
         "fingerprint": plan.fingerprint,
-        "method": plan.recipe.method,
+        "method": "none, complete" if plan.recipe.complete else plan.recipe.method,
         "clouds_planned": plan.n_clouds,
         "shards": len(plan.shards),
         "complete": manifest is not None,

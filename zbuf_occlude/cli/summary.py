@@ -27,7 +27,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
-    why = [f"because {options['reason']}"] if options["reason"] else []
+    why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
     lines = [
         f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
         f"{len(document['classes'])} classes, {how} on {document['renderer']}",

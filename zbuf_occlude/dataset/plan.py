@@ -171,8 +171,9 @@ class Plan:
 
     @cached_property
     def fingerprint(self) -> str:
-        """A hash of `document`: two runs with one fingerprint make the same dataset."""
-        return hashlib.sha256(json.dumps(self.document, sort_keys=True).encode()).hexdigest()[:16]
+        """A hash of `document`, the reason left out: two runs with one fingerprint make the same dataset."""
+        decisive = self.document | {"recipe": self.document["recipe"] | {"reason": ""}}
+        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _not_loadable(key: str) -> Mesh:

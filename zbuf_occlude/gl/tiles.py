@@ -124,5 +124,5 @@ def arrange_tiles(pictures: Pictures, resolution: int, columns: int, n_tiles: in
     tiles["gain"], tiles["range"] = gains, frusta.far - frusta.near
     # the eye is where eye space has its origin
     tiles["eye"][:, :3] = -np.einsum("cij,ci->cj", rotations, pictures.views[:, :3, 3])
-    tiles["corner"][:, :2] = corner
+    tiles["corner"][:, :2], tiles["corner"][:, 2] = corner, resolution
     return tiles

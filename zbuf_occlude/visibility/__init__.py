@@ -15,7 +15,7 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "exact",
-        "image space made exact on the CPU: the oracle's answers, faster than a ray caster",
+        "image space made exact on the CPU: the oracle's answers, and nearly always faster than a ray caster",
         "zbuf_occlude.visibility.exact:prepare",
         exact=True,
     ),
