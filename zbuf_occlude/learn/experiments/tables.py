@@ -82,8 +82,8 @@ def table_3a(results: Sequence[Result]) -> Table:
         "The paper's split is by elevation alone, so that every object tested has been seen in training, from other "
         "elevations; with objects held out none has. "
         + " ".join(f"Clouds a column, {SPLIT_BY[split]}: {text}." for split, text in counts.items() if text)
-        + " A share of 70 % has a standard error of 3 points among 200 clouds, of 5 among 80. The paper's forty classes "
-        "are here only when ModelNet40 was given."
+        + " A share of 70 % has a standard error of 3 points among 200 clouds, of 5 among 80. The paper's forty "
+        "classes are here only when ModelNet40 was given."
     )
     header = ["model", "split", *(f"{e:+d}".replace("+0", "0") for e in paper.TEST_ELEVATIONS)]
     return Table("Table 3A of the paper: accuracy against the camera's elevation", header, body, note, texts=2)
