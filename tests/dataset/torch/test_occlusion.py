@@ -110,7 +110,7 @@ class Meshes(torch.utils.data.Dataset):  # type: ignore[misc]  # torch is not ty
 def test_in_workers() -> None:
     occlude = OnTheFlyOcclusion(128)
     loader = torch.utils.data.DataLoader(
-        Meshes(occlude), batch_size=3, num_workers=2, multiprocessing_context="spawn", timeout=120
+        Meshes(occlude), batch_size=3, num_workers=2, multiprocessing_context="spawn", timeout=500
     )
     batches = [clouds for _ in range(2) for clouds, _ in loader]
     assert all(clouds.shape == (3, 128, 3) for clouds in batches)
@@ -124,7 +124,7 @@ def test_in_forked_workers(used_before: bool) -> None:
         "import torch; from tests.dataset.torch.test_occlusion import Meshes, OnTheFlyOcclusion\n"
         f"if {used_before}: OnTheFlyOcclusion(128)(Meshes(lambda mesh: mesh)[0][0])\n"
         "loader = torch.utils.data.DataLoader(Meshes(OnTheFlyOcclusion(128)), batch_size=3, num_workers=2,\n"
-        "                                     multiprocessing_context='fork', timeout=120)\n"
+        "                                     multiprocessing_context='fork', timeout=500)\n"
         "assert all(clouds.shape == (3, 128, 3) for clouds, _ in loader)"
     )
     root = Path(__file__).parents[3]
