@@ -152,10 +152,9 @@ def _run_in_workers(trials: Sequence[Trial], size: Size, folder: Path, progress:
             "What is done is kept; run the same command again."
         ) from None
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()  # in the midst of a training, when this was interrupted
-            process.join()
+        pool.shutdown(cancel_futures=True)
 
 
 _heard: Any = None
