@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
 
 GL = pytest.StashKey[GlContext]()
+
+settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
+settings.load_profile("unhurried")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
