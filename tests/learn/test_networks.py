@@ -142,6 +142,21 @@ def test_pointnet_is_held_to_orthogonal_transforms() -> None:
     assert torch.allclose(network.loss(points, labels), plain + 0.001 * 9 * 64)
 
 
+def test_the_regulariser_is_computed_in_full_precision(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mixed precision would round A A^T: for A = (1 + 1/128) I to multiples of 1/128, here."""
+    monkeypatch.setattr("zbuf_occlude.learn.pointnet.ORTHOGONALITY", 1.0)  # not to be lost in the cross-entropy
+    torch.manual_seed(3)
+    network = PointNet(4).eval()
+    points, labels = network.normalise(clouds(3, 30)), torch.tensor([0, 1, 2])
+    with torch.no_grad():
+        network.feature_transform.head[1].bias.copy_(torch.eye(64).flatten() / 128)
+        with torch.autocast("cpu", torch.bfloat16):
+            plain = torch.nn.functional.cross_entropy(network(points), labels)
+            regulariser = network.loss(points, labels) - plain
+    defect = (1 + 1 / 128) ** 2 - 1
+    assert float(regulariser) == pytest.approx(64 * defect**2, rel=1e-3)
+
+
 def test_normalisations() -> None:
     points = clouds(4, 50) * 7.0 + 3.0
     boxed = Classifier(2).normalise(points)
