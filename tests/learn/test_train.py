@@ -144,9 +144,19 @@ def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path)
     again = train(config, *clouds, tmp_path, progress=lambda epoch: numbers.append(epoch.number))
     assert weights(again) == weights(trained)
     assert numbers == []
-    for other in ((replace(config, seed=1), *clouds), (config, boxes(8, 5), clouds[1]), (config, clouds[0], clouds[0])):
-        with pytest.raises(DatasetError, match="must be empty or of this same training; it holds one with other cl"):
+    for other, different in (
+        ((replace(config, seed=1, n_points=40), *clouds), "seed, n_points"),
+        ((config, boxes(8, 5), clouds[1]), "clouds"),
+        ((config, clouds[0], clouds[0]), "clouds"),
+    ):
+        said = rf"must be empty or of this same training; it holds one with other {different}\. Choose"
+        with pytest.raises(DatasetError, match=said):
             train(*other, tmp_path)
+
+
+def test_the_largest_numbers_work(tmp_path: Path) -> None:
+    config = replace(CONFIG, epochs=1, seed=2**63 - 1, batch_size=2**31 - 1, patience=2**31 - 1)
+    assert len(train(config, boxes(8, 0), boxes(4, 1), tmp_path).history) == 1
 
 
 def test_augmentation_can_be_switched_off() -> None:
@@ -216,6 +226,8 @@ def test_cuda_in_mixed_precision_learns_too(tmp_path: Path, model: str) -> None:
         ({"n_points": 0}, "n_points must be at least 1; got 0"),
         ({"learning_rate": 0.0}, r"learning_rate must be a positive number; got 0\.0"),
         ({"model": "alexnet"}, "model must be one of voxnet, pointnet, "),
+        ({"seed": 2**63}, "seed must be at most 9,223,372,036,854,775,807; got 9,223,372,036,854,775,808"),
+        ({"batch_size": 10**30}, "batch_size must be at most 2,147,483,647; got 1,000,"),
     ],
 )
 def test_a_config_says_what_is_wrong(options: dict[str, object], message: str) -> None:
@@ -236,6 +248,9 @@ def test_clouds_that_cannot_be_trained_on(tmp_path: Path) -> None:
     clouds = boxes(4, 0)
     with pytest.raises(ArgumentError, match="needs 2 clouds and validation 1, at least; got 1 and 4"):
         train(CONFIG, clouds.subset([0]), clouds, tmp_path)
+    alone = replace(clouds.subset([0, 2]), classes=("flat",))
+    with pytest.raises(ArgumentError, match="training needs 2 classes, at least; the clouds have flat"):
+        train(CONFIG, alone, alone, tmp_path)
     with pytest.raises(ArgumentError, match="same classes; got flat, tall and low, high"):
         train(CONFIG, clouds, replace(clouds, classes=("low", "high")), tmp_path)
     with pytest.raises(OptionError, match="n_points must be at most 40, those of a cloud; got 41"):
@@ -257,10 +272,48 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
         (tmp_path / MODEL).write_bytes(damaged)
         with pytest.raises(DatasetError, match="must be a file that training wrote; it cannot be read"):
             load_trained(tmp_path)
-    torch.save({"weights": {}}, tmp_path / MODEL)
-    with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
-        load_trained(tmp_path)
+    for another in ({"weights": {}}, {"fingerprint": ""}, [], torch.zeros(2)):
+        torch.save(another, tmp_path / MODEL)
+        for read in (lambda: load_trained(tmp_path), lambda: train(config, *clouds, tmp_path)):
+            with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
+                read()
     (tmp_path / MODEL).unlink()
-    (tmp_path / CHECKPOINT).write_bytes(whole[:1000])
-    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote"):
+    for n_bytes in (1000, 5000):  # PyTorch fails on the second with an OSError that names no file
+        (tmp_path / CHECKPOINT).write_bytes(whole[:n_bytes])
+        with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote; it cannot be read"):
+            train(config, *clouds, tmp_path)
+    (tmp_path / CHECKPOINT).write_bytes(whole)  # a model is no checkpoint
+    with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be as .* wrote it; it is not \(no 'optimizer'\)"):
         train(config, *clouds, tmp_path)
+    document = torch.load(tmp_path / CHECKPOINT)
+    (tmp_path / CHECKPOINT).unlink()
+    for part, value, reason in (
+        ("classes", ["flat"], "Error.s. in loading state_dict for VoxNet"),
+        ("classes", 2, "'int' object is not iterable"),
+        ("config", {**document["config"], "model": "alexnet"}, "model must be one of voxnet"),
+        ("config", {**document["config"], "colour": 1}, "unexpected keyword argument 'colour'"),
+        ("history", [{"loss": 1.0}], "missing 3 required"),
+        ("weights", {}, "Error.s. in loading state_dict for VoxNet"),
+        ("best", None, "must be a mapping"),
+    ):
+        torch.save({**document, part: value}, tmp_path / MODEL)
+        for read in (lambda: load_trained(tmp_path), lambda: train(config, *clouds, tmp_path)):
+            with pytest.raises(DatasetError, match=rf"{MODEL} must be as this version's .* it is not \(.*{reason}"):
+                read()
+
+
+def test_a_training_that_fell_apart_leaves_no_model(tmp_path: Path) -> None:
+    """The only step goes astray: its loss was still right, the weights after it are not."""
+    with pytest.raises(OptionError, match=r"must stay finite; in epoch 1 it is .*\. Lower the learn"):
+        train(replace(CONFIG, epochs=1, learning_rate=1e38), boxes(8, 0), boxes(4, 1), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("said", [torch.OutOfMemoryError("CUDA out of memory."), RuntimeError("can't allocate memory")])
+def test_want_of_memory_is_told_as_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Exception) -> None:
+    def fail(*_: object) -> None:
+        raise said
+
+    monkeypatch.setattr("zbuf_occlude.learn.classifier.Classifier.loss", fail)
+    with pytest.raises(MemoryError, match="8 clouds of 40 points a step"):
+        train(CONFIG, boxes(8, 0), boxes(4, 1), tmp_path)

@@ -2,7 +2,8 @@
 
 import hashlib
 import pickle
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -94,14 +95,34 @@ def read_document(path: Path, device: torch.device) -> dict[str, Any]:
     """
     try:
         document: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
-    except (RuntimeError, EOFError, KeyError, ValueError, pickle.UnpicklingError) as error:
+    except (RuntimeError, EOFError, KeyError, ValueError, OSError, pickle.UnpicklingError) as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise  # there is no such file, or it must not be read; without a name the file's end came too early
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         raise DatasetError(
             f"{path} must be a file that training wrote; it cannot be read ({reason}). Delete it and train again."
         ) from None
-    if not isinstance(document, dict) or "fingerprint" not in document:
+    if not isinstance(document, dict) or not {"fingerprint", "config"} <= document.keys():
         raise DatasetError(f"{path} must be a file that training wrote; it is another. Name a folder of `train`.")
     return document
+
+
+@contextmanager
+def fitting(path: Path) -> Iterator[None]:
+    """Say of a document that could be read, but whose parts are not those expected, which file it is of.
+
+    Raises
+    ------
+    DatasetError
+        A part is missing, or not of this network.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        reason = f"no {error}" if isinstance(error, KeyError) else str(error).splitlines()[0][:100]
+        raise DatasetError(
+            f"{path} must be as this version's training wrote it; it is not ({reason}). Delete it and train again."
+        ) from None
 
 
 def write_trained(
@@ -145,10 +166,11 @@ def load_trained(folder: Path, device: str = "auto") -> Trained:
         )
     where = TrainConfig(device=device).find_device()
     document = read_document(path, where)
-    config, classes = TrainConfig(**document["config"]), tuple(document["classes"])
-    with torch.random.fork_rng(devices=[]):
-        model = find_model(config.model).build(len(classes))
-    model.load_state_dict(document["weights"])
-    history = tuple(Epoch(**epoch) for epoch in document["history"])
-    model = model.to(where).eval()
-    return Trained(model, config, classes, history, Epoch(**document["best"]), document["seconds"])
+    with fitting(path):
+        config, classes = TrainConfig(**document["config"]), tuple(document["classes"])
+        with torch.random.fork_rng(devices=[]):
+            model = find_model(config.model).build(len(classes))
+        model.load_state_dict(document["weights"])
+        history = tuple(Epoch(**epoch) for epoch in document["history"])
+        best, seconds = Epoch(**document["best"]), float(document["seconds"])
+    return Trained(model.to(where).eval(), config, classes, history, best, seconds)

@@ -10,6 +10,14 @@ from zbuf_occlude.dataset.torch import Compose, Jitter, Rescale, Rotate
 from zbuf_occlude.errors import OptionError, UnavailableError
 from zbuf_occlude.learn.models import find_model
 
+_RANGES = {
+    "epochs": (1, 2**31 - 1),
+    "batch_size": (2, 2**31 - 1),
+    "patience": (1, 2**31 - 1),
+    "seed": (0, 2**63 - 1),  # more is not a seed to PyTorch
+    "n_points": (1, 2**31 - 1),
+}
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -59,10 +67,12 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         find_model(self.model)
-        for name, lowest in (("epochs", 1), ("batch_size", 2), ("patience", 1), ("seed", 0), ("n_points", 1)):
+        for name, (lowest, highest) in _RANGES.items():
             value = getattr(self, name)
             if value is not None and value < lowest:
                 raise OptionError(f"{name} must be at least {lowest}; got {value}.")
+            if value is not None and value > highest:
+                raise OptionError(f"{name} must be at most {highest:,}; got {value:,}.")
         if not 0.0 < self.learning_rate < float("inf"):
             raise OptionError(f"learning_rate must be a positive number; got {self.learning_rate}.")
 

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from zbuf_occlude.learn.checkpoint import (
     Epoch,
     Trained,
     fingerprint_of,
+    fitting,
     load_trained,
     read_document,
     write_document,
@@ -63,11 +65,13 @@ def train(
     Raises
     ------
     ArgumentError
-        Fewer than two clouds to train on, none to validate with, or different classes.
+        Fewer than two clouds to train on, none to validate with, fewer than two classes, or different ones.
     DatasetError
         The folder holds another training.
+    MemoryError
+        The clouds or a step of the training do not fit.
     OptionError
-        The loss is no number any more, or `n_points` is more than the clouds have.
+        The loss is not finite any more, or `n_points` is more than the clouds have.
     UnavailableError
         The device is not there.
 
@@ -83,19 +87,22 @@ def train(
     fingerprint = fingerprint_of(config, training, validation)
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / MODEL).exists():
-        _refuse_another(folder, read_document(folder / MODEL, torch.device("cpu")), fingerprint)
+        _refuse_another(folder, read_document(folder / MODEL, torch.device("cpu")), fingerprint, config)
         return load_trained(folder, config.device)
-    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+    what = f"{len(training)} clouds, and {config.batch_size} clouds of {training.n_points} points a step"
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []), _in_memory(what):
         run = _Run(config, training, validation, device)
         if (folder / CHECKPOINT).exists():
             document = read_document(folder / CHECKPOINT, device)
-            _refuse_another(folder, document, fingerprint)
-            run.restore(document)
+            _refuse_another(folder, document, fingerprint, config)
+            with fitting(folder / CHECKPOINT):
+                run.restore(document)
         written = time.monotonic()
         while not run.done:
             progress(run.epoch())
             if time.monotonic() - written >= checkpoint_seconds and not run.done:
-                write_document(folder / CHECKPOINT, run.document | {"fingerprint": fingerprint})
+                about = {"config": config.document, "fingerprint": fingerprint}
+                write_document(folder / CHECKPOINT, run.document | about)
                 written = time.monotonic()
     assert run.best is not None  # there was an epoch
     write_trained(folder, config, training.classes, fingerprint, run.best_weights, run.history, run.best, run.seconds)
@@ -155,6 +162,7 @@ class _Run:
         start, number = time.perf_counter(), len(self.history) + 1
         torch.manual_seed(int(np.random.SeedSequence([self.config.seed, number]).generate_state(1, np.uint64)[0] >> 1))
         loss = self._pass(number)
+        _check_finite(loss, number)
         logits = torch.from_numpy(predict(self.model, self.validation))
         labels = torch.from_numpy(self.validation.labels)
         epoch = Epoch(
@@ -163,6 +171,7 @@ class _Run:
             float(functional.cross_entropy(logits, labels)),
             float((logits.argmax(dim=1) == labels).double().mean()),
         )
+        _check_finite(epoch.validation_loss, number)  # the last step's harm shows only here
         if epoch.better_than(self.best):
             self.best = epoch
             self.best_weights = {name: value.clone() for name, value in self.model.state_dict().items()}
@@ -190,10 +199,7 @@ class _Run:
             self.scaler.step(self.optimizer)
             self.scaler.update()
             losses.append(loss.detach())
-        mean = float(torch.stack(losses).mean())
-        if not math.isfinite(mean):
-            raise OptionError(f"the loss must stay finite; in epoch {number} it is {mean}. Lower the learning rate.")
-        return mean
+        return float(torch.stack(losses).mean())
 
 
 def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:
@@ -224,6 +230,22 @@ def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, Cloud
     return clouds.subset(~held), clouds.subset(held)
 
 
+@contextmanager
+def _in_memory(what: str) -> Iterator[None]:
+    """Raise MemoryError where PyTorch has errors of its own for that: one for CUDA, hardly one for the processor."""
+    try:
+        yield
+    except RuntimeError as error:
+        if not isinstance(error, torch.OutOfMemoryError) and "can't allocate memory" not in str(error):
+            raise
+        raise MemoryError(what) from None
+
+
+def _check_finite(loss: float, number: int) -> None:
+    if not math.isfinite(loss):
+        raise OptionError(f"the loss must stay finite; in epoch {number} it is {loss}. Lower the learning rate.")
+
+
 def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> tuple[CloudSet, CloudSet]:
     """Return both sets with the number of points asked for."""
     if len(training) < 2 or not len(validation):
@@ -235,6 +257,11 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
             "training and validation must have the same classes; "
             f"got {', '.join(training.classes)} and {', '.join(validation.classes)}."
         )
+    if len(training.classes) < 2:
+        raise ArgumentError(
+            f"training needs 2 classes, at least; the clouds have {', '.join(training.classes)}. Was `generate` given "
+            "the folder of one class? Give it the folder above."
+        )
     if config.n_points is None:
         return training, validation
     for clouds in (training, validation):
@@ -243,10 +270,12 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
     return training.select_points(config.n_points, config.seed), validation.select_points(config.n_points, config.seed)
 
 
-def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str) -> None:
+def _refuse_another(folder: Path, document: dict[str, Any], fingerprint: str, config: TrainConfig) -> None:
     """Raise DatasetError for a folder in which other clouds or another config were used."""
     if document["fingerprint"] != fingerprint:
+        theirs = document["config"]
+        different = [name for name, value in config.document.items() if theirs.get(name) != value]
         raise DatasetError(
-            f"{folder} must be empty or of this same training; it holds one with other clouds or another config. "
-            "Choose another folder, or delete it."
+            f"{folder} must be empty or of this same training; it holds one with other "
+            f"{', '.join(different) or 'clouds'}. Choose another folder, or delete it."
         )
