@@ -43,6 +43,7 @@ def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
         (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|all}'"),
         (("experiment", "everything", "--out", out), 2, "'everything' is not one of"),
         (("experiment", "all", "--quick"), 2, "Missing option '--out'"),
+        (("experiment", "all", "--quick", "--out", __file__), 2, "test_experiment.py' is a file."),
         (("experiment", "all", "--quick", "--modelnet", out, "--out", out), 1, "there is no folder"),
         (("experiment", "all", "--quick", "--modelnet", tmp_path / "no", "--out", out), 1, "modelnet.cs.princeton.edu"),
         (("experiment", "all", "--quick", "--sydney", tmp_path, "--out", out), 1, "https://www.acfr.usyd.edu.au"),

@@ -51,6 +51,10 @@ def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) ->
     config = json.loads((model / "history.json").read_text())["config"]
     assert (config["n_points"], config["rotate"], config["jitter"]) == (20, False, True)
     assert "of 48 clouds" in run("evaluate", model, one, two, "--device", "cpu").out
+    assert run("generate", modelnet, *SMALL, "--sample-size", 19, "--out", tmp_path / "small").code == 0
+    outcome = run("evaluate", model, tmp_path / "small", "--device", "cpu")
+    assert outcome.code == 1
+    assert "must have clouds of the 20 points that the model was trained with, at least; theirs have 19" in outcome.err
 
 
 def test_what_is_wrong_is_one_line(run: Run, modelnet: Path, tmp_path: Path) -> None:
@@ -62,6 +66,13 @@ def test_what_is_wrong_is_one_line(run: Run, modelnet: Path, tmp_path: Path) -> 
         (("train", out, "--out", model, "--points", 49, "--device", "cpu"), 2, "n_points must be at most 48"),
         (("train", out, "--out", model, "--learning-rate", -1), 2, "learning_rate must be a positive number"),
         (("train", "--out", model), 2, "Missing argument 'DIR...'"),
+        (
+            ("train", out, "--out", model, "--seed", 10**30, "--device", "cpu"),
+            2,
+            "seed must be at most 9,223,",
+        ),
+        (("train", out, "--out", out / "manifest.json"), 2, "manifest.json' is a file."),
+        (("evaluate", model, out, "--out", out / "manifest.json"), 2, "manifest.json' is a file."),
         (("evaluate", model, out), 1, "must hold a trained model; it has no model.pt"),
     ):
         outcome = run(*arguments)

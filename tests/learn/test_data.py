@@ -1,7 +1,9 @@
 """CloudSet: what it refuses, subsets; clouds through the pipeline and back; where objects come from."""
 
+import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -117,6 +119,37 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
         load_clouds(tmp_path / "seen", "test")
     with pytest.raises(DatasetError, match=r"n_points must lie in 1\.\.64"):
         load_clouds(tmp_path / "seen", "train", 65)
+
+
+@pytest.mark.parametrize("format", ["packed", "hdf5", "npz", "webdataset"])
+def test_a_damaged_dataset_is_told_with_its_folder(tmp_path: Path, format: str) -> None:
+    recipe = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+    make_clouds(Plan(shapes.collection(n_members=2), recipe, format), tmp_path / "clouds", lambda clouds: None)
+    files = [path for path in sorted((tmp_path / "clouds").iterdir()) if path.suffix not in (".json", ".txt", ".png")]
+    assert files
+    said = re.escape(str(tmp_path / "clouds")) + ".* must (hold the clouds that `generate` wrote|be a packed shard); "
+    whole = [path.read_bytes() for path in files]
+    for damage in (lambda data: data[: len(data) // 2], lambda data: b"", lambda data: b"\x07" * len(data)):
+        for path, data in zip(files, whole, strict=True):
+            path.write_bytes(damage(data))
+        with pytest.raises(DatasetError, match=said):
+            load_clouds(tmp_path / "clouds", "train")
+    for path in files:
+        path.unlink()
+    with pytest.raises(DatasetError, match=said):
+        load_clouds(tmp_path / "clouds", "train")
+    (tmp_path / "clouds" / "manifest.json").write_text("{}")
+    with pytest.raises(DatasetError, match=said):
+        load_clouds(tmp_path / "clouds", "train")
+
+
+def test_a_point_that_is_not_finite_is_told_with_its_folder(tmp_path: Path) -> None:
+    recipe = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
+    make_clouds(Plan(shapes.collection(n_members=2), recipe, "hdf5"), tmp_path / "clouds")
+    with h5py.File(tmp_path / "clouds" / "ply_data_train0.h5", "a") as file:
+        file["data"][3, 1, 2] = np.nan
+    with pytest.raises(DatasetError, match=r"clouds must hold .* \(positions must be finite; those of cloud 3 are not"):
+        load_clouds(tmp_path / "clouds", "train")
 
 
 def test_built_in_objects_by_default() -> None:

@@ -79,6 +79,16 @@ def test_a_picture_shows_each_count() -> None:
     assert axes.get_title() == "70.0% of 10 clouds"
 
 
+@pytest.mark.filterwarnings("error")
+def test_classes_of_any_name(tmp_path: Path) -> None:
+    """Names of folders: what matplotlib would take for a formula, and what its font does not have."""
+    names = ("$x^$", "a_b c", "\u6905\u5b50", "caf\u00e9")
+    evaluation = Evaluation(EVALUATION.confusion, names)
+    evaluation.write(tmp_path)
+    assert list(json.loads((tmp_path / "evaluation.json").read_text())["classes"]) == sorted(names)
+    assert [label.get_text() for label in evaluation.draw().axes[0].get_xticklabels()] == list(names)
+
+
 def test_every_cloud_is_asked_about_once_and_in_evaluation_mode() -> None:
     rng = np.random.default_rng(0)
     labels = rng.integers(0, 4, 2 * BATCH + 3)

@@ -15,7 +15,9 @@ from zbuf_occlude.meshes.collection import SPLITS
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
 @click.option("--split", type=click.Choice(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the figures.  [default: MODEL]")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the figures.  [default: MODEL]"
+)
 @click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
     """Test the classifier that `train` left in the folder MODEL on the clouds of DIR, datasets of `generate`.
@@ -38,8 +40,14 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
 
     trained = load_trained(model, device)
     test = load(folders, split)
-    if trained.config.n_points is not None:
-        test = test.select_points(trained.config.n_points, trained.config.seed)
+    n_points = trained.config.n_points
+    if n_points is not None and n_points > test.n_points:
+        raise DatasetError(
+            f"the datasets must have clouds of the {n_points} points that the model was trained with, at least; "
+            f"theirs have {test.n_points}. Generate them with --sample-size {n_points}."
+        )
+    if n_points is not None:
+        test = test.select_points(n_points, trained.config.seed)
     if test.classes != trained.classes:
         raise DatasetError(
             f"the datasets must have the classes of the model, {', '.join(trained.classes)}; "

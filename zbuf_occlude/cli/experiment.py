@@ -19,7 +19,7 @@ ALL = "all"
 
 @click.command()
 @click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, ALL]))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the study.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the study.")
 @click.option("--quick", is_flag=True, help=f"{QUICK.summary[0].upper()}{QUICK.summary[1:]}; else {FULL.summary}.")
 @click.option(
     "--modelnet",

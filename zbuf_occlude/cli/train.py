@@ -16,7 +16,7 @@ HELD_OUT = 0.1
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the model.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the model.")
 @click.option(
     "--model",
     type=click.Choice([row.name for row in MODELS]),

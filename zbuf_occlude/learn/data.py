@@ -1,9 +1,12 @@
 """CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on; and where from."""
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tarfile import TarError
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +21,8 @@ from zbuf_occlude.meshes.collection import MeshCollection
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
 _CLOUDS_AT_ONCE = 2048
+_DAMAGES = (ValueError, LookupError, TypeError, EOFError, OSError, BadZipFile, TarError, zlib.error)
+"""What the readers of the formats raise when a file is not what was written; `CloudSet` too, of NaN."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +228,20 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     Raises
     ------
     DatasetError
-        There is no complete dataset, or it has no such split, or too small clouds.
+        There is no complete dataset, or it is damaged, or it has no such split, or too small clouds.
     """
+    try:
+        return _load_clouds(folder, split, n_points)
+    except DatasetError:
+        raise
+    except _DAMAGES as error:
+        raise DatasetError(
+            f"{folder} must hold the clouds that `generate` wrote; they cannot be read "
+            f"({' '.join(str(error).split())[:200] or type(error).__name__}). See: zbuf-occlude verify {folder}"
+        ) from None
+
+
+def _load_clouds(folder: Path, split: str, n_points: int | None) -> CloudSet:
     source = open_dataset(folder)
     size = source.plan.recipe.sample_size
     if split not in source.order:

@@ -1,5 +1,6 @@
 """How good a classifier is: confusion matrix, accuracy, precision, recall and F1 of each class; as JSON and PNG."""
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -86,7 +87,9 @@ class Evaluation:
         """Write `name`.json and `name`.png into a folder, which is made."""
         folder.mkdir(parents=True, exist_ok=True)
         figure = self.draw()
-        atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # boxes are drawn; the JSON has the names
+            atomic.write(folder / f"{name}.png", lambda file: figure.savefig(file, format="png", dpi=100))
         atomic.write_json(folder / f"{name}.json", self.document)
 
     def draw(self) -> Figure:
@@ -101,8 +104,8 @@ class Evaluation:
             colour = "white" if shares[row, column] > 0.6 else "black"
             count = str(self.confusion[row, column])
             axes.text(column, row, count, ha="center", va="center", fontsize=8, color=colour)
-        axes.set_xticks(range(n), self.classes, rotation=90)
-        axes.set_yticks(range(n), self.classes)
+        axes.set_xticks(range(n), self.classes, rotation=90, parse_math=False)  # a name may have dollar signs
+        axes.set_yticks(range(n), self.classes, parse_math=False)
         axes.tick_params(length=0, labelsize=9)
         axes.set_xlabel("taken for")
         axes.set_ylabel("class")
