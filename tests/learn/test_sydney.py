@@ -125,7 +125,10 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
             r"car\.0\.100\.bin must be records of 34 bytes; it has 35 bytes",
         ),
         (lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,x,5,6\n"), "one is not .*'x'"),
-        (lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3\n"), "must have lines t,intensity,id,x"),
+        (
+            lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3\n"),
+            "one is not .too few commas",
+        ),
         (
             lambda root: (root / "objects" / "tree.0.200.csv").write_text("\n"),
             r"tree.*finite coordinates; it has no po",
@@ -134,12 +137,33 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
             lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,nan,5,6,7,8,9\n"),
             "it has a coordinate that is not finite",
         ),
+        (
+            lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,1e308,5,6,7,8,9"),
+            "it has a coordinate that is not finite",
+        ),
     ],
 )
 def test_errors(root: Path, damage, message: str) -> None:
     damage(root)
     with pytest.raises(DatasetError, match=message):
         sydney.read_clouds(root, 8)
+
+
+def test_scans_are_checked_before_anything_is_trained(root: Path) -> None:
+    with pytest.raises(DatasetError, match=r"have scans of 4wd, .*; they have none of 4wd, bus, truck, ute, van\."):
+        sydney.check_scans(root)
+    names = [f"{label}.1.1" for label in sydney.VEHICLES]
+    for name in names:
+        write_bin(root / "objects" / f"{name}.bin", np.ones((3, 3)))
+    (root / "folds" / "fold1.txt").write_text("\r\n".join(names), encoding="utf-8-sig")
+    sydney.check_scans(root)
+    (root / "objects" / "ute.1.1.bin").write_bytes(bytes(33))
+    with pytest.raises(DatasetError, match=r"ute\.1\.1\.bin must be records of 34 bytes; it has 33 bytes"):
+        sydney.check_scans(root)
+    for fold in range(4):
+        (root / "folds" / f"fold{fold}.txt").write_text("")
+    with pytest.raises(DatasetError, match="they have none of 4wd, bus, car, truck, ute, van"):
+        sydney.check_scans(root)
 
 
 def test_a_class_that_is_none(root: Path) -> None:

@@ -60,6 +60,12 @@ def test_nothing_right_is_zero() -> None:
         ((2, 3), sydney.CLASSES, PREDICTED, r"confusion must be \(14, 3\); got \(2, 3\)"),
         ((1, 3), ("bus",), PREDICTED, "must have the classes 4wd, car, truck, ute, van; it has not"),
         ((14, 1), sydney.CLASSES, ("bed",), "must have the classes car"),
+        (
+            (14, 3),
+            sydney.CLASSES,
+            PREDICTED,
+            "scans of each of the six classes; it has none of 4wd, bus",
+        ),
     ],
 )
 def test_errors(shape: tuple[int, int], truth: tuple[str, ...], predicted: tuple[str, ...], message: str) -> None:

@@ -93,7 +93,7 @@ def find_scans(root: Path) -> list[Scan]:
         names = found / "folds" / f"fold{fold}.txt"
         if not names.exists():
             raise DatasetError(f"{found / 'folds'} must have fold0.txt to fold3.txt; {names.name} is missing.")
-        for line in names.read_text(encoding="utf-8", errors="replace").split():
+        for line in names.read_text(encoding="utf-8-sig", errors="replace").split():
             name = line.removesuffix(".bin").removesuffix(".csv")
             files = [found / "objects" / (name + suffix) for suffix in (".bin", ".csv")]
             path = next((file for file in files if file.exists()), None)
@@ -109,6 +109,25 @@ def find_scans(root: Path) -> list[Scan]:
                 )
             scans.append(scan)
     return scans
+
+
+def check_scans(root: Path) -> None:
+    """Read every scan, so that what is wrong is known before classifiers are trained, not after.
+
+    Raises
+    ------
+    DatasetError
+        As `find_scans` and `read_scan`; or the folds have no scan of one of `VEHICLES`.
+    """
+    scans = find_scans(root)
+    absent = [label for label in VEHICLES if not any(scan.label == label for scan in scans)]
+    if absent:
+        raise DatasetError(
+            f"the folds in {root} must have scans of {', '.join(VEHICLES)}; they have none of {', '.join(absent)}. "
+            "Unpack the archive again."
+        )
+    for scan in scans:
+        read_scan(scan.path)
 
 
 def read_scan(path: Path) -> FloatArray:
@@ -127,7 +146,7 @@ def read_scan(path: Path) -> FloatArray:
     Raises
     ------
     DatasetError
-        Not whole records, not numbers, no point, or positions that are not finite.
+        Not whole records, not numbers, no point, or positions that are not finite in float32.
 
     Notes
     -----
@@ -147,12 +166,14 @@ def read_scan(path: Path) -> FloatArray:
         try:
             points = np.array([[float(line.split(",")[i]) for i in _XYZ] for line in lines]).reshape(-1, 3)
         except (ValueError, IndexError) as error:
+            what = "too few commas" if isinstance(error, IndexError) else error
             raise DatasetError(
-                f"{path} must have lines t,intensity,id,x,y,z,azimuth,range,pid; one is not ({error})."
+                f"{path} must have lines t,intensity,id,x,y,z,azimuth,range,pid; one is not ({what}). "
+                "Unpack the archive again."
             ) from None
-    if not len(points) or not np.isfinite(points).all():
+    if not len(points) or not (np.abs(points) <= np.finfo(np.float32).max).all():
         what = "a coordinate that is not finite" if len(points) else "no point"
-        raise DatasetError(f"{path} must hold points with finite coordinates; it has {what}.")
+        raise DatasetError(f"{path} must hold points with finite coordinates; it has {what}. Unpack the archive again.")
     return np.asarray(points * [1.0, -1.0, -1.0])
 
 

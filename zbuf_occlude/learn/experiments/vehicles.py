@@ -62,7 +62,7 @@ def vehicle_scores(
     Raises
     ------
     ArgumentError
-        The table does not have those rows and columns.
+        The table does not have those rows and columns, or no scan of one of the six.
 
     References
     ----------
@@ -78,13 +78,14 @@ def vehicle_scores(
         raise ArgumentError(f"confusion must have the classes {', '.join(absent)}; it has not.")
     column = counts[:, predicted.index(car)]
     rows = {label: truth.index(label) for label in sydney.VEHICLES}
+    if empty := [label for label, row in rows.items() if not counts[row].any()]:
+        raise ArgumentError(f"confusion must have scans of each of the six classes; it has none of {', '.join(empty)}.")
     others = np.setdiff1d(np.arange(len(truth)), list(rows.values()))
     false_positives = int(column[others].sum())
     totals = {label: int(counts[row].sum()) for label, row in rows.items()}
     recall, f1 = {}, {}
     for label, row in rows.items():
         hits = int(column[row])
-        recall[label] = hits / totals[label] if totals[label] else 0.0
-        # 2 TP + FP + FN = TP + FP + n
-        f1[label] = 2 * hits / (hits + false_positives + totals[label]) if totals[label] else 0.0
+        recall[label] = hits / totals[label]
+        f1[label] = 2 * hits / (hits + false_positives + totals[label])  # 2 TP + FP + FN = TP + FP + n
     return VehicleScores(recall, f1, false_positives, totals, int(counts[others].sum()))
