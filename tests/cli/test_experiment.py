@@ -1,5 +1,6 @@
 """experiment: a small study from the command line; help, and what is wrong in one line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,10 @@ import pytest
 from tests.cli.conftest import Run
 from tests.learn.hand_made import TINY
 from tests.test_light_import import run as run_program
+from zbuf_occlude import Mesh
+from zbuf_occlude.dataset.presets import two_hundred
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes import MeshCollection, shapes
 
 
 @pytest.fixture
@@ -33,6 +38,31 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
     assert full.code == 1
     assert "error: " in full.err
     assert "it holds another (tiny, built-in shapes), with other name, summary, models," in full.err
+
+
+@pytest.mark.usefixtures("tiny")
+def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    first = two_hundred(shapes.collection())[0]
+    monkeypatch.setattr(
+        "zbuf_occlude.learn.experiments.study.find_objects",
+        lambda _: MeshCollection(
+            [replace(entry, load=fail) if entry.key == first.key else entry for entry in shapes.collection()]
+        ),
+    )
+    for again in (False, True):
+        done = run("experiment", "elevation", "--quick", "--out", tmp_path / "study")
+        assert done.code == 3, done.err
+        assert f"{0 if again else 2} classifiers trained" in done.out
+        assert f"1 meshes failed:\n  {first.key}: the file is empty" in done.out
+    assert f"1 meshes could not be used: {first.key}." in (tmp_path / "study" / "study.md").read_text()
+
+
+def fail() -> Mesh:
+    """As an entry does whose file has nothing in it."""
+    raise MeshError("the file is empty")
 
 
 @pytest.mark.usefixtures("tiny")

@@ -10,7 +10,7 @@ import pytest
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.learn.data import CloudSet, find_objects, load_clouds, make_clouds
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes import MeshCollection, shapes
 
 
 def some_clouds(m: int = 6, n: int = 9) -> CloudSet:
@@ -141,6 +141,21 @@ def test_a_damaged_dataset_is_told_with_its_folder(tmp_path: Path, format: str) 
     (tmp_path / "clouds" / "manifest.json").write_text("{}")
     with pytest.raises(DatasetError, match=said):
         load_clouds(tmp_path / "clouds", "train")
+
+
+def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
+    for label in ("bed", "car"):
+        for number in range(2):
+            path = tmp_path / "meshes" / label / "train" / f"{label}_{number}.off"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n" if label == "bed" else "OFF")
+    recipe = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+    meshes = MeshCollection.from_paths(tmp_path / "meshes")
+    with pytest.raises(MeshError, match=r"each class must have a mesh .*; car has none.*car_0\.off.*'noth"):
+        make_clouds(Plan(meshes, recipe, "hdf5"), tmp_path / "clouds")
+    path.write_text((tmp_path / "meshes" / "bed" / "train" / "bed_0.off").read_text())
+    failures = make_clouds(Plan(meshes, recipe, "hdf5"), tmp_path / "others")
+    assert [key.split("/")[-1] for key in failures] == ["car_0.off"]
 
 
 def test_a_point_that_is_not_finite_is_told_with_its_folder(tmp_path: Path) -> None:

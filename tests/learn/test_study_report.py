@@ -10,7 +10,9 @@ from tests.browser import MISSING, find_browser, open_page
 from tests.learn.hand_made import TINY, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.experiments import report
+from zbuf_occlude.learn.experiments.names import described, printed
 from zbuf_occlude.learn.experiments.results import AREAS, FOLDER, STUDY, Result, read_results
+from zbuf_occlude.learn.models import MODELS
 
 needs_browser = pytest.mark.skipif(find_browser() is None, reason=MISSING)
 SHARES = [[0.2 + 0.004 * e, 1.0, 1.0 - 0.005 * abs(e)] for e in range(-90, 91, 10)]
@@ -60,9 +62,28 @@ def test_the_page_needs_nothing_else_and_says_what_the_text_says(folder: Path) -
         assert f"## {words}" in text
         assert words.replace("'", "&#x27;") in page
     assert "no | luck" in text
+    assert "Sryamkin" in page
+    assert "Guessing would be right in 50.0 % (of 2 classes)." in text
+    assert "could not be used" not in text
     for picture in re.findall(r"\]\((\w+\.png)\)", text):
         assert (folder / picture).stat().st_size > 5_000
     assert len(re.findall(r"\]\(\w+\.png\)", text)) == 3
+
+
+def test_meshes_that_failed_are_named(folder: Path) -> None:
+    study = json.loads((folder / STUDY).read_text())
+    (folder / STUDY).write_text(json.dumps({**study, "failed_meshes": {"car/test/car_0001.off": "no face"}}))
+    report.write_study(folder)
+    assert "1 meshes could not be used: car/test/car_0001.off." in (folder / "study.md").read_text()
+
+
+def test_variants_of_the_papers_networks_are_described(folder: Path) -> None:
+    study = json.loads((folder / STUDY).read_text())
+    study["size"]["models"] = ["voxnet", "threedmfv5-small"]
+    rows = {row[0]: row[2] for row in report.departures(study).rows}
+    assert rows["models of 4.2"] == "VoxNet, 3DmFV (threedmfv5-small): 5³ Gaussians, a quarter of the filters"
+    for model in MODELS:
+        assert (":" in described(model.name)) == bool(printed(model.name).count("(")), "each variant says what it is"
 
 
 def test_the_report_of_one_experiment_has_no_tables_of_the_other(tmp_path: Path) -> None:

@@ -81,6 +81,7 @@ def test_table_3b_without_scans() -> None:
     assert "Test 3 is empty here" in table.note
     assert sydney.SOURCE in table.note
     assert "--sydney DIR" in table.note
+    assert "80 % has a standard error of 3 points among 200 objects" in table.note, "sqrt(0.8 x 0.2 / 200) = 0.028"
 
 
 def test_table_3b_beside_the_papers_numbers() -> None:
@@ -147,6 +148,7 @@ def test_findings_are_differences_of_one_seed() -> None:
     assert loses[0][2:] == ["36.1", "40.0 ± 0.0", "yes"], "C2: 85 to 45; the paper 82.0 - 45.9"
     assert loses[1][2:] == ["33.8", "35.0 ± 0.0", "yes"], "C3 80 against C2 45"
     assert loses[2][2:] == ["3.4", "5.0 ± 0.0", "yes"]
+    assert "C1 is trained on occluded clouds, C2 on complete ones, C3 on both." in table.note
     assert "C2 therefore each complete cloud 3 times, C3 each of its clouds 3 times." in table.note
     assert [row[4] for row in table.rows if row[1] == "PointNet"] == ["one seed only"] * 5
     said = sentences([*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])

@@ -6,11 +6,12 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.summary import SOME_FAILED
 from zbuf_occlude.learn.experiments.findings import sentences
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.report import write_study
-from zbuf_occlude.learn.experiments.results import read_results
+from zbuf_occlude.learn.experiments.results import read_results, read_study
 from zbuf_occlude.learn.experiments.sizes import FULL, QUICK
 from zbuf_occlude.learn.models import require_torch
 
@@ -52,7 +53,8 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
       clouds/                the datasets, as of `zbuf-occlude generate`
 
     The same command again does only what is missing; also after a kill, with another NAME, or with --sydney given for
-    the first time. Without a GPU take --quick.
+    the first time. Without a GPU take --quick. Exit code 3: done, but some meshes failed (they are
+    named).
 
     \b
     Examples:
@@ -74,6 +76,9 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
     for sentence in sentences(read_results(out)):
         click.echo(sentence.replace("`", "").replace("**", ""))
     click.echo(f"{n_worked} classifiers trained or tested now; report: {written[0]}")
+    if failed := read_study(out)["failed_meshes"]:
+        click.echo("\n".join([f"{len(failed)} meshes failed:", *(f"  {key}: {why}" for key, why in failed.items())]))
+        raise SystemExit(SOME_FAILED)
 
 
 class Bars(Progress):

@@ -187,7 +187,7 @@ def find_objects(modelnet: Path | None = None) -> MeshCollection:
     return meshes
 
 
-def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> None:
+def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> dict[str, str]:
     """Make the dataset of a plan in a folder, or finish it, or find it finished.
 
     Parameters
@@ -197,15 +197,30 @@ def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lamb
     progress : callable
         Told the number of clouds each time some are done.
 
+    Returns
+    -------
+    dict of str to str
+        The meshes that could not be used, and why.
+
     Raises
     ------
     DatasetError
         The folder holds another plan's dataset.
+    MeshError
+        No mesh of a class could be used.
     GlError
         The plan's method needs OpenGL and there is none.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
-    generate(plan, folder, progress=progress)
+    failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
+    used = {entry.label for entry in plan.meshes if entry.key not in failures}
+    for entry in plan.meshes:
+        if entry.label not in used:
+            raise MeshError(
+                f"each class must have a mesh that can be used; {entry.label} has none. One failed so: "
+                f"{failures[entry.key]} Mend them, and choose another folder."
+            )
+    return failures
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:

@@ -73,18 +73,22 @@ class AugmentationClouds:
         one = self.plan(MAIN)
         return len(METHODS) * one.n_clouds + len(self.meshes)
 
-    def make(self, progress: Callable[[int], None]) -> None:
-        """Make all datasets; a method that cannot run here is left out, with its reason in `missing`."""
-        make_clouds(plan_of_originals(self.plan(MAIN)), self._folder(ORIGINAL), progress)
+    def make(self, progress: Callable[[int], None]) -> dict[str, str]:
+        """Make all datasets; a method that cannot run here is left out, with its reason in `missing`.
+
+        Returns the meshes that could not be used, and why.
+        """
+        failures = make_clouds(plan_of_originals(self.plan(MAIN)), self._folder(ORIGINAL), progress)
         for method in METHODS:
             reason = find_method(method.method).missing()
             if not reason:
                 try:
-                    make_clouds(self.plan(method), self._folder(method.label), progress)
+                    failures |= make_clouds(self.plan(method), self._folder(method.label), progress)
                     continue
                 except GlError as error:
                     reason = str(error)
             self.missing[method.label] = reason
+        return failures
 
     @property
     def able(self) -> tuple[Subject, ...]:

@@ -1,6 +1,6 @@
 """Accuracy against the camera's elevation (paper 4.2, Table 3A): clouds, trials, and the areas seen (Fig. 12)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -12,7 +12,6 @@ from zbuf_occlude.compare.figures import make_mask, projected_areas
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import two_hundred
-from zbuf_occlude.errors import MeshError
 from zbuf_occlude.learn.data import CloudSet, make_clouds
 from zbuf_occlude.learn.experiments.loading import loaded
 from zbuf_occlude.learn.experiments.names import ELEVATION, MAIN, SPLIT_BY
@@ -20,7 +19,7 @@ from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIO
 from zbuf_occlude.learn.experiments.results import AREAS
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import Trial
-from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.views import Views, paper100
 
 PARTS = ("train", "train", "train", "val", "test")
@@ -65,10 +64,14 @@ class ElevationClouds:
         """Clouds that `make` makes."""
         return self.plan.n_clouds
 
-    def make(self, progress: Callable[[int], None]) -> None:
-        """Make the dataset, and measure the areas; `progress` is told the number of clouds."""
-        make_clouds(self.plan, self.folder / "clouds" / ELEVATION, progress)
-        write_areas(self.plan.meshes[:AREA_OBJECTS], self.folder / AREAS)
+    def make(self, progress: Callable[[int], None]) -> dict[str, str]:
+        """Make the dataset, and measure the areas; `progress` is told the number of clouds.
+
+        Returns the meshes that could not be used, and why.
+        """
+        failures = make_clouds(self.plan, self.folder / "clouds" / ELEVATION, progress)
+        write_areas([e for e in self.plan.meshes if e.key not in failures][:AREA_OBJECTS], self.folder / AREAS)
+        return failures
 
     def trials(self) -> list[Trial]:
         """Return the trials: each model with the paper's split and with objects held out, seed after seed."""
@@ -144,7 +147,7 @@ def at_most(views: Views, azimuths: int) -> Views:
     return views.select(sorted(chosen))
 
 
-def write_areas(meshes: MeshCollection, path: Path) -> None:
+def write_areas(meshes: Sequence[MeshEntry], path: Path) -> None:
     """Measure what is seen of objects from each elevation, once, and keep it as JSON.
 
     Notes
@@ -164,11 +167,7 @@ def write_areas(meshes: MeshCollection, path: Path) -> None:
     names = np.unique(levels)
     curves = []
     for entry in meshes:
-        try:
-            mesh = entry.load().normalized()
-        except MeshError:  # the dataset's manifest says so
-            continue
-        areas = projected_areas(mesh, mask, views, 0, AREA_POINTS)
+        areas = projected_areas(entry.load().normalized(), mask, views, 0, AREA_POINTS)
         curves.append([areas[levels == level].mean(axis=0) for level in names])
     shares = np.array(curves) / np.max(curves, axis=1, keepdims=True)
     atomic.write_json(

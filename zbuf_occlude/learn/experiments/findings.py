@@ -95,6 +95,7 @@ def table_of_findings(results: Sequence[Result]) -> Table:
         "Do the paper's findings show?",
         ["the finding", "model", "the paper's difference", "here", "shows"],
         body,
+        "C1 is trained on occluded clouds, C2 on complete ones, C3 on both. "
         "Points of percent; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
         f"difference is at least {100 * MUCH:.0f} for the first two, at least 0 for the others; not decided: within "
         f"the standard error of the mean.{_how_often(mine)}",

@@ -21,6 +21,9 @@ ORIGINAL, GENERATED, SCANS = "original", "generated", "scans"
 _PRINTED = {"voxnet": "VoxNet", "pointnet": "PointNet", "threedmfv": "3DmFV"}
 
 
+_VARIANTS = {"threedmfv5": "5³ Gaussians", "threedmfv5-small": "5³ Gaussians, a quarter of the filters"}
+
+
 def name_of_test(method: Subject) -> str:
     """Return the name of Test 2 on the clouds of a method."""
     return GENERATED if method.label == MAIN.label else f"{GENERATED}:{method.label}"
@@ -36,3 +39,8 @@ def printed(model: str) -> str:
     name = paper_name(model)
     variant = model.removeprefix(name)
     return _PRINTED.get(name, name) + (f" ({model})" if variant else "")
+
+
+def described(model: str) -> str:
+    """Return the same, and in which way a variant is not the paper's network."""
+    return printed(model) + (f": {_VARIANTS[model]}" if model in _VARIANTS else "")

@@ -11,8 +11,9 @@ import numpy as np
 from zbuf_occlude.compare.report import as_png, image
 from zbuf_occlude.compare.tables import Table, marked_up
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.findings import sentences, table_of_findings
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, METHODS, printed
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, METHODS, described, printed
 from zbuf_occlude.learn.experiments.plots import all_plots
 from zbuf_occlude.learn.experiments.results import AREAS, Result, read_results, read_study
 from zbuf_occlude.learn.experiments.tables import dead_angle, models_of, of, table_3a, table_3b, table_methods
@@ -88,9 +89,16 @@ def opening(study: dict[str, Any], results: Sequence[Result]) -> list[str]:
     facts = (
         f'The study "{size["name"]}" ({size["summary"]}) of {study["objects"]}, begun {study["date"]}: '
         f"{len(results)} classifiers, {seconds / 60:.0f} minutes of training on {', '.join(devices)}; "
-        f"{'; '.join(machines)}."
+        f"{'; '.join(machines)}. {_guessing(results)} The paper: {paper.CITATION}."
     )
+    if failed := study["failed_meshes"]:
+        facts += f" {len(failed)} meshes could not be used: {', '.join(failed)}."
     return [*sentences(results), facts]
+
+
+def _guessing(results: Sequence[Result]) -> str:
+    counts = sorted({len(test.predicted) for result in results for test in result.tests.values()})
+    return f"Guessing would be right in {' or '.join(f'{100 / n:.1f} % (of {n} classes)' for n in counts)}."
 
 
 def sections_of(
@@ -165,8 +173,8 @@ def departures(study: dict[str, Any]) -> Table:
             f"{' + '.join(map(str, size['shares']))}, {size['views']}, {points}",
         ],
         ["runs", "one", f"{len(size['seeds'])} seeds ({len(size['elevation_seeds'])} for elevation)"],
-        ["models of 4.2", "VoxNet, PointNet, 3DmFV", ", ".join(map(printed, size["models"]))],
-        ["models of 4.3", "VoxNet, 3DmFV", ", ".join(map(printed, size["augmentation_models"]))],
+        ["models of 4.2", "VoxNet, PointNet, 3DmFV", ", ".join(map(described, size["models"]))],
+        ["models of 4.3", "VoxNet, 3DmFV", ", ".join(map(described, size["augmentation_models"]))],
         ["optimiser, epochs, validation in 4.2", "not said", "as in the table above; 10 % of the training clouds"],
     ]
     return Table("What is done otherwise than in the paper", ["", "the paper", "here"], rows, texts=3)

@@ -90,7 +90,7 @@ def read_result(path: Path) -> Result | None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Read what a folder's study is: size, objects, date, missing_methods.
+    """Read what a folder's study is: size, objects, date, missing_methods, failed_meshes.
 
     Raises
     ------
@@ -101,6 +101,7 @@ def read_study(folder: Path) -> dict[str, Any]:
     try:
         study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         study["size"]["name"], study["objects"], study["date"], study["missing_methods"]
+        study.setdefault("failed_meshes", {})
     except FileNotFoundError:
         raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See: zbuf-occlude experiment -h") from None
     except (ValueError, KeyError, TypeError) as error:

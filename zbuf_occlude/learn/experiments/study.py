@@ -56,7 +56,7 @@ def run_study(
     DatasetError
         The folder holds another study, or `scans` is not the dataset.
     MeshError
-        `modelnet` is not ModelNet40.
+        `modelnet` is not ModelNet40, or no mesh of a class can be used.
 
     Notes
     -----
@@ -65,7 +65,7 @@ def run_study(
     """
     progress = progress or Progress()
     if scans is not None:
-        sydney.find_scans(scans)  # before hours of work, not after
+        sydney.check_scans(scans)  # before hours of work, not after
     meshes = find_objects(modelnet)
     parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds] = []
     if ELEVATION in experiments:
@@ -75,10 +75,10 @@ def run_study(
     study = claim(folder, size, "ModelNet40" if modelnet else "built-in shapes")
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
-        part.make(progress.clouds)
+        study["failed_meshes"] |= part.make(progress.clouds)
         if isinstance(part, augmentation.AugmentationClouds):
             study["missing_methods"] = part.missing
-            atomic.write_json(folder / STUDY, study)
+        atomic.write_json(folder / STUDY, study)
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
 
 
@@ -104,6 +104,7 @@ def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
     if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers(folder)):
         raise DatasetError(f"{folder} must be empty or hold a study; it has other files. Choose another folder.")
     folder.mkdir(parents=True, exist_ok=True)
-    study = {"size": size.document, "objects": objects, "date": date.today().isoformat(), "missing_methods": {}}
+    study = {"size": size.document, "objects": objects, "date": date.today().isoformat()}
+    study |= {"missing_methods": {}, "failed_meshes": {}}
     atomic.write_json(path, study)
     return study
