@@ -115,10 +115,28 @@ def test_what_is_missing_or_damaged_is_said(tmp_path: Path, folder: Path) -> Non
     (folder / FOLDER / "000.json").write_text("{")
     with pytest.raises(DatasetError, match=r"000\.json must be a trial's result; it is damaged"):
         report.write_study(folder)
+    document = json.loads((folder / FOLDER / "001.json").read_text())
+    for change in (
+        {"facts": {**document["facts"], "model": "alexnet"}},
+        {"facts": {**document["facts"], "seed": "first"}},
+        {"facts": {}},
+        {"facts": []},
+        {"experiment": "another"},
+        {"tests": {"original": {"truth": ["bed", "car"], "predicted": [], "confusion": []}}},
+        {"tests": {"original": {"truth": ["bed", "car"], "predicted": ["bed", "car"], "confusion": [[1, 2]]}}},
+        {"tests": {"original": {"truth": ["bed"], "predicted": ["bed"], "confusion": [[-1]]}}},
+        {"epochs": None},
+        {"machine": {}},
+    ):
+        (folder / FOLDER / "000.json").write_text(json.dumps({**document, **change}))
+        with pytest.raises(DatasetError, match=r"000\.json must be a trial's result; it is damaged"):
+            report.write_study(folder)
     (folder / FOLDER / "000.json").unlink()
-    (folder / AREAS).write_text("[]")
-    with pytest.raises(DatasetError, match=r"areas\.json must hold projected areas; it is damaged"):
-        report.write_study(folder)
+    areas = json.loads((folder / AREAS).read_text())
+    for damaged in ([], {**areas, "mean": [[1.0]]}, {**areas, "planes": "xy"}, {**areas, "n_objects": None}):
+        (folder / AREAS).write_text(json.dumps(damaged))
+        with pytest.raises(DatasetError, match=r"areas\.json must hold projected areas; it is damaged"):
+            report.write_study(folder)
     for path in (folder / FOLDER).iterdir():
         path.unlink()
     with pytest.raises(DatasetError, match="must hold results; it has none"):

@@ -74,7 +74,10 @@ def read_areas(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         areas: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        areas["elevations"].index(0), areas["planes"], areas["mean"], areas["n_objects"]
+        areas["elevations"].index(0), areas["n_objects"] + 0
+        shape = np.array(areas["mean"], dtype=float).shape
+        if not shape == (len(areas["elevations"]), len(areas["planes"])) == (len(areas["elevations"]), 3):
+            raise ValueError(f"mean has the shape {shape}")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} must hold projected areas; it is damaged ({error!r}). Delete it.") from None
     return areas

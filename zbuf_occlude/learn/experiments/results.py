@@ -9,10 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.arrays import describe
+from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR
+from zbuf_occlude.learn.models import find_model
 
 FOLDER, STUDY, AREAS = "results", "study.json", "areas.json"
 """In a study's folder: a JSON file for each trial; what the study is; the projected areas that are seen."""
+
+_FACTS: dict[str, dict[str, type]] = {
+    ELEVATION: {"model": str, "split": str, "seed": int},
+    AUGMENTATION: {"model": str, "set": int, "points": int, "seed": int},
+    HSR: {"model": str, "method": str, "points": int, "seed": int},
+}
+_REPORTED: dict[str, type | tuple[type, ...]] = {
+    "n_parameters": int, "n_training": int, "epochs": int, "seconds": (int, float), "machine": str, "device": str,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -26,11 +38,21 @@ class Confusion:
     predicted : tuple of str
         Names of the columns.
     counts : (t, p) int64
+
+    Raises
+    ------
+    ArgumentError
+        Not a count for each row and column.
     """
 
     truth: tuple[str, ...]
     predicted: tuple[str, ...]
     counts: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.truth), len(self.predicted))
+        if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
+            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
 
     @property
     def accuracy(self) -> float:
@@ -84,9 +106,19 @@ def read_result(path: Path) -> Result | None:
             name: Confusion(tuple(test["truth"]), tuple(test["predicted"]), np.array(test["confusion"], dtype=np.int64))
             for name, test in document["tests"].items()
         }
+        _check(document["facts"], _FACTS[document["experiment"]])
+        _check(document, _REPORTED)
+        find_model(document["facts"]["model"])
         return Result(document["experiment"], document["facts"], tests, document)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} must be a trial's result; it is damaged ({error!r}). Delete it.") from None
+
+
+def _check(values: Mapping[str, Any], kinds: Mapping[str, type | tuple[type, ...]]) -> None:
+    """Raise KeyError or TypeError where a value is missing or of another type."""
+    for name, kind in kinds.items():
+        if not isinstance(values[name], kind):
+            raise TypeError(f"{name} {values[name]!r}")
 
 
 def read_study(folder: Path) -> dict[str, Any]:
