@@ -2,8 +2,9 @@
 
     python benchmarks/random_scenes.py [--method exact] [--scenes 1000] [--first 0] [--seed 0]
 
-Soups, slivers, touching and duplicate faces, one huge face beside tiny ones, boxes and spheres; eyes near, far, inside
-the bounding sphere and on the axes; scales 1e-3 to 1e3. Exit status 1 when a pair of point and eye disagrees.
+Soups, slivers, touching and duplicate faces, one huge face beside tiny ones, boxes, spheres, spiky, flat, nested and
+self-crossing solids, points near their edges; eyes near, far, inside the bounding sphere and on the axes; scales 1e-3
+to 1e3. Exit status 1 when a pair of point and eye disagrees. `exact` looks for solids in every other scene.
 """
 
 import argparse
@@ -15,8 +16,11 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, SurfacePoints, sample_surface
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.meshes.shapes import refined, solids
+from zbuf_occlude.visibility import exact
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+
+WORTH = exact.WORTH
 
 
 def triangles(corners: FloatArray) -> Mesh:
@@ -60,7 +64,38 @@ def sphere(rng: np.random.Generator) -> Mesh:
     return solids.icosphere(int(rng.integers(1, 4)))
 
 
-KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere)
+def spiky(rng: np.random.Generator) -> Mesh:
+    """Balls whose vertices are moved in and out: closed, folded sharply, some wound inwards, each for itself sound."""
+    balls = []
+    for _ in range(int(rng.integers(1, 4))):
+        ball = solids.icosphere(int(rng.integers(1, 4)))
+        radii = 1.0 + rng.uniform(0.0, 0.9) * rng.uniform(-1.0, 1.0, len(ball.vertices))
+        corners = (ball.vertices * radii[:, None])[ball.faces] * rng.uniform(0.2, 1.0) + 0.5 * rng.normal(size=3)
+        balls.append(corners[:, ::-1] if rng.random() < 0.3 else corners)
+    return triangles(np.concatenate(balls))
+
+
+def flat(rng: np.random.Generator) -> Mesh:
+    """Plates and wedges about as thin as the contact tolerance, and thicker."""
+    plate = refined(solids.box(), 200).vertices.copy()
+    faces = refined(solids.box(), 200).faces
+    plate[:, 2] *= 10.0 ** rng.uniform(-6.0, -1.0)
+    if rng.random() < 0.5:
+        plate[:, 2] *= plate[:, 0] - plate[:, 0].min() + 10.0 ** rng.uniform(-5.0, -1.0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return triangles((plate @ turn)[faces])
+
+
+def crossed(rng: np.random.Generator) -> Mesh:
+    """A ball that is mirrored beyond a plane, and so crosses itself, in or beside another."""
+    ball = solids.icosphere(3)
+    at = rng.uniform(-0.9, 0.9)
+    mirrored = ball.vertices * np.where([True, False, False], ball.vertices[:, 2:] - at, 1.0)
+    other = ball.vertices * rng.uniform(0.2, 0.6) + rng.uniform(0.0, 1.0, 3)
+    return triangles(np.concatenate([mirrored[ball.faces], other[ball.faces]]))
+
+
+KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere, spiky, flat, crossed)
 
 
 def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> FloatArray:
@@ -75,6 +110,20 @@ def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> F
     return eyes
 
 
+def near_edges(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> SurfacePoints:
+    """Move half of the points towards an edge or a corner of their face, to 1e-7 to 1e-3 diagonals."""
+    corners = mesh.corners[points.face_ids]
+    weights = rng.dirichlet([1.0, 1.0, 1.0], len(points))
+    weights[:, 1] *= rng.random(len(points)) > 0.3
+    weights /= weights.sum(axis=1, keepdims=True)
+    target = (corners * np.where(rng.random((len(points), 1)) < 0.7, [1.0, 0.0, 0.0], weights)[..., None]).sum(axis=1)
+    away = points.positions - target
+    lengths = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+    near = np.minimum(10.0 ** rng.uniform(-7.0, -3.0, (len(points), 1)) * mesh.diagonal, lengths)
+    moved = np.where(rng.random((len(points), 1)) < 0.5, target + away * near / lengths, points.positions)
+    return SurfacePoints(moved, points.face_ids, points.normals)
+
+
 def scene(seed: int, index: int) -> tuple[Mesh, SurfacePoints, FloatArray, str]:
     """Make one scene; the same numbers give the same scene."""
     rng = np.random.default_rng([seed, index])
@@ -83,6 +132,8 @@ def scene(seed: int, index: int) -> tuple[Mesh, SurfacePoints, FloatArray, str]:
     scale = 10.0 ** rng.uniform(-3.0, 3.0)
     mesh = mesh.transformed(scale, scale * rng.uniform(-10.0, 10.0, 3))
     points = sample_surface(mesh, n_points=int(rng.integers(50, 400)), seed=rng)
+    if rng.random() < 0.5:
+        points = near_edges(mesh, points, rng)
     if rng.random() < 0.2:
         points = SurfacePoints.free(mesh.centre + mesh.diagonal * rng.normal(size=(200, 3)))
         points = SurfacePoints(points.positions, points.face_ids, np.tile([0.0, 0.0, 1.0], (200, 1)))
@@ -93,6 +144,7 @@ def disagreements(method: str, seed: int, index: int) -> tuple[int, int, int]:
     """Count, for one scene, pairs that differ outside the boundary band, those inside it, and all."""
     mesh, points, eyes, _ = scene(seed, index)
     oracle = prepare_oracle(mesh)
+    exact.WORTH = WORTH * (index % 2)
     with zo.prepare(mesh, method=method) as occluder:
         wrong = occluder.visible(points, eyes) != oracle.visible(points, eyes)
     outside = 0

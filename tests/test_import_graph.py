@@ -15,7 +15,8 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "numba_cache": set(), "threads": set()},
     {"arrays": set(), "checks": set()},
     {"mesh": set()},
-    {"camera": set(), "closed": set(), "predicates": set(), "rational": set()},
+    {"camera": set(), "predicates": set(), "rational": set()},
+    {"solids": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
     {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another
     {"visibility": set()},

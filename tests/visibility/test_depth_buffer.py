@@ -7,10 +7,10 @@ import pytest
 
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.camera import Frusta
-from zbuf_occlude.closed import closed_surfaces
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.solids import find_solids
 from zbuf_occlude.visibility.depth_test import depth_test, project, witness_test
 
 CHAIR = shapes.make("chair", 3).normalized()
@@ -58,7 +58,7 @@ def draw(
 
 def turned_away(mesh: Mesh, points: SurfacePoints, eye: np.ndarray) -> np.ndarray:
     """Points on the far side of a closed surface: hidden without a look at the image."""
-    outward = np.append(closed_surfaces(mesh).outward, 0)[points.face_ids]
+    outward = np.append(find_solids(mesh)[0].outward, 0)[points.face_ids]
     normals = mesh.face_normals[points.face_ids] * outward[:, None]
     return np.asarray((normals * (eye - points.positions)).sum(axis=1) < 0.0)
 
@@ -191,3 +191,15 @@ def test_free_points_about_the_mesh_and_behind_the_eye(gl: GlContext, refine: st
 def test_wrong_options(gl: GlContext, options: dict[str, object], message: str) -> None:
     with pytest.raises(OptionError, match=message):
         prepare(CHAIR, "depth_buffer", gl=gl, **options)
+
+
+@pytest.mark.parametrize("refine", ["none", "witness"])
+def test_a_surface_that_crosses_itself_is_answered_like_any_other(gl: GlContext, refine: str) -> None:
+    ball = shapes.solids.icosphere(3)
+    # mirrored below z = 0.3, where the map's determinant is negative
+    vertices = ball.vertices * np.where([True, False, False], ball.vertices[:, 2:] - 0.3, 1.0)
+    crossed = Mesh(vertices, ball.faces)
+    points, eyes = sample_surface(crossed, n_points=3000, seed=4), views.fibonacci(9, distance=6.0).eyes
+    with prepare(crossed, "oracle") as oracle, prepare(crossed, "depth_buffer", gl=gl, refine=refine) as occluder:
+        agreement = (oracle.visible(points, eyes) == occluder.visible(points, eyes)).mean()
+    assert agreement > (0.99 if refine == "witness" else 0.95)

@@ -1,4 +1,4 @@
-"""What the depth buffer needs of a mesh, as arrays: faces in the order of drawing, closed surfaces first."""
+"""What the depth buffer needs of a mesh, as arrays: faces in the order of drawing, those of solids first."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.closed import ClosedSurfaces
 from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.solids.closed import ClosedSurfaces
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,6 @@ class MeshArrays:
         seen from outside, then the others; each part along a space-filling curve, so that tiles stay in caches.
     n_closed : int
         How many come first.
-    surfaces : (f,) int32
-        Which surface each face belongs to, in the order of drawing.
     places : (f,) int32
         Where each of the mesh's faces is in the order of drawing.
     normals : (f, 3) float32
@@ -38,7 +36,6 @@ class MeshArrays:
     positions: FloatArray
     faces: IntArray
     n_closed: int
-    surfaces: IntArray
     places: IntArray
     normals: NDArray[np.float32]
     closed: BoolArray
@@ -62,7 +59,6 @@ def arrange_mesh(mesh: Mesh, unit: Unit, surfaces: ClosedSurfaces) -> MeshArrays
         positions=unit.to(mesh.vertices[used]),
         faces=faces[order],
         n_closed=int(closed.sum()),
-        surfaces=surfaces.surfaces[order],
         places=places,
         normals=normals.astype(np.float32),
         closed=closed,

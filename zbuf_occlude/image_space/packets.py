@@ -7,6 +7,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.image_space.backs import Solids, find_backed, outward_planes
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import threaded
@@ -41,6 +42,13 @@ class Packets(NamedTuple):
         Largest of them.
     positions : (n, 3) float64
         World space, in the caller's order.
+    outward : (4, n' or more) float32
+        Planes of the own faces, and from column `beside` on of the faces beside them, `backs.outward_planes`; (4, 0)
+        where no point is backed.
+    backed : (n' / 16,) int64
+        Masks of the points that their solid hides where these faces are turned away, `backs.find_backed`.
+    beside : (n' / 16,) int64
+        Where a packet's other planes begin; -1 where it needs none.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """
@@ -55,15 +63,20 @@ class Packets(NamedTuple):
     chunk_reach: Float32
     farthest: np.float32
     positions: FloatArray
+    outward: Float32
+    backed: NDArray[np.int64]
+    beside: NDArray[np.int64]
     identity: IntArray
 
 
-def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets:
+def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: Solids | None) -> Packets:
     """Sort points; `rows` (f + 1,) leads from a face to 16 x cluster + lane, from -1 to -1.
+
+    Without `solids` no point is backed.
 
     Notes
     -----
-    O(n) time, about 50 bytes a point, as much again while it sorts.
+    O(n) time, about 70 bytes a point, as much again while it sorts.
     """
     n = len(points)
     keys = _keys(points.positions, points.face_ids, rows, scene.centre, scene.scale)
@@ -71,6 +84,7 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets
     n_chunks = -(-n // (PACKET * CHUNK))
     order = np.pad(order, (0, n_chunks * PACKET * CHUNK - n), mode="edge")
     coordinates, own, boxes, reach = _gather(points.positions, points.face_ids, rows, order, scene.centre, scene.scale)
+    backs = _backs(points, scene, rows, order, solids)
     chunk_boxes = np.zeros((6, n_chunks + -n_chunks % PACKET), dtype=np.float32)
     chunk_boxes[:3, :n_chunks] = boxes[:3].reshape(3, n_chunks, CHUNK).min(axis=2)
     chunk_boxes[3:, :n_chunks] = boxes[3:].reshape(3, n_chunks, CHUNK).max(axis=2)
@@ -86,13 +100,36 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray) -> Packets
         chunk_reach,
         reach.max(),
         points.positions,
+        *backs,
         np.arange(len(order), dtype=np.int32),
     )
 
 
+def _backs(
+    points: SurfacePoints, scene: Scene, rows: IntArray, order: IntArray, solids: Solids | None
+) -> tuple[Float32, NDArray[np.int64], NDArray[np.int64]]:
+    """`outward`, `backed` and `beside` of the packets."""
+    n_packets = len(order) // PACKET
+    beside = np.full(n_packets, -1, dtype=np.int64)
+    if solids is None:
+        return np.zeros((4, 0), dtype=np.float32), np.zeros(n_packets, dtype=np.int64), beside
+    other = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)[order]
+    own = points.face_ids[order]
+    backed = (other >= 0).reshape(-1, PACKET)
+    two = np.flatnonzero((backed & (other != own).reshape(-1, PACKET)).any(axis=1))
+    beside[two] = len(order) + PACKET * np.arange(len(two))
+    other = np.where(backed.reshape(-1), other, own).reshape(-1, PACKET)[two].reshape(-1)
+    outward = outward_planes(scene.planes, rows, np.concatenate([own, other]), solids.outward)
+    return outward, (backed << np.arange(PACKET)).sum(axis=1), beside
+
+
 @threaded
 def _keys(
-    positions: FloatArray, face_ids: IntArray, rows: IntArray, centre: FloatArray, scale: float
+    positions: FloatArray,
+    face_ids: IntArray,
+    rows: IntArray,
+    centre: FloatArray,
+    scale: float,
 ) -> NDArray[np.uint64]:
     """Keys to sort by: own row, then the Morton code of the position in the cube about the scene."""
     keys = np.empty(len(positions), dtype=np.uint64)

@@ -7,10 +7,11 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.image_space.backs import hide_backs
 from zbuf_occlude.image_space.decide import line_is_blocked
 from zbuf_occlude.image_space.frames import Frames
 from zbuf_occlude.image_space.hiding import classify
-from zbuf_occlude.image_space.lanes import first_lane
+from zbuf_occlude.image_space.lanes import ALL, first_lane
 from zbuf_occlude.image_space.listing import BUCKETS, list_clusters, overlapping
 from zbuf_occlude.image_space.packet_search import row_of, search_packet, write
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, Packets
@@ -67,6 +68,7 @@ class Workspace(NamedTuple):
     image: Float32  # (2, CHUNK x PACKET) x / w and y / w of the chunk's points
     packets: Float32  # (CHUNK, 9) see `projection.project_points`
     undecided: NDArray[np.int64]  # (CHUNK,)
+    turned: NDArray[np.int64]  # (packets,) masks of the points that are hidden as backs
     buckets: NDArray[np.int64]  # (BUCKETS + 1,)
 
 
@@ -92,7 +94,7 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
     few = points.n_points < FEW_POINTS * len(scene.world_corners)
     span = GROUP // 4 if points.n_points > MANY * len(scene.world_corners) else 1
     for worker in prange(n_workers):
-        space = make_workspace(scene)
+        space = make_workspace(scene, len(points.backed))
         tiles = make_tiles(points.coordinates.shape[1] if few else 0, len(scene.used) if few else 0)
         epoch = 0
         for task in range(worker, n_eyes * n_blocks, n_workers):
@@ -119,7 +121,7 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
 
 
 @njit
-def make_workspace(scene):  # type: ignore[no-untyped-def]
+def make_workspace(scene, n_packets):  # type: ignore[no-untyped-def]
     """Allocate a thread's workspace."""
     n_clusters = len(scene.used)
     n_slots = 1
@@ -142,6 +144,7 @@ def make_workspace(scene):  # type: ignore[no-untyped-def]
         np.zeros((2, CHUNK * PACKET), dtype=np.float32),
         np.zeros((CHUNK, 9), dtype=np.float32),
         np.zeros(CHUNK, dtype=np.int64),
+        np.zeros(n_packets, dtype=np.int64),
         np.zeros(BUCKETS + 1, dtype=np.int64),
     )
 
@@ -172,6 +175,9 @@ def search_frame(scene, points, frame, window, e, face, begin, end, span, space,
         for i in range(first, first + (-first % 16)):  # padding
             space.rectangles[0, i] = FAR
             space.rectangles[1, i] = -FAR
+    if not inside:
+        n_packets = points.coordinates.shape[1] // PACKET
+        hide_backs(points, begin * GROUP * CHUNK, min(end * GROUP * CHUNK, n_packets), eye, space.turned, answer)
     if span == 0 and not inside:
         size = GROUP * CHUNK * PACKET
         first, last = begin * size, min(end * size, points.n_points)
@@ -190,7 +196,10 @@ def search_frame(scene, points, frame, window, e, face, begin, end, span, space,
             project_chunks(points, first, last, frame, window, eye, contact, space)
         for start in range(first, last, max(span, 1)):
             stop = min(start + max(span, 1), last)
-            n_before = list_clusters(scene, join(space.chunks, start - first, stop - first), space)
+            whole = join(space.chunks, start - first, stop - first)
+            if whole[4] < ZERO:
+                continue
+            n_before = list_clusters(scene, whole, space)
             if n_before <= TIGHT:
                 n_before = tighten(scene, n_before, frame, window, eye, reach, space, epoch)
             for chunk in range(start, stop):
@@ -214,7 +223,7 @@ def search_frame(scene, points, frame, window, e, face, begin, end, span, space,
 
 @njit(_nrt=False)
 def project_chunks(points, first, last, frame, window, eye, contact, space):  # type: ignore[no-untyped-def]
-    """Fill the rows of `space.chunks` from the boxes of up to 16 chunks, for an eye outside."""
+    """Fill the rows of `space.chunks` from the boxes of up to 16 chunks, for an eye outside; see `hide_backs`."""
     slack = COORDINATE * points.farthest
     project_boxes(points.chunk_boxes, first, first + GROUP, frame, window, slack, space.chunk_rectangles, 0)
     for i in range(last - first):
@@ -225,13 +234,20 @@ def project_chunks(points, first, last, frame, window, eye, contact, space):  # 
         space.chunks[i, 5] = reach / min(ONE, space.chunk_rectangles[4, i])
         space.chunks[i, 6] = reach
         space.chunks[i, 7], space.chunks[i, 8] = distance_bounds(points.chunk_boxes, first + i, eye, contact)
+        everything = ALL
+        for packet in range((first + i) * CHUNK, (first + i + 1) * CHUNK):
+            everything &= space.turned[packet]
+        if everything == ALL:
+            space.chunks[i, 4] = -ONE
 
 
 @njit(_nrt=False, forceinline=True)
 def join(rows, first, last):  # type: ignore[no-untyped-def]
-    """Rectangle and highest w of several chunks, as the first five of the numbers of one."""
-    x0, x1, y0, y1, w1 = rows[first, 0], rows[first, 1], rows[first, 2], rows[first, 3], rows[first, 4]
-    for i in range(first + 1, last):
+    """Rectangle and highest w of several chunks, as the first five of the numbers of one; of those with points left."""
+    x0, x1, y0, y1, w1 = FAR, -FAR, FAR, -FAR, -ONE
+    for i in range(first, last):
+        if rows[i, 4] < ZERO:
+            continue
         x0, x1, y0, y1 = min(x0, rows[i, 0]), max(x1, rows[i, 1]), min(y0, rows[i, 2]), max(y1, rows[i, 3])
         w1 = max(w1, rows[i, 4])
     return x0, x1, y0, y1, w1
@@ -285,6 +301,8 @@ def search_chunk(  # type: ignore[no-untyped-def]
         return
     if not inside:
         project_points(points, chunk, frame, window, ZERO, eye, reach, contact, space)
+        for packet in range(CHUNK):
+            space.undecided[packet] &= ~space.turned[chunk * CHUNK + packet]
     for packet in range(CHUNK):
         if space.undecided[packet]:
             search_packet(

@@ -93,7 +93,7 @@ def search_tiles(scene, points, frame, window, eye, world_eye, first, last, spac
         scale_x = np.float32(side) / max(x1 - x0, np.float32(1e-30))
         scale_y = np.float32(side) / max(y1 - y0, np.float32(1e-30))
         grid = (x0, y0, scale_x, scale_y, side)
-        _bin_points(first, last, grid, tiles)
+        _bin_points(first, last, grid, space.turned, tiles)
         if _bin_clusters(grid, slack, space, tiles) or side == 1:
             break
         side //= 2
@@ -173,13 +173,16 @@ def _cell(value, origin, scale, side):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False)
-def _bin_points(first, last, grid, tiles):  # type: ignore[no-untyped-def]
-    """Sort points by tile."""
+def _bin_points(first, last, grid, turned, tiles):  # type: ignore[no-untyped-def]
+    """Sort the points that are not yet decided by tile."""
     side = grid[4]
     starts = tiles.point_starts
     starts[: side * side + 1] = 0
     tiles.deepest[: side * side] = -FAR
     for i in range(first, last):
+        if (turned[i // PACKET] >> (i % PACKET)) & 1:
+            tiles.tile_ids[i] = -1
+            continue
         x, y = tiles.unsorted[0, i], tiles.unsorted[1, i]
         tile = _cell(y, grid[1], grid[3], side) * side + _cell(x, grid[0], grid[2], side)
         tiles.tile_ids[i] = tile
@@ -190,6 +193,8 @@ def _bin_points(first, last, grid, tiles):  # type: ignore[no-untyped-def]
         tiles.ends[tile] = starts[tile]
     for i in range(first, last):
         tile = tiles.tile_ids[i]
+        if tile < 0:
+            continue
         to = tiles.ends[tile]
         tiles.ends[tile] = to + 1
         tiles.order[to] = i

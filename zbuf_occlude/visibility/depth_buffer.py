@@ -5,17 +5,16 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.closed import closed_surfaces
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl.buffers import Buffers, parts
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.gl.inside_out import inside_out
 from zbuf_occlude.gl.mesh_data import arrange_mesh
 from zbuf_occlude.gl.point_pass import MOST_POINTS, Batch, PointPass, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.solids import find_solids
 from zbuf_occlude.visibility.depth_test import MOST_HIDDEN
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
@@ -81,10 +80,9 @@ class DepthBuffer(Occluder):
     The frustum is fitted to the mesh; an eye within the mesh, or too near for one frustum, gets six cube faces. What
     lies outside the picture is visible. Not exact: the buffer knows one depth a pixel.
 
-    Faces are seen from both sides, but for those of closed surfaces (`zbuf_occlude.closed`) that are turned away from
-    an eye outside: they are not drawn, and points on them are hidden. A point with a face id must therefore lie on that
-    face. Surfaces that turn inside out where they cross themselves are found and drawn from both sides if the crossing
-    shows in 128 pixels from one of 14 directions (`gl.inside_out`).
+    Faces are seen from both sides, but for those of closed surfaces that bound a solid (`zbuf_occlude.solids`) and are
+    turned away from an eye outside: they are not drawn, and points on them are hidden. A point with a face id must
+    therefore lie on that face.
 
     ``refine="none"`` compares a point's depth with that of its pixel. Its error is the pixel times a slope: 1.5 to 4 %
     of the answers on CAD meshes at 512 pixels a side.
@@ -121,16 +119,9 @@ class DepthBuffer(Occluder):
             "slope_bias": slope_bias,
             "contact": CONTACT * diagonal,
         }
-        surfaces = closed_surfaces(mesh)
+        surfaces, _ = find_solids(mesh)
         self._arrays = arrange_mesh(mesh, self._unit, surfaces)
         self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
-        if self._arrays.n_closed:
-            wrong = inside_out(gl, self._arrays, self._mesh_buffers)
-            if wrong.any():
-                self._mesh_buffers.release()
-                surfaces = surfaces.without(wrong)
-                self._arrays = arrange_mesh(mesh, self._unit, surfaces)
-                self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
         self._passes: dict[int, DepthPass] = {}
 
     @property

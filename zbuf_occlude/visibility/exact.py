@@ -5,6 +5,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
+from zbuf_occlude.image_space.backs import Solids, make_solids
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
 from zbuf_occlude.image_space.scene import make_scene
@@ -12,6 +13,9 @@ from zbuf_occlude.image_space.search import GROUP, find_visible
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
+
+WORTH = 100
+"""Answers a face after which it pays to look for solids: that takes about as long as it has saved by then."""
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -25,6 +29,8 @@ class Exact(Occluder):
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
         super().__init__(mesh)
+        self._contact, self._n_asked = contact, 0
+        self._solids: Solids | None = None
         self._scene = make_scene(mesh, contact * mesh.diagonal)
         face_ids = self._scene.face_ids.reshape(-1)
         self._rows = np.full(len(mesh.faces) + 1, -1, dtype=np.int32)
@@ -35,7 +41,10 @@ class Exact(Occluder):
         scene = self._scene
         if len(scene.used) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
-        packets = make_packets(points, scene, self._rows)
+        self._n_asked += len(points) * len(eyes)
+        if self._solids is None and self._n_asked >= WORTH * len(self.mesh.faces):
+            self._solids = make_solids(self.mesh, self._contact)
+        packets = make_packets(points, scene, self._rows, self._solids)
         frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
         n_groups = -(-packets.coordinates.shape[1] // (GROUP * CHUNK * PACKET))

@@ -43,7 +43,7 @@ def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
     -----
     A surface is closed here when every edge, by the positions of its ends, is shared by exactly two of its faces, it
     has two sides, and it is not `THIN`. From an eye outside, a face turned away is then hidden, with all points
-    on it, *if* the surface does not turn itself inside out where it crosses itself; that is not checked here.
+    on it, *if* the surface does not cross itself; `crossing.crossing_surfaces` tells.
     """
     _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)  # -0.0 becomes 0.0
     faces = position_ids.reshape(-1)[mesh.faces].astype(np.int64)

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from zbuf_occlude import Mesh
-from zbuf_occlude.closed import closed_surfaces
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.solids.closed import closed_surfaces
 
 BALL = shapes.solids.icosphere(2)
 BOX = Mesh.from_trimesh(trimesh.creation.box((1.0, 2.0, 3.0)))

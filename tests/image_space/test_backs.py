@@ -1,0 +1,74 @@
+"""Points that turn their back: decided without a search, and as the oracle decides."""
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
+from zbuf_occlude.image_space.backs import find_backed, make_solids
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.visibility import exact
+
+BALL = shapes.solids.icosphere(4)
+EYES = views.fibonacci(20, distance=5.0).eyes
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solids are looked for at the first question."""
+    monkeypatch.setattr(exact, "WORTH", 0)
+
+
+def share_backed(mesh: Mesh, points: SurfacePoints) -> float:
+    solids = make_solids(mesh, 1e-5)
+    return float((find_backed(points.positions, points.face_ids, mesh.centre, mesh.diagonal, solids) >= 0).mean())
+
+
+def test_points_of_solids_are_backed_and_others_are_not() -> None:
+    points = sample_surface(BALL, n_points=2000, seed=0)
+    assert share_backed(BALL, points) == 1.0
+    assert share_backed(Mesh(BALL.vertices, BALL.faces[1:]), points.select(points.face_ids > 0)) == 0.0
+    assert share_backed(BALL, SurfacePoints.free(points.positions)) == 0.0
+    off = SurfacePoints(points.positions + 1e-6 * points.normals, points.face_ids, points.normals)
+    assert share_backed(BALL, off) == 0.0
+    elsewhere = SurfacePoints(points.positions, np.roll(points.face_ids, 7), points.normals)
+    assert share_backed(BALL, elsewhere) < 0.01
+
+
+def test_corners_are_left_to_the_search_and_edges_are_not() -> None:
+    corners = BALL.corners
+    for target, expected in ((corners[:, 0], 0.0), ((corners[:, 0] + corners[:, 1]) / 2.0, 1.0)):
+        positions = target + 1e-6 * (corners.mean(axis=1) - target)
+        points = SurfacePoints(positions, np.arange(len(corners), dtype=np.int32), BALL.face_normals)
+        assert share_backed(BALL, points) == expected
+
+
+@pytest.mark.parametrize("n_points", [200, 20_000])  # fewer than faces, and more: two ways through the search
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.usefixtures("at_once")
+def test_every_answer_stays_the_same(n_points: int, turned: bool) -> None:
+    ball = Mesh(BALL.vertices, BALL.faces[:, ::-1]) if turned else BALL
+    table = shapes.make("table", 0).normalized()
+    mesh = Mesh(
+        np.concatenate([ball.vertices, table.transformed(1.0, [0.9, 0.0, 0.0]).vertices]),
+        np.concatenate([ball.faces, table.faces + len(ball.vertices)]),
+    )
+    points = sample_surface(mesh, n_points=n_points, seed=3)
+    eyes = np.concatenate([EYES, [[0.0, 0.0, 0.0], [0.3, 0.2, -0.1]]])  # inside the ball, where its backs are seen
+    some = np.arange(0, n_points, max(1, n_points // 500))
+    with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+        assert (occluder.visible(points, eyes)[:, some] == oracle.visible(points.select(some), eyes)).all()
+    assert share_backed(mesh, points) > 0.9
+
+
+def test_solids_are_looked_for_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    monkeypatch.setattr(exact, "make_solids", lambda *arguments: made.append(1) or make_solids(*arguments))
+    points = sample_surface(BALL, n_points=40 * len(BALL.faces), seed=0)
+    with prepare(BALL, "exact") as occluder:
+        first = occluder.visible(points, EYES[:1])
+        assert not made
+        masks = occluder.visible(points, EYES[:2])
+        assert made == [1]
+        assert (masks[0] == first[0]).all()
+        occluder.visible(points, EYES[:2])
+        assert made == [1]

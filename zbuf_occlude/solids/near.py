@@ -1,0 +1,131 @@
+"""Which faces of closed surfaces are near each other: what has to be compared before a surface passes for a solid's."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.solids.closed import ClosedSurfaces
+from zbuf_occlude.threads import threaded
+
+MOST_COMPARED = 10**9
+"""Pairs of boxes that are compared at most, in a second or less; a mesh that needs more is left alone."""
+
+KEPT = 24
+"""Neighbours kept for a face while they are counted; who has more is compared once more."""
+
+
+class NearFaces(NamedTuple):
+    """Pairs of faces of the same closed surface whose boxes, widened, overlap.
+
+    Attributes
+    ----------
+    corners : (f, 3, 3) float64
+        Of all faces, about the mesh's centre, in units of its diagonal.
+    starts : (f + 1,) int64
+    others : (2 x pairs,) int32
+        Those near face i are ``others[starts[i] : starts[i + 1]]``, itself not among them.
+    complete : (s,) bool, by the number of the surface
+        False where there were too many to compare (`MOST_COMPARED`); its faces have no others then.
+    """
+
+    corners: FloatArray
+    starts: NDArray[np.int64]
+    others: IntArray
+    complete: BoolArray
+
+
+def near_faces(mesh: Mesh, closed: ClosedSurfaces, reach: float) -> NearFaces:
+    """Find the pairs of faces of each closed surface whose boxes come nearer than `reach` diagonals to each other.
+
+    Notes
+    -----
+    Sort and sweep, surface after surface, along the axis on which faces overlap least.
+    """
+    corners = (mesh.corners - mesh.centre) / mesh.diagonal
+    faces = np.flatnonzero(closed.outward).astype(np.int32)
+    complete = np.ones(int(closed.surfaces.max()) + 1, dtype=np.bool_)
+    lower, upper = corners[faces].min(axis=1) - reach, corners[faces].max(axis=1) + reach
+    if len(faces) == 0:
+        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces, complete)
+    axis = int(((upper - lower).sum(axis=0) / np.maximum(np.ptp(corners, axis=(0, 1)), 1e-300)).argmin())
+    begin = lower[:, axis] + 2.0 * closed.surfaces[faces]  # the mesh is less than 2 units long
+    order = np.argsort(begin, kind="stable")
+    ends = np.searchsorted(begin[order], (begin + upper[:, axis] - lower[:, axis])[order] + 1e-6, side="right")
+    if int((ends - np.arange(len(ends))).sum()) > MOST_COMPARED:
+        complete[closed.surfaces[faces]] = False
+        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces[:0], complete)
+    faces, boxes = faces[order], np.concatenate([lower[order], upper[order]], axis=1)
+    surfaces = closed.surfaces[faces]
+    counts, kept = _count(boxes, ends, surfaces)
+    later = np.concatenate([[0], np.cumsum(counts)])
+    starts, others = _both_ways(faces, later, _list(boxes, ends, surfaces, later, kept), len(corners))
+    return NearFaces(corners, starts, others, complete)
+
+
+@njit(inline="always")
+def _overlap(boxes, i, j):  # type: ignore[no-untyped-def]
+    return (
+        boxes[j, 1] <= boxes[i, 4]
+        and boxes[i, 1] <= boxes[j, 4]
+        and boxes[j, 2] <= boxes[i, 5]
+        and boxes[i, 2] <= boxes[j, 5]
+        and boxes[j, 0] <= boxes[i, 3]
+        and boxes[i, 0] <= boxes[j, 3]
+    )
+
+
+@threaded
+def _count(boxes: FloatArray, ends: NDArray[np.int64], surfaces: IntArray) -> tuple[NDArray[np.int64], IntArray]:
+    """How many later boxes of its surface each overlaps, and the first `KEPT` of them."""
+    counts, kept = np.zeros(len(boxes), dtype=np.int64), np.empty((len(boxes), KEPT), dtype=np.int32)
+    for i in prange(len(boxes)):
+        for j in range(i + 1, ends[i]):
+            if _overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
+                if counts[i] < KEPT:
+                    kept[i, counts[i]] = j
+                counts[i] += 1
+    return counts, kept
+
+
+@threaded
+def _list(
+    boxes: FloatArray, ends: NDArray[np.int64], surfaces: IntArray, later: NDArray[np.int64], kept: IntArray
+) -> IntArray:
+    """Those later boxes, one list after the other."""
+    listed = np.empty(later[-1], dtype=np.int32)
+    for i in prange(len(boxes)):
+        to = later[i]
+        if later[i + 1] - to <= KEPT:
+            listed[to : later[i + 1]] = kept[i, : later[i + 1] - to]
+            continue
+        for j in range(i + 1, ends[i]):
+            if _overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
+                listed[to] = j
+                to += 1
+    return listed
+
+
+@njit(cache=True)
+def _both_ways(
+    faces: IntArray, later: NDArray[np.int64], listed: IntArray, n_faces: int
+) -> tuple[NDArray[np.int64], IntArray]:
+    """Turn lists of later neighbours, by place in `faces`, into lists of all, by face."""
+    starts = np.zeros(n_faces + 1, dtype=np.int64)
+    for i in range(len(faces)):
+        starts[faces[i] + 1] += later[i + 1] - later[i]
+        for j in listed[later[i] : later[i + 1]]:
+            starts[faces[j] + 1] += 1
+    for face in range(n_faces):
+        starts[face + 1] += starts[face]
+    others, at = np.empty(starts[-1], dtype=np.int32), starts[:-1].copy()
+    for i in range(len(faces)):
+        for j in listed[later[i] : later[i + 1]]:
+            f, g = faces[i], faces[j]
+            others[at[f]], others[at[g]] = g, f
+            at[f] += 1
+            at[g] += 1
+    return starts, others
