@@ -15,7 +15,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"errors": set(), "numba_cache": set(), "threads": set()},
     {"arrays": set(), "checks": set()},
     {"mesh": set()},
-    {"camera": set(), "predicates": set(), "rational": set()},
+    {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
     {"solids": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
     {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another

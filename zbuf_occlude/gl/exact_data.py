@@ -8,7 +8,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.gl.hilbert import hilbert_order
+from zbuf_occlude.hilbert import hilbert_order
 
 WIDTH = 8
 """Children of an inner box."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.gl.hilbert import hilbert_order
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.solids.closed import ClosedSurfaces
 

@@ -77,6 +77,7 @@ def find_backed(
     positions, face_ids : (n, 3) float64, world space, and (n,) int32
     centre, diagonal : (3,) float64 and float
         The mesh's.
+    solids : Solids
 
     Returns
     -------

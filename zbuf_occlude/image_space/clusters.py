@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.ordering import morton_codes
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
 
 WIDTH = 16
@@ -35,7 +34,7 @@ class Clusters:
 
 
 def make_clusters(mesh: Mesh) -> Clusters:
-    """Group the faces of a mesh: long ones apart, the others in Morton order of their centres.
+    """Group the faces of a mesh: long ones apart, the others in Hilbert order of their centres.
 
     Notes
     -----
@@ -45,9 +44,9 @@ def make_clusters(mesh: Mesh) -> Clusters:
     corners = mesh.corners
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     long = (upper - lower).max(axis=1) > LARGE * mesh.longest_side
-    codes = morton_codes((lower + upper) / 2.0, mesh.bounds[0], mesh.longest_side)
+    order = hilbert_order((lower + upper) / 2.0).astype(np.int32)
     blocking = (mesh.face_normals != 0.0).any(axis=1)
-    groups = [_rows(np.flatnonzero(blocking & kind).astype(np.int32), codes) for kind in (long, ~long)]
+    groups = [_rows(order[(blocking & kind)[order]]) for kind in (long, ~long)]
     face_ids = np.concatenate(groups)
     used = face_ids >= 0
     return Clusters(
@@ -57,9 +56,8 @@ def make_clusters(mesh: Mesh) -> Clusters:
     )
 
 
-def _rows(faces: IntArray, codes: NDArray[np.uint64]) -> IntArray:
-    """Sort faces by their code and cut them into rows of `WIDTH`, the last filled up with -1."""
-    faces = faces[np.argsort(codes[faces], kind="stable")]
+def _rows(faces: IntArray) -> IntArray:
+    """Cut ordered faces into rows of `WIDTH`, the last filled up with -1."""
     rows = np.full((-(-len(faces) // WIDTH), WIDTH), -1, dtype=np.int32)
     rows.reshape(-1)[: len(faces)] = faces
     return rows

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from zbuf_occlude.gl.hilbert import hilbert_order
+from zbuf_occlude.hilbert import hilbert_order
 
 
 def test_consecutive_cells_are_neighbours() -> None:
