@@ -7,8 +7,8 @@ import trimesh
 from tests.scenes import box
 from zbuf_occlude import Mesh, sample_surface
 from zbuf_occlude.meshes import shapes
-from zbuf_occlude.solids import edge_margins, find_solids
-from zbuf_occlude.solids.clearance import face_beside, squared_distance
+from zbuf_occlude.solids import find_solids
+from zbuf_occlude.solids.clearance import edge_margins, face_beside, face_frames, squared_distance
 
 REACH = 0.01
 
@@ -43,7 +43,8 @@ def test_distances_are_those_of_trimesh() -> None:
 def test_beyond_the_margins_every_other_face_keeps_away(name: str) -> None:
     mesh = MESHES[name]
     solids, near = find_solids(mesh, REACH)
-    margins = edge_margins(near, REACH)
+    frames = face_frames(near.corners)
+    margins = edge_margins(near.corners, near.starts, near.others, frames, REACH)
     points = sample_surface(mesh, n_points=3000, seed=1)
     positions = (points.positions - mesh.centre) / mesh.diagonal
     n_clear = n_beside = 0

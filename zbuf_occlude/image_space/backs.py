@@ -15,14 +15,14 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.image_space.lanes import ALL, N_LANES, first_lane, greater, load, muladd, splat
 from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import dot, minus
-from zbuf_occlude.solids import edge_margins, find_solids
-from zbuf_occlude.solids.clearance import face_beside
-from zbuf_occlude.solids.triangles import corner, inward, unit_normal
+from zbuf_occlude.solids import find_solids
+from zbuf_occlude.solids.clearance import edge_margins, face_beside, face_frames
+from zbuf_occlude.solids.triangles import corner
 from zbuf_occlude.threads import threaded
 
 OFF = 5e-4
@@ -45,8 +45,8 @@ class Solids(NamedTuple):
         As in `solids.ClosedSurfaces`.
     corners, starts, others
         As in `solids.NearFaces`.
-    margins : (f, 3) float64
-        As in `solids.edge_margins`.
+    frames, margins : (f, 4, 3) and (f, 3) float64
+        As in `solids.clearance`.
     reach : float
         The contact tolerance and a little more, diagonals.
     """
@@ -55,6 +55,7 @@ class Solids(NamedTuple):
     corners: FloatArray
     starts: NDArray[np.int64]
     others: IntArray
+    frames: FloatArray
     margins: FloatArray
     reach: float
 
@@ -63,7 +64,9 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
     """Find the solids of a mesh; `contact` is the contact tolerance in units of its diagonal."""
     reach = 1.01 * max(contact, LEAST)
     closed, near = find_solids(mesh, reach)
-    return Solids(closed.outward, near.corners, near.starts, near.others, edge_margins(near, reach), reach)
+    frames = face_frames(near.corners)
+    margins = edge_margins(near.corners, near.starts, near.others, frames, reach)
+    return Solids(closed.outward, near.corners, near.starts, near.others, frames, margins, reach)
 
 
 @threaded
@@ -90,18 +93,17 @@ def find_backed(
         face = face_ids[k]
         if face < 0 or solids.outward[face] == 0:
             continue
-        f = solids.corners[face]
+        f, frame = solids.corners[face], solids.frames[face]
         point = (
             (positions[k, 0] - centre[0]) / diagonal,
             (positions[k, 1] - centre[1]) / diagonal,
             (positions[k, 2] - centre[2]) / diagonal,
         )
-        n = unit_normal(f)
-        if abs(dot(n, minus(point, corner(f, 0)))) > OFF * solids.reach:
+        if abs(dot(corner(frame, 0), minus(point, corner(f, 0)))) > OFF * solids.reach:
             continue
         within, clear = True, True
         for i in range(3):
-            distance = dot(inward(f, n, i), minus(point, corner(f, i)))
+            distance = dot(corner(frame, i + 1), minus(point, corner(f, i)))
             within &= distance > 0.0
             clear &= distance > solids.margins[face, i]
         if clear:
@@ -112,18 +114,61 @@ def find_backed(
 
 
 @threaded
-def outward_planes(planes: Float32, rows: IntArray, face_ids: IntArray, outward: NDArray[np.int8]) -> Float32:
-    """Planes of faces of solids, (4, n') float32: outward unit normal and offset, scene space.
+def pack_backs(
+    planes: Float32, rows: IntArray, outward: NDArray[np.int8], face_ids: IntArray, beside: IntArray, order: IntArray
+) -> tuple[Float32, NDArray[np.int64], BoolArray]:
+    """Put what `find_backed` found into packets.
 
-    `planes` as in `Scene`, `rows` (f + 1,) from a face to 16 x cluster + lane, `face_ids` (n',).
+    Parameters
+    ----------
+    planes : (m, 4, 16) float32
+        As in `Scene`.
+    rows : (f + 1,) int32
+        From a face to 16 x cluster + lane.
+    outward : (f,) int8
+        As in `Solids`.
+    face_ids, beside : (n,) int32
+    order : (n',) int32
+
+    Returns
+    -------
+    own : (4, n') float32
+        Planes of the points' own faces: outward unit normal and offset, scene space.
+    backed : (n' / 16,) int64
+        Masks of the points that are hidden where their faces are turned away.
+    two : (n' / 16,) bool
+        Whether some of these need the plane of the face beside, too.
     """
-    found = np.zeros((4, len(face_ids)), dtype=np.float32)
-    for i in prange(len(face_ids)):
-        face_row = rows[face_ids[i]]
-        if face_row >= 0:
-            for row in range(4):
-                found[row, i] = planes[face_row // 16, row, face_row % 16] * np.float32(outward[face_ids[i]])
+    own = np.zeros((4, len(order)), dtype=np.float32)
+    backed, two = np.zeros(len(order) // N_LANES, dtype=np.int64), np.zeros(len(order) // N_LANES, dtype=np.bool_)
+    for packet in prange(len(backed)):
+        for i in range(packet * N_LANES, (packet + 1) * N_LANES):
+            k = order[i]
+            if beside[k] >= 0:
+                _copy_plane(planes, rows, outward, face_ids[k], own, i)
+                backed[packet] |= 1 << (i % N_LANES)
+                two[packet] |= beside[k] != face_ids[k]
+    return own, backed, two
+
+
+@threaded
+def planes_beside(
+    planes: Float32, rows: IntArray, outward: NDArray[np.int8], beside: IntArray, order: IntArray
+) -> Float32:
+    """Planes of the faces beside the points of an order, (4, n') float32; parameters as in `pack_backs`."""
+    found = np.zeros((4, len(order)), dtype=np.float32)
+    for i in prange(len(order)):
+        if beside[order[i]] >= 0:
+            _copy_plane(planes, rows, outward, beside[order[i]], found, i)
     return found
+
+
+@njit
+def _copy_plane(planes, rows, outward, face, found, i):  # type: ignore[no-untyped-def]
+    row = rows[face]
+    if row >= 0:
+        for j in range(4):
+            found[j, i] = planes[row // N_LANES, j, row % N_LANES] * np.float32(outward[face])
 
 
 @njit(_nrt=False, forceinline=True)
@@ -153,9 +198,9 @@ def hide_backs(points, first, last, eye, turned, answer):  # type: ignore[no-unt
     for packet in range(first, last):
         found = points.backed[packet]
         if found:
-            found &= _turned(points.outward, packet * N_LANES, eye, limit)
+            found &= _turned(points.own_planes, packet * N_LANES, eye, limit)
         if found and points.beside[packet] >= 0:
-            found &= _turned(points.outward, points.beside[packet], eye, limit)
+            found &= _turned(points.planes_beside, points.beside[packet], eye, limit)
         turned[packet] = found
         base = packet * N_LANES
         if found == ALL:

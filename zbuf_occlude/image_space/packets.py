@@ -7,7 +7,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.backs import Solids, find_backed, outward_planes
+from zbuf_occlude.image_space.backs import Solids, find_backed, pack_backs, planes_beside
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import threaded
@@ -42,13 +42,14 @@ class Packets(NamedTuple):
         Largest of them.
     positions : (n, 3) float64
         World space, in the caller's order.
-    outward : (4, n' or more) float32
-        Planes of the own faces, and from column `beside` on of the faces beside them, `backs.outward_planes`; (4, 0)
-        where no point is backed.
+    own_planes : (4, n') float32
+        Planes of the own faces, outward unit normal and offset, scene space; (4, 0) where no point is backed.
+    planes_beside : (4, ...) float32
+        The same of the faces beside them, for those packets that need them.
     backed : (n' / 16,) int64
-        Masks of the points that their solid hides where these faces are turned away, `backs.find_backed`.
+        Masks of the points that their solid hides where these faces are turned away; see `backs`.
     beside : (n' / 16,) int64
-        Where a packet's other planes begin; -1 where it needs none.
+        Where a packet's columns of `planes_beside` begin; -1 where it needs none.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """
@@ -63,7 +64,8 @@ class Packets(NamedTuple):
     chunk_reach: Float32
     farthest: np.float32
     positions: FloatArray
-    outward: Float32
+    own_planes: Float32
+    planes_beside: Float32
     backed: NDArray[np.int64]
     beside: NDArray[np.int64]
     identity: IntArray
@@ -107,20 +109,18 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: So
 
 def _backs(
     points: SurfacePoints, scene: Scene, rows: IntArray, order: IntArray, solids: Solids | None
-) -> tuple[Float32, NDArray[np.int64], NDArray[np.int64]]:
-    """`outward`, `backed` and `beside` of the packets."""
+) -> tuple[Float32, Float32, NDArray[np.int64], NDArray[np.int64]]:
+    """`own_planes`, `planes_beside`, `backed` and `beside` of the packets."""
     n_packets = len(order) // PACKET
-    beside = np.full(n_packets, -1, dtype=np.int64)
+    begins = np.full(n_packets, -1, dtype=np.int64)
     if solids is None:
-        return np.zeros((4, 0), dtype=np.float32), np.zeros(n_packets, dtype=np.int64), beside
-    other = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)[order]
-    own = points.face_ids[order]
-    backed = (other >= 0).reshape(-1, PACKET)
-    two = np.flatnonzero((backed & (other != own).reshape(-1, PACKET)).any(axis=1))
-    beside[two] = len(order) + PACKET * np.arange(len(two))
-    other = np.where(backed.reshape(-1), other, own).reshape(-1, PACKET)[two].reshape(-1)
-    outward = outward_planes(scene.planes, rows, np.concatenate([own, other]), solids.outward)
-    return outward, (backed << np.arange(PACKET)).sum(axis=1), beside
+        none = np.zeros((4, 0), dtype=np.float32)
+        return none, none, np.zeros(n_packets, dtype=np.int64), begins
+    beside = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)
+    own, backed, two = pack_backs(scene.planes, rows, solids.outward, points.face_ids, beside, order)
+    needed = order.reshape(-1, PACKET)[two].reshape(-1)
+    begins[two] = PACKET * np.arange(len(needed) // PACKET)
+    return own, planes_beside(scene.planes, rows, solids.outward, beside, needed), backed, begins
 
 
 @threaded

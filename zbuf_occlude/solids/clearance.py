@@ -5,21 +5,49 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.predicates import dot, minus
-from zbuf_occlude.solids.near import NearFaces
 from zbuf_occlude.solids.triangles import corner, inward, unit_normal
 from zbuf_occlude.threads import threaded
 
 
 @threaded
-def edge_margins(near: NearFaces, reach: float) -> FloatArray:
+def face_frames(corners: FloatArray) -> FloatArray:
+    """Unit normals of faces, and in their planes the unit vectors inwards across the edges.
+
+    Parameters
+    ----------
+    corners : (f, 3, 3) float64
+
+    Returns
+    -------
+    (f, 4, 3) float64
+        Edge i, from corner i to the next, has row i + 1.
+    """
+    frames = np.empty((len(corners), 4, 3))
+    for i in prange(len(corners)):
+        n = unit_normal(corners[i])
+        for axis in range(3):
+            frames[i, 0, axis] = n[axis]
+        for edge in range(3):
+            k = inward(corners[i], n, edge)
+            for axis in range(3):
+                frames[i, edge + 1, axis] = k[axis]
+    return frames
+
+
+@threaded
+def edge_margins(
+    corners: FloatArray, starts: IntArray, others: IntArray, frames: FloatArray, reach: float
+) -> FloatArray:
     """Margins along the edges of faces: a point of a face beyond all three is clear of what is near the face.
 
     Parameters
     ----------
-    near : NearFaces
-        Made with at least this `reach`.
+    corners, starts, others
+        As in `NearFaces`, made with at least this `reach`.
+    frames : (f, 4, 3) float64
+        Of `face_frames`.
     reach : float
         Diagonals.
 
@@ -30,17 +58,15 @@ def edge_margins(near: NearFaces, reach: float) -> FloatArray:
         three lines keeps at least `reach` from every other face of its closed surface. Infinite where some face
         neither keeps `reach` from the plane nor lies beyond an edge, as in wedges sharper than 90 degrees.
     """
-    margins = np.full((len(near.corners), 3), reach)
-    for i in prange(len(near.corners)):
-        f = near.corners[i]
-        n = unit_normal(f)
-        for j in near.others[near.starts[i] : near.starts[i + 1]]:
-            low, high = _range(n, corner(f, 0), near.corners[j])
+    margins = np.full((len(corners), 3), reach)
+    for i in prange(len(corners)):
+        for j in others[starts[i] : starts[i + 1]]:
+            low, high = _range(corner(frames[i], 0), corner(corners[i], 0), corners[j])
             if low >= reach or high <= -reach:
                 continue
             edge, least = 0, math.inf
             for k in range(3):
-                _, over = _range(inward(f, n, k), corner(f, k), near.corners[j])
+                _, over = _range(corner(frames[i], k + 1), corner(corners[i], k), corners[j])
                 if over < least:
                     edge, least = k, over
             # all of the other face lies beyond a line so far within the edge

@@ -9,7 +9,7 @@ from zbuf_occlude.predicates import cross, dot, minus
 
 @njit
 def corner(f, i):  # type: ignore[no-untyped-def]
-    """Corner i of a triangle, (3, 3) float64, as a tuple."""
+    """Row i of a triangle or a frame, (..., 3) float64, as a tuple."""
     return (f[i, 0], f[i, 1], f[i, 2])
 
 
