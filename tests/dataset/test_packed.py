@@ -211,10 +211,12 @@ def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
         offset = archive.getinfo("000000/0.steps").header_offset
     content[offset + 60] ^= 255
     victim.write_bytes(bytes(content))
-    with pytest.raises(DatasetError, match=r"packed-000000\.zip must be whole"):
+    with pytest.raises(
+        DatasetError, match=r"packed-000000\.zip must be as it was written; it cannot be read \(Error -3 while"
+    ):
         PackedDataset(tmp_path)[0]
     victim.write_bytes(bytes(content[:-30]))
-    with pytest.raises(DatasetError, match=r"must be a packed shard; File is not a zip file\. Generate it again"):
+    with pytest.raises(DatasetError, match=r"\.zip must be as it .* \(File is not a zip file\)\. Copy it again"):
         PackedDataset(tmp_path)
 
 

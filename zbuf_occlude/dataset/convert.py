@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.damage import REMEDY
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, checksums, read_finished, read_manifest
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import claim, write_names
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.errors import DatasetError
 
 
 def open_dataset(folder: Path) -> Source:
@@ -23,10 +25,15 @@ def open_dataset(folder: Path) -> Source:
     Raises
     ------
     DatasetError
-        There is no complete dataset.
+        There is no complete dataset, or it is damaged.
     """
     plan, manifest = read_finished(folder)
-    return find_format(plan.format).load().read(folder, plan, manifest["files"])
+    source = find_format(plan.format).load().read(folder, plan, manifest["files"])
+    if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
+        raise DatasetError(
+            f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"
+        )
+    return source
 
 
 def convert(

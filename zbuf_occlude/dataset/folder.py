@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
 
@@ -13,6 +15,27 @@ CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 ORIGINAL = "original"
 """Folder, in a dataset's own, of the dataset of complete clouds that some presets want beside it."""
+
+Kinds = Mapping[str, Any]
+"""What a JSON object must have: for each name a type or types, or, for an object in it, its own `Kinds`."""
+
+_SHARE = (int, float, type(None))  # None: nothing was checked
+_OF_MANIFEST: Kinds = {
+    "classes": list,
+    "counts": {
+        "clouds": int, "clouds_by_split": dict, "meshes": int, "meshes_failed": int, "views": int, "variations": int,
+    },
+    "error": {"false_visible": _SHARE, "false_hidden": _SHARE, "n_checked": int},
+    "failures": dict,
+    "files": dict,
+    "fingerprint": str,
+    "format": str,
+    "options": {"complete": bool, "method": str, "reason": str},
+    "renderer": str,
+    "seed": int,
+    "sha256": dict,
+}  # fmt: skip
+"""What the commands read of it."""
 
 
 def datasets_in(out: Path) -> list[Path]:
@@ -31,13 +54,9 @@ def read_plan(out: Path) -> Plan:
     path = out / PLAN
     if not path.exists():
         raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
-    try:
-        document = json.loads(path.read_text())
+    with reading(path):
+        document = read_object(path, {"fingerprint": str})
         plan = Plan.from_document(document)
-    except (ValueError, KeyError, TypeError) as error:
-        raise DatasetError(
-            f"{path} must be a plan; it is damaged ({error}). Generate again with --overwrite."
-        ) from None
     if plan.fingerprint != document["fingerprint"]:
         raise DatasetError(
             f"{path} must have the fingerprint {document['fingerprint']}; it has {plan.fingerprint}. "
@@ -47,15 +66,44 @@ def read_plan(out: Path) -> Plan:
 
 
 def read_manifest(out: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder whose dataset is complete, None for one that is not."""
+    """Return the manifest of a folder whose dataset is complete, None for one that is not.
+
+    Raises
+    ------
+    DatasetError
+        It is damaged, or lacks something that is read of it.
+    """
     path = out / MANIFEST
     if not path.exists():
         return None
-    try:
-        document: dict[str, Any] = json.loads(path.read_text())
-    except ValueError as error:
-        raise DatasetError(f"{path} must be JSON; it is damaged ({error}). Generate again with --overwrite.") from None
+    with reading(path):
+        document = read_object(path, _OF_MANIFEST)
+        if not document["files"] or not all(document["files"].values()):
+            raise ValueError("it names no files")
+        for split, names in document["files"].items():
+            for name in names:
+                if not isinstance(document["sha256"][name], str):
+                    raise TypeError(f"files of {split} without a checksum")
     return document
+
+
+def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
+    """Read a JSON object that has what it must have; else raise what `damage.reading` puts into words."""
+    document: dict[str, Any] = json.loads(path.read_text())
+    _check_kinds(document, kinds, "it")
+    return document
+
+
+def _check_kinds(values: Any, kinds: Kinds, what: str) -> None:
+    if not isinstance(values, dict):
+        raise TypeError(f"{what} is no object")
+    for name, kind in kinds.items():
+        if name not in values:
+            raise KeyError(name)
+        if isinstance(kind, Mapping):
+            _check_kinds(values[name], kind, name)
+        elif not isinstance(values[name], kind):
+            raise TypeError(f"{name} is {json.dumps(values[name])[:40]}")
 
 
 def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
@@ -64,7 +112,7 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
     Raises
     ------
     DatasetError
-        It is not complete, or there is none.
+        It is not complete, or damaged, or there is none.
     """
     plan, manifest = read_plan(out), read_manifest(out)
     if manifest is None:
@@ -80,9 +128,10 @@ def checksums(out: Path, files: dict[str, list[str]]) -> dict[str, str]:
 
 
 def _checksum(out: Path, name: str) -> str:
-    with open(out / name, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256")
-    if name.endswith(".txt"):
-        for listed in (out / name).read_text().splitlines():
-            digest.update(_checksum(out, listed).encode())
+    with reading(out / name):
+        with open(out / name, "rb") as file:
+            digest = hashlib.file_digest(file, "sha256")
+        if name.endswith(".txt"):
+            for listed in (out / name).read_text().splitlines():
+                digest.update(_checksum(out, listed).encode())
     return digest.hexdigest()

@@ -19,7 +19,6 @@ longest side.
 import json
 import os
 import zipfile
-import zlib
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packing import (
     Grid,
@@ -143,12 +143,14 @@ class Archives:
         self._facts: dict[int, dict[str, Any]] = {}
         self._path_of: dict[int, Path] = {}
         for path in paths:
-            archive = self._archive(path)
-            for name in archive.namelist():
-                if name.endswith("mesh.json"):
-                    mesh_id = int(name.partition("/")[0])
-                    self._facts[mesh_id] = json.loads(archive.read(name))
-                    self._path_of[mesh_id] = path
+            with reading(path):
+                archive = self._archive(path)
+                for name in archive.namelist():
+                    if name.endswith("mesh.json"):
+                        mesh_id = int(name.partition("/")[0])
+                        plan.meshes[mesh_id]  # there is one
+                        self._facts[mesh_id] = json.loads(archive.read(name))
+                        self._path_of[mesh_id] = path
         self.blocks = [(m, v) for m in sorted(self._facts) for v in range(len(self._facts[m]["n_points"]))]
         """(mesh_id, variation) of each block, in the order of the plan."""
         n_views = len(plan.views)
@@ -206,12 +208,11 @@ class Archives:
         return records
 
     def _unpack(self, mesh_id: int, variation: int) -> Block:
-        facts, archive = self._facts[mesh_id], self._archive(self._path_of[mesh_id])
+        facts, path = self._facts[mesh_id], self._path_of[mesh_id]
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
-        try:
+        with reading(path):
+            archive = self._archive(path)
             steps, faces, bits = (archive.read(f"{name}.{kind}") for kind in ("steps", "faces", "visible"))
-        except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, OSError) as error:
-            raise DatasetError(f"{archive.filename} must be whole; {error}. Generate it again.") from None
         positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(unpack_steps(steps, n_points))
         return Block(
             SurfacePoints(positions, unpack_faces(faces, n_points), np.zeros_like(positions)),
@@ -221,10 +222,7 @@ class Archives:
 
     def _archive(self, path: Path) -> zipfile.ZipFile:
         if path not in self._open:
-            try:
-                self._open[path] = zipfile.ZipFile(path)
-            except (zipfile.BadZipFile, OSError) as error:
-                raise DatasetError(f"{path} must be a packed shard; {error}. Generate it again.") from None
+            self._open[path] = zipfile.ZipFile(path)
             if len(self._open) > OPEN_FILES:
                 self._open.popitem(last=False)[1].close()
         self._open.move_to_end(path)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source, mixed_order
+from zbuf_occlude.dataset.source import Numbers, Source, check_indices, mixed_order
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -45,11 +46,19 @@ class RecordStore:
 def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
     """Return the clouds of finished shards, in the order in which their files are to hold them.
 
+    Raises
+    ------
+    DatasetError
+        A shard cannot be read.
+
     Notes
     -----
     The shards are mapped, not read: memory is needed for what is taken only.
     """
-    shards = [np.load(path, mmap_mode="r") for path in paths]
+    shards = []
+    for path in paths:
+        with reading(path, f"Delete it and {path.with_suffix('.json').name}; the same command makes them again."):
+            shards.append(_mapped(path, plan))
     owners = np.concatenate([np.full(len(shard), i) for i, shard in enumerate(shards)])
     rows = np.concatenate([np.arange(len(shard)) for shard in shards])
     mesh_ids = np.concatenate([shard["mesh_id"] for shard in shards])
@@ -63,3 +72,11 @@ def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
         return records
 
     return Source(plan, mixed_order(plan, mesh_ids), take)
+
+
+def _mapped(path: Path, plan: Plan) -> NDArray[Any]:
+    shard: NDArray[Any] = np.load(path, mmap_mode="r")
+    if shard.dtype != record_type(plan.recipe.sample_size) or shard.ndim != 1:
+        raise ValueError(f"{shard.ndim} axes of {shard.dtype}")
+    check_indices(shard["label"], shard["mesh_id"], plan)
+    return shard

@@ -1,6 +1,5 @@
 """A shard: the clouds of a few meshes in one file, and the sidecar, written last, that says it is done."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any, ClassVar, Protocol
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.folder import Kinds, read_object
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packed import PackedStore
 from zbuf_occlude.dataset.pipeline import occlude
@@ -20,6 +21,14 @@ from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 FOLDER = "shards"
+_OF_SIDECAR: Kinds = {
+    "failures": dict,
+    "faces_dropped": dict,
+    "fingerprint": str,
+    "renderer": str,
+    "seconds": (int, float),
+    **dict.fromkeys(("n_clouds", "n_blind_views", "n_with_repeats", "n_checked", "false_visible", "false_hidden"), int),
+}
 
 
 class Store(Protocol):
@@ -58,12 +67,13 @@ def read_sidecar(out: Path, shard: int, fingerprint: str) -> dict[str, Any] | No
     Raises
     ------
     DatasetError
-        The shard belongs to another plan.
+        The shard belongs to another plan, or its sidecar is damaged.
     """
     path = sidecar_path(out, shard)
     if not path.exists():
         return None
-    sidecar: dict[str, Any] = json.loads(path.read_text())
+    with reading(path, "Delete it; `zbuf-occlude generate`, given the same, makes the shard again."):
+        sidecar = read_object(path, _OF_SIDECAR)
     if sidecar["fingerprint"] != fingerprint:
         raise DatasetError(f"{path} must belong to plan {fingerprint}; it is of plan {sidecar['fingerprint']}.")
     return sidecar

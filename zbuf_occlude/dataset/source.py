@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan, seed_of
 from zbuf_occlude.meshes.collection import SPLITS
 
@@ -98,9 +99,19 @@ def source_of_files(
         Returns the number of clouds in a file.
     load : callable
         Returns the records of some rows of a file, in the order of the rows.
+
+    Raises
+    ------
+    DatasetError
+        A file cannot be read, here or when its clouds are taken.
     """
     paths = [path for split in files for path in files[split]]
-    sizes = {split: [count(path) for path in files[split]] for split in files}
+
+    def counted(path: Path) -> int:
+        with reading(path):
+            return count(path)
+
+    sizes = {split: [counted(path) for path in files[split]] for split in files}
     ends = np.cumsum([size for split in files for size in sizes[split]])
 
     def take(numbers: Numbers) -> NDArray[Any]:
@@ -109,10 +120,19 @@ def source_of_files(
         for owner in np.unique(owners):
             mine = owners == owner
             begin = ends[owner - 1] if owner else 0
-            records[mine] = load(paths[owner], numbers[mine] - begin)
+            with reading(paths[owner]):
+                records[mine] = load(paths[owner], numbers[mine] - begin)
+                check_indices(records["label"][mine], records["mesh_id"][mine], plan)
         return records
 
     order, begin = {}, 0
     for split in files:
         order[split] = np.arange(begin, begin := begin + sum(sizes[split]))
     return Source(plan, order, take)
+
+
+def check_indices(labels: NDArray[Any], mesh_ids: NDArray[Any], plan: Plan) -> None:
+    """Raise ValueError for labels and mesh ids that the plan does not have; `damage.reading` says of which file."""
+    for name, found, n in (("label", labels, len(plan.classes)), ("mesh_id", mesh_ids, len(plan.meshes))):
+        if (strange := found[(found < 0) | (found >= n)]).size:
+            raise ValueError(f"{name} {strange.flat[0]}, where there are {n}")

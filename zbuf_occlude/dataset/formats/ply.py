@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.dataset.source import Source, source_of_files
-from zbuf_occlude.errors import DatasetError
 
 VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")])
 
@@ -38,9 +38,10 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of the files in these lists."""
-    paths = {
-        split: [out / line for line in (out / names[0]).read_text().splitlines()] for split, names in files.items()
-    }
+    paths = {}
+    for split, names in files.items():
+        with reading(out / names[0]):
+            paths[split] = [out / line for line in (out / names[0]).read_text().splitlines()]
     return source_of_files(
         plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe.sample_size)[rows]
     )
@@ -69,7 +70,7 @@ def _read_cloud(path: Path, sample_size: int) -> NDArray[Any]:
     header, _, body = path.read_bytes().partition(b"end_header\n")
     comment = re.search(rb"^comment (.*)$", header, re.MULTILINE)
     if comment is None or len(body) != sample_size * VERTEX.itemsize:
-        raise DatasetError(f"{path} must be a PLY as written here, {sample_size} points; it is not. Generate it again.")
+        raise ValueError(f"no PLY of {sample_size} points as written here")
     table = np.frombuffer(body, VERTEX)
     records = np.zeros(1, record_type(sample_size))
     for name, value in json.loads(comment[1]).items():

@@ -26,6 +26,8 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 ARRAYS = ("data", "face_ids")
+MEMBERS = 4
+"""Of each cloud."""
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
@@ -88,7 +90,8 @@ def _read_shard(path: Path, sample_size: int) -> NDArray[Any]:
                 keys[key] = len(records)
                 records.append(np.zeros((), record_type(sample_size)))
             record, file = records[keys[key]], tar.extractfile(member)
-            assert file is not None  # we wrote only files
+            if file is None:
+                raise ValueError(f"{member.name} is no file")
             content = file.read()
             if ending == "cls":
                 record["label"] = int(content)
@@ -98,4 +101,7 @@ def _read_shard(path: Path, sample_size: int) -> NDArray[Any]:
                         record[name] = value
             else:
                 record[ending.removesuffix(".npy")] = np.load(io.BytesIO(content))
+        n_members = len(tar.getmembers())
+    if n_members != MEMBERS * len(records):  # tar does not say that it was cut between two members
+        raise ValueError(f"{n_members} members for {len(records)} clouds")
     return np.stack(records)
