@@ -8,12 +8,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
+import zbuf_occlude.learn.train as train_module  # noqa: E402
 from zbuf_occlude import OptionError  # noqa: E402
 from zbuf_occlude.dataset.torch import Jitter, Rescale, Rotate  # noqa: E402
 from zbuf_occlude.errors import ArgumentError, DatasetError, UnavailableError  # noqa: E402
@@ -135,6 +137,49 @@ def test_killed_and_resumed_it_ends_with_the_same_weights(tmp_path: Path) -> Non
     assert weights(resumed) == weights(undisturbed)
     assert resumed.history == undisturbed.history
     assert sorted(path.name for path in folder.iterdir()) == [HISTORY, MODEL]
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_an_interrupt_keeps_every_epoch_that_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, early: bool
+) -> None:
+    """In the midst of the fourth epoch, whose steps have changed the weights; and while the model is written."""
+    undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
+    folder, whole = tmp_path / "interrupted", train_module._Run._pass
+
+    def interrupted(run: Any, number: int) -> float:
+        loss = whole(run, number)
+        if number == 4:
+            raise KeyboardInterrupt
+        return loss
+
+    def refuse(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            *((train_module._Run, "_pass", interrupted) if early else (train_module, "write_trained", refuse))
+        )
+        with pytest.raises(KeyboardInterrupt):
+            train(CONFIG, boxes(24, 0), boxes(8, 1), folder, checkpoint_seconds=1e9)
+    assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
+    numbers: list[int] = []
+    resumed = train(CONFIG, boxes(24, 0), boxes(8, 1), folder, progress=lambda epoch: numbers.append(epoch.number))
+    assert numbers == ([4, 5] if early else [])
+    assert weights(resumed) == weights(undisturbed)
+    assert resumed.history == undisturbed.history
+
+
+def test_an_interrupt_before_the_first_epoch_has_ended_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_module._Run, "_pass", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,8 @@ def train(
     progress : callable
         Told of each epoch that was done.
     checkpoint_seconds : float
-        Between two checkpoints, at least; they are written at the ends of epochs.
+        Between two checkpoints, at least; they are written at the ends of epochs. An interrupt (Ctrl-C) writes that of
+        the last epoch that ended.
 
     Returns
     -------
@@ -97,15 +99,23 @@ def train(
             _refuse_another(folder, document, fingerprint, config)
             with fitting(folder / CHECKPOINT):
                 run.restore(document)
-        written = time.monotonic()
-        while not run.done:
-            progress(run.epoch())
-            if time.monotonic() - written >= checkpoint_seconds and not run.done:
-                about = {"config": config.document, "fingerprint": fingerprint}
-                write_document(folder / CHECKPOINT, run.document | about)
-                written = time.monotonic()
-    assert run.best is not None  # there was an epoch
-    write_trained(folder, config, training.classes, fingerprint, run.best_weights, run.history, run.best, run.seconds)
+        about = {"config": config.document, "fingerprint": fingerprint}
+        written, finished = time.monotonic(), run.document
+        try:
+            while not run.done:
+                epoch = run.epoch()
+                finished = run.document
+                progress(epoch)
+                if time.monotonic() - written >= checkpoint_seconds and not run.done:
+                    write_document(folder / CHECKPOINT, finished | about)
+                    written = time.monotonic()
+            assert run.best is not None  # there was an epoch
+            best = (run.best_weights, run.history, run.best, run.seconds)
+            write_trained(folder, config, training.classes, fingerprint, *best)
+        except KeyboardInterrupt:
+            if finished["history"] and not (folder / MODEL).exists():
+                write_document(folder / CHECKPOINT, finished | about)
+            raise
     for path in atomic.leftovers(folder):
         path.unlink(missing_ok=True)
     return load_trained(folder, config.device)
@@ -137,10 +147,10 @@ class _Run:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Everything that the next epoch depends on."""
+        """Everything that the next epoch depends on, a copy: that epoch may be interrupted half way."""
         return {
-            "weights": self.model.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
+            "weights": deepcopy(self.model.state_dict()),
+            "optimizer": deepcopy(self.optimizer.state_dict()),
             "scaler": self.scaler.state_dict(),
             "history": [asdict(epoch) for epoch in self.history],
             "best": asdict(self.best) if self.best else None,
