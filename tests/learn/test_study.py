@@ -17,7 +17,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 from tests.learn.hand_made import TINY  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn import sydney  # noqa: E402
-from zbuf_occlude.learn.data import CloudSet, find_objects  # noqa: E402
+from zbuf_occlude.learn.data import MODELNET10, CloudSet, find_objects  # noqa: E402
 from zbuf_occlude.learn.experiments import augmentation as augmentation_module  # noqa: E402
 from zbuf_occlude.learn.experiments import trials as trials_module  # noqa: E402
 from zbuf_occlude.learn.experiments.augmentation import AugmentationClouds  # noqa: E402
@@ -271,6 +271,27 @@ def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> 
     assert {entry.key for entry in one if entry.split == "test"} >= {"car/test/car_0061.off", "lamp/test/lamp_0085.off"}
     few = AugmentationClouds(find_objects(tmp_path), TINY, tmp_path).meshes
     assert {entry.key for entry in few} <= {entry.key for entry in one}
+
+
+def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(tmp_path: Path) -> None:
+    for label in MODELNET10:
+        for split, numbers in (("train", range(1, 31)), ("test", range(31, 41))):
+            (tmp_path / "meshes" / label / split).mkdir(parents=True)
+            for number in numbers:
+                (tmp_path / "meshes" / label / split / f"{label}_{number:04d}.off").write_text("OFF")
+    for experiments in ([AUGMENTATION], [ELEVATION, AUGMENTATION]):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 will do for"):
+            run_study(tmp_path / "study", FULL, experiments=experiments, modelnet=tmp_path / "meshes")
+    assert not (tmp_path / "study").exists()
+    with pytest.raises(DatasetError, match="none of 200 did"):  # these meshes are empty; what it would be is written
+        run_study(tmp_path / "study", FULL, experiments=[ELEVATION], modelnet=tmp_path / "meshes")
+    assert read_study(tmp_path / "study")["objects"] == f"ModelNet10 ({', '.join(MODELNET10)})"
+    plan = ElevationClouds(find_objects(tmp_path / "meshes", any_ten=True), FULL, tmp_path).plan
+    counts = Counter((entry.label, entry.split) for entry in plan.meshes)
+    wanted = {"train": 12, "val": 4, "test": 4}
+    assert counts == {(label, split): n for label in MODELNET10 for split, n in wanted.items()}
+    again = ElevationClouds(find_objects(tmp_path / "meshes", any_ten=True), FULL, tmp_path).plan
+    assert again.fingerprint == plan.fingerprint
 
 
 def test_five_views_are_each_elevation_and_each_azimuth_once(tmp_path: Path) -> None:

@@ -1,18 +1,16 @@
 """CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on; and where from."""
 
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tarfile import TarError
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import describe
 from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import MODELNET8
@@ -20,9 +18,10 @@ from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.meshes.collection import MeshCollection
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
+MODELNET10 = (
+    "bathtub", "bed", "chair", "desk", "dresser", "monitor", "night_stand", "sofa", "table", "toilet",
+)  # fmt: skip
 _CLOUDS_AT_ONCE = 2048
-_DAMAGES = (ValueError, LookupError, TypeError, EOFError, OSError, BadZipFile, TarError, zlib.error)
-"""What the readers of the formats raise when a file is not what was written; `CloudSet` too, of NaN."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,18 +156,20 @@ class CloudSet:
         )
 
 
-def find_objects(modelnet: Path | None = None) -> MeshCollection:
+def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> MeshCollection:
     """Return all meshes that experiments may choose from.
 
     Parameters
     ----------
     modelnet : Path, optional
         ModelNet40's folder, ``CLASS/{train,test}/*.off``; by default the built-in shapes.
+    any_ten : bool
+        Whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
 
     Raises
     ------
     MeshError
-        The folder is missing, or lacks one of the paper's eight classes.
+        The folder is missing, or lacks one of the paper's eight classes (and, where they will do, of those ten).
     """
     if modelnet is None:
         from zbuf_occlude.meshes import shapes  # late: only needed without files
@@ -179,12 +180,18 @@ def find_objects(modelnet: Path | None = None) -> MeshCollection:
         raise MeshError(f"--modelnet must be ModelNet40's folder; there is no folder {modelnet}. {where}")
     meshes = MeshCollection.from_paths(modelnet)
     missing = [label for label in MODELNET8 if label not in meshes.classes]
-    if missing:
-        raise MeshError(
-            f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
-            f"{', '.join(missing)}. {where}"
-        )
-    return meshes
+    if not missing or (any_ten and is_modelnet10(meshes)):
+        return meshes
+    hint = " ModelNet10 will do for `experiment elevation` alone." if is_modelnet10(meshes) else ""
+    raise MeshError(
+        f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
+        f"{', '.join(missing)}.{hint} {where}"
+    )
+
+
+def is_modelnet10(meshes: MeshCollection) -> bool:
+    """Whether there are all of ModelNet10's classes, and not the paper's eight."""
+    return set(meshes.classes) >= set(MODELNET10) and not set(meshes.classes) >= set(MODELNET8)
 
 
 def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> dict[str, str]:
@@ -245,18 +252,6 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     DatasetError
         There is no complete dataset, or it is damaged, or it has no such split, or too small clouds.
     """
-    try:
-        return _load_clouds(folder, split, n_points)
-    except DatasetError:
-        raise
-    except _DAMAGES as error:
-        raise DatasetError(
-            f"{folder} must hold the clouds that `generate` wrote; they cannot be read "
-            f"({' '.join(str(error).split())[:200] or type(error).__name__}). See: zbuf-occlude verify {folder}"
-        ) from None
-
-
-def _load_clouds(folder: Path, split: str, n_points: int | None) -> CloudSet:
     source = open_dataset(folder)
     size = source.plan.recipe.sample_size
     if split not in source.order:
@@ -274,4 +269,5 @@ def _load_clouds(folder: Path, split: str, n_points: int | None) -> CloudSet:
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
         if not source.plan.recipe.complete:
             elevations[rows] = records["view"][:, 1]
-    return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)
+    with reading(folder):  # CloudSet looks for NaN
+        return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)

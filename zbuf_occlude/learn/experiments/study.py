@@ -8,13 +8,14 @@ from typing import Any
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn import sydney
-from zbuf_occlude.learn.data import find_objects
+from zbuf_occlude.learn.data import find_objects, is_modelnet10
 from zbuf_occlude.learn.experiments import augmentation, elevation
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import STUDY, read_study
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import run_trials
+from zbuf_occlude.meshes.collection import MeshCollection
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
 
@@ -39,7 +40,7 @@ def run_study(
     experiments : collection of str
         Some of `EXPERIMENTS`.
     modelnet : Path, optional
-        ModelNet40's folder; by default the built-in shapes.
+        ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes.
     scans : Path, optional
         The Sydney Urban Objects dataset, for Test 3.
     progress : Progress, optional
@@ -56,7 +57,7 @@ def run_study(
     DatasetError
         The folder holds another study, or `scans` is not the dataset.
     MeshError
-        `modelnet` is not ModelNet40, or no mesh of a class can be used.
+        `modelnet` is neither, or no mesh of a class can be used.
 
     Notes
     -----
@@ -66,13 +67,13 @@ def run_study(
     progress = progress or Progress()
     if scans is not None:
         sydney.check_scans(scans)  # before hours of work, not after
-    meshes = find_objects(modelnet)
+    meshes = find_objects(modelnet, any_ten=AUGMENTATION not in experiments)
     parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds] = []
     if ELEVATION in experiments:
         parts.append(elevation.ElevationClouds(meshes, size, folder))
     if AUGMENTATION in experiments:
         parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans))
-    study = claim(folder, size, "ModelNet40" if modelnet else "built-in shapes")
+    study = claim(folder, size, name_of_objects(meshes) if modelnet else "built-in shapes")
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
         study["failed_meshes"] |= part.make(progress.clouds)
@@ -80,6 +81,11 @@ def run_study(
             study["missing_methods"] = part.missing
         atomic.write_json(folder / STUDY, study)
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
+
+
+def name_of_objects(meshes: MeshCollection) -> str:
+    """Return what the report is to call the meshes of a ModelNet folder; the classes too, if they are not the usual."""
+    return f"ModelNet10 ({', '.join(meshes.classes)})" if is_modelnet10(meshes) else "ModelNet40"
 
 
 def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
