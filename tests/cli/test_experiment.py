@@ -48,7 +48,7 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
     first = two_hundred(shapes.collection())[0]
     monkeypatch.setattr(
         "zbuf_occlude.learn.experiments.study.find_objects",
-        lambda _: MeshCollection(
+        lambda *_, **__: MeshCollection(
             [replace(entry, load=fail) if entry.key == first.key else entry for entry in shapes.collection()]
         ),
     )
@@ -56,8 +56,8 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
         done = run("experiment", "elevation", "--quick", "--out", tmp_path / "study")
         assert done.code == 3, done.err
         assert f"{0 if again else 2} classifiers trained" in done.out
-        assert f"1 meshes failed:\n  {first.key}: the file is empty" in done.out
-    assert f"1 meshes could not be used: {first.key}." in (tmp_path / "study" / "study.md").read_text()
+        assert f"1 mesh failed:\n  {first.key}: the file is empty" in done.out
+    assert f"1 mesh could not be used: {first.key}." in (tmp_path / "study" / "study.md").read_text()
 
 
 def fail() -> Mesh:

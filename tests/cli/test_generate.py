@@ -32,7 +32,7 @@ def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     outcome = run("generate", modelnet, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
-    for name in ("manifest.json", "contact_sheet.png", "ply_data_*.h5"):
+    for name in ("manifest.json", "contact_sheet.png", "ply_data_test0.h5 and 1 more (train: 1, test: 1)"):
         assert str(out / name) in outcome.out
     assert "generate: 100%" in outcome.err
 
@@ -190,7 +190,7 @@ def test_shard_must_be_i_of_n(run: Run, modelnet: Path, tmp_path: Path, text: st
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path) -> None:
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0
-    assert "8 meshes x 4 views x 1 variations = 32 clouds" in outcome.out
+    assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
     assert not (tmp_path / "out").exists()
 
 

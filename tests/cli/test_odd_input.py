@@ -75,8 +75,33 @@ def test_a_dry_run_where_the_method_cannot_run(run: Run, tetrahedron: Path, monk
     monkeypatch.setattr("zbuf_occlude.gl.context.GlContext.open", refuse)
     outcome = run("generate", tetrahedron, "--dry-run")
     assert outcome.code == 0, outcome.err
-    assert "1 meshes x 25 views" in outcome.out
+    assert "1 mesh x 25 views" in outcome.out
     assert outcome.out.endswith("\nnot on this machine: no driver here.\n")
+
+
+def test_an_output_folder_that_is_a_file_is_a_usage_error(run: Run, tetrahedron: Path) -> None:
+    before = tetrahedron.read_bytes()
+    commands: tuple[tuple[object, ...], ...] = (
+        ("generate", tetrahedron, *SMALL),
+        ("generate", tetrahedron, *SMALL, "--dry-run"),
+        ("convert", tetrahedron.parent, "--format", "npz"),
+        ("show", tetrahedron.parent),
+        ("compare", tetrahedron),
+    )
+    for command in commands:
+        outcome = run(*command, "--out", tetrahedron)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert f"'--out': it must be a folder; {str(tetrahedron)!r} is a file. Choose another." in outcome.err
+    assert tetrahedron.read_bytes() == before
+
+
+def test_auto_is_for_generate_and_the_others_say_so(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
+    where = ("--azimuth", 0, "--elevation", 0, "--out", tmp_path / "a.ply")
+    for command in (("visible", tetrahedron, *where), ("compare", tetrahedron, "--out", tmp_path / "rows")):
+        outcome = run(*command, "--method", "auto")
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "'auto' chooses for a whole dataset: it is for `generate` only. Name a method here" in outcome.err
+    assert not (tmp_path / "rows").exists()
 
 
 @pytest.mark.parametrize("option", ["--azimuth", "--elevation", "--distance"])

@@ -74,7 +74,7 @@ def test_meshes_that_failed_are_named(folder: Path) -> None:
     study = json.loads((folder / STUDY).read_text())
     (folder / STUDY).write_text(json.dumps({**study, "failed_meshes": {"car/test/car_0001.off": "no face"}}))
     report.write_study(folder)
-    assert "1 meshes could not be used: car/test/car_0001.off." in (folder / "study.md").read_text()
+    assert "1 mesh could not be used: car/test/car_0001.off." in (folder / "study.md").read_text()
 
 
 def test_variants_of_the_papers_networks_are_described(folder: Path) -> None:

@@ -5,13 +5,14 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from zbuf_occlude.cli.options import collect, parse_settings, up_option
+from zbuf_occlude.cli.options import AUTO_ELSEWHERE, OutFolder, collect, parse_settings, up_option
 from zbuf_occlude.cli.report import summary
 from zbuf_occlude.compare.presets import PRESETS, of_meshes, preset
 from zbuf_occlude.compare.question import MOST_VIEWS
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.run import Case, run
 from zbuf_occlude.compare.subjects import Subject, default_subjects
+from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.views import SPECS
 from zbuf_occlude.views import parse as parse_views
@@ -22,7 +23,7 @@ SOME_FAILED = 3
 
 @click.command()
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of rows and report.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of rows and report.")
 @click.option(
     "--method",
     "methods",
@@ -133,6 +134,8 @@ def parse_subject(text: str) -> Subject:
         No such method or option.
     """
     name, colon, settings = text.partition(":")
+    if name == AUTO:
+        raise OptionError(f"--method: {AUTO_ELSEWHERE}; `zbuf-occlude methods` lists them.")
     if colon and not settings:
         raise OptionError(f"--method must be NAME or NAME:KEY=VALUE,...; got {text!r}.")
     return Subject(name, parse_settings(name, tuple(settings.split(","))) if settings else {})

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS
 
@@ -18,7 +19,7 @@ from zbuf_occlude.dataset.formats import FORMATS
     type=click.Choice([row.name for row in FORMATS]),
     help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
 )
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the new dataset.")
+@click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
 def command(folder: Path, format: str, out: Path) -> None:
     """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.train import load
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.models import require_torch
@@ -15,9 +16,7 @@ from zbuf_occlude.meshes.collection import SPLITS
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
 @click.option("--split", type=click.Choice(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the figures.  [default: MODEL]"
-)
+@click.option("--out", type=OutFolder(), help="Folder of the figures.  [default: MODEL]")
 @click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
     """Test the classifier that `train` left in the folder MODEL on the clouds of DIR, datasets of `generate`.

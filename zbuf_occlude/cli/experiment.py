@@ -6,7 +6,8 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from zbuf_occlude.cli.summary import SOME_FAILED
+from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.summary import SOME_FAILED, counted
 from zbuf_occlude.learn.experiments.findings import sentences
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
 from zbuf_occlude.learn.experiments.progress import Progress
@@ -20,13 +21,14 @@ ALL = "all"
 
 @click.command()
 @click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, ALL]))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the study.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of the study.")
 @click.option("--quick", is_flag=True, help=f"{QUICK.summary[0].upper()}{QUICK.summary[1:]}; else {FULL.summary}.")
 @click.option(
     "--modelnet",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help="ModelNet40's folder, ROOT/CLASS/{train,test}/*.off.  [default: the built-in shapes]",
+    help="ModelNet40's folder, ROOT/CLASS/{train,test}/*.off; for elevation ModelNet10's will do.  "
+    "[default: the built-in shapes]",
 )
 @click.option(
     "--sydney",
@@ -75,9 +77,10 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
     written = write_study(out)
     for sentence in sentences(read_results(out)):
         click.echo(sentence.replace("`", "").replace("**", ""))
-    click.echo(f"{n_worked} classifiers trained or tested now; report: {written[0]}")
+    click.echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
     if failed := read_study(out)["failed_meshes"]:
-        click.echo("\n".join([f"{len(failed)} meshes failed:", *(f"  {key}: {why}" for key, why in failed.items())]))
+        head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
+        click.echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
         raise SystemExit(SOME_FAILED)
 
 

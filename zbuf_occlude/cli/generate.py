@@ -13,8 +13,8 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.options import collect, method_options, parse_settings, up_option
-from zbuf_occlude.cli.summary import SOME_FAILED, summary
+from zbuf_occlude.cli.options import OutFolder, collect, method_options, parse_settings, up_option
+from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
 from zbuf_occlude.dataset.auto import AUTO, resolve
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
@@ -44,7 +44,7 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
 
 @click.command()
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("occluded"), show_default=True, help="Folder.")
+@click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder.")
 @click.option(
     "--preset",
     type=click.Choice([row.name for row in PRESETS]),
@@ -236,8 +236,9 @@ def describe(plan: Plan, out: Path) -> str:
     if not find_format(plan.format).all_points:
         size += ", twice that while working"
     return (
-        f"{len(plan.meshes)} meshes x {len(plan.views)} views x {recipe.variations} variations = "
-        f"{plan.n_clouds} clouds of {recipe.sample_size} points in {len(plan.shards)} shards, "
+        f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
+        f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
+        f"{counted(recipe.sample_size, 'point')} in {counted(len(plan.shards), 'shard')}, "
         f"{how}\n"
         f"into {out}: {size} ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"

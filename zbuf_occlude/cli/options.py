@@ -9,11 +9,35 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.visibility import METHODS, find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+AUTO_ELSEWHERE = f"{AUTO!r} chooses for a whole dataset: it is for `generate` only. Name a method here"
+
+
+class MethodName(click.Choice):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """A method's name; a word that only `generate` takes is refused with that hint."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name."""
+        if value == AUTO and AUTO not in self.choices:
+            self.fail(f"{AUTO_ELSEWHERE}: {', '.join(self.choices)}.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class OutFolder(click.Path):
+    """Path of a folder to write into, which need not be there."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.exists() and not path.is_dir():
+            self.fail(f"it must be a folder; {str(path)!r} is a file. Choose another.", param, ctx)
+        return path
 
 
 def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:
@@ -29,7 +53,7 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
         )(function)
         return click.option(
             "--method",
-            type=click.Choice([*(method.name for method in METHODS), *also]),
+            type=MethodName([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
             help="How hidden surfaces are removed.",

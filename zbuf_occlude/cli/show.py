@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, read_finished
 from zbuf_occlude.dataset.gallery import write_gallery
@@ -13,7 +14,7 @@ from zbuf_occlude.dataset.table2 import PAPER, as_markdown, row_of
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the pictures.  [default: DIR]")
+@click.option("--out", type=OutFolder(), help="Folder of the pictures.  [default: DIR]")
 @click.option("--table2", is_flag=True, help="Print the paper's Table 2 with this dataset's row, and draw nothing.")
 def command(folder: Path, out: Path | None, table2: bool) -> None:
     """Draw the complete dataset in DIR.

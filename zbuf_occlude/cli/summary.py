@@ -4,11 +4,15 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
-from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.meshes.collection import SPLITS
 
 SOME_FAILED = 3
 """Exit code of a run that was done but for some meshes."""
+
+
+def counted(n: int, one: str, many: str = "") -> str:
+    """Return a number of things in words: ``1 mesh``, ``2 meshes``."""
+    return f"{n} {one if n == 1 else many or one + 's'}"
 
 
 def measured(error: dict[str, Any]) -> str:
@@ -25,19 +29,22 @@ def summary(document: dict[str, Any], out: Path) -> str:
     """Say what was made, how wrong it is, and where it is."""
     counts, error, files = document["counts"], document["error"], document["files"]
     n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
+    names = sorted({name for split in SPLITS for name in files.get(split, [])})
+    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    n_used = counts["meshes"] - counts["meshes_failed"]
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
     why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
     lines = [
-        f"{counts['clouds']} clouds of {counts['meshes'] - counts['meshes_failed']} meshes, "
-        f"{len(document['classes'])} classes, {how} on {document['renderer']}",
+        f"{counted(counts['clouds'], 'cloud')} of {counted(n_used, 'mesh', 'meshes')}, "
+        f"{counted(len(document['classes']), 'class', 'classes')}, {how} on {document['renderer']}",
         *why,
         measured(error),
-        f"data      {out}/{find_format(document['format']).patterns[0]} ({n_files} files)",
+        f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {out / CONTACT_SHEET}",
     ]
     if document["failures"]:
-        lines.append(f"{len(document['failures'])} meshes failed:")
+        lines.append(f"{counted(len(document['failures']), 'mesh', 'meshes')} failed:")
         lines += [f"  {key}: {reason}" for key, reason in document["failures"].items()]
     return "\n".join(lines)

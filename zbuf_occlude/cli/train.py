@@ -6,6 +6,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.learn.models import MODELS, require_torch
@@ -16,7 +17,7 @@ HELD_OUT = 0.1
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the model.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of the model.")
 @click.option(
     "--model",
     type=click.Choice([row.name for row in MODELS]),

@@ -95,7 +95,7 @@ def opening(study: dict[str, Any], results: Sequence[Result]) -> list[str]:
         f"{'; '.join(machines)}. {_guessing(results)} The paper: {paper.CITATION}."
     )
     if failed := study["failed_meshes"]:
-        facts += f" {len(failed)} meshes could not be used: {', '.join(failed)}."
+        facts += f" {len(failed)} mesh{'es' * (len(failed) > 1)} could not be used: {', '.join(failed)}."
     return [*sentences(results), facts]
 
 
