@@ -64,6 +64,14 @@ def test_too_many_pairs_make_no_solid(monkeypatch: pytest.MonkeyPatch) -> None:
     assert kept(BALL).tolist() == [False]
 
 
+def test_a_reach_that_brings_all_faces_near_makes_no_solid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(near, "FEW_NEAR", 1000)
+    assert (find_solids(BALL, 1e-5)[0].outward != 0).all()
+    found, pairs = find_solids(BALL, 0.5)
+    assert (found.outward == 0).all()
+    assert len(pairs.others) == 0
+
+
 def crosses(f: np.ndarray, g: np.ndarray, edges: list[tuple[int, int]]) -> bool:
     """Whether some of the edges of f pass through g, by the definition of blocked."""
     return any(blocks(f[i], f[j], g[0], g[1], g[2], 0.0) for i, j in edges)
@@ -103,3 +111,11 @@ def test_a_fan_in_a_plane_meets_only_where_its_sectors_overlap() -> None:
     assert may_meet(wide, wide[[1, 2, 0]])
     assert may_meet(wide, wide + 1e-14)  # nearer than can be told apart
     assert not may_meet(wide, wide + 1e-6 * np.cross(rim[0], rim[1]))
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_a_triangle_with_two_equal_corners_is_not_said_to_keep_apart_from_what_shares_them(turn: int) -> None:
+    needle = np.roll([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3], [0.4, 0.1, 0.5]], turn, axis=0)
+    beside = np.array([[0.1, 0.2, 0.3], [-0.4, 0.1, 0.2], [0.0, -0.3, 0.1]])
+    assert may_meet(needle, beside)
+    assert may_meet(beside, needle)

@@ -50,11 +50,11 @@ def may_meet(f: FloatArray, g: FloatArray) -> bool:
     of_f, of_g = shared_corners(f, g)
     if of_f == 0:
         return not _separated(f, g)
-    if of_f in (1, 2, 4):
+    if of_f in (1, 2, 4) and of_g in (1, 2, 4):
         return not _apart_at_corner(f, g, of_f >> 1, of_g >> 1)
-    if of_f in (3, 5, 6):
+    if of_f in (3, 5, 6) and of_g in (3, 5, 6):
         return not _apart_at_edge(f, g, (7 - of_f) >> 1, (7 - of_g) >> 1)
-    return True
+    return True  # duplicates, or corners that rounding has made one
 
 
 @njit

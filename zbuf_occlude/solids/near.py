@@ -14,6 +14,12 @@ from zbuf_occlude.threads import threaded
 MOST_COMPARED = 10**9
 """Pairs of boxes that are compared at most, in a second or less; a mesh that needs more is left alone."""
 
+MOST_NEAR = 64
+"""Pairs kept at most for a face in the mean, or `FEW_NEAR` in all; a reach that needs more leaves nothing to say."""
+
+FEW_NEAR = 4 * 10**6
+"""Pairs that are always kept: 50 MB."""
+
 KEPT = 24
 """Neighbours kept for a face while they are counted; who has more is compared once more."""
 
@@ -29,7 +35,8 @@ class NearFaces(NamedTuple):
     others : (2 x pairs,) int32
         Those near face i are ``others[starts[i] : starts[i + 1]]``, itself not among them.
     complete : (s,) bool, by the number of the surface
-        False where there were too many to compare (`MOST_COMPARED`); its faces have no others then.
+        False where there were too many to compare (`MOST_COMPARED`) or to keep (`MOST_NEAR`); its faces have no others
+        then.
     """
 
     corners: FloatArray
@@ -61,6 +68,9 @@ def near_faces(mesh: Mesh, closed: ClosedSurfaces, reach: float) -> NearFaces:
     faces, boxes = faces[order], np.concatenate([lower[order], upper[order]], axis=1)
     surfaces = closed.surfaces[faces]
     counts, kept = _count(boxes, ends, surfaces)
+    if int(counts.sum()) > max(FEW_NEAR, MOST_NEAR * len(faces)):
+        complete[surfaces] = False
+        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces[:0], complete)
     later = np.concatenate([[0], np.cumsum(counts)])
     starts, others = _both_ways(faces, later, _list(boxes, ends, surfaces, later, kept), len(corners))
     return NearFaces(corners, starts, others, complete)
