@@ -22,7 +22,7 @@ SURE = np.float32(1.001)
 
 
 @njit(_nrt=False, forceinline=True)
-def classify(slots, slot, doubtful, used, boxes, index, whole):  # type: ignore[no-untyped-def]
+def classify(slots, slot, doubtful, used, own, boxes, index, whole):  # type: ignore[no-untyped-def]
     """Sort the 16 faces of a cluster by what they can do to the points of a packet or chunk.
 
     Parameters
@@ -30,6 +30,9 @@ def classify(slots, slot, doubtful, used, boxes, index, whole):  # type: ignore[
     slots, slot : the cluster's set-up (`projection.set_up`)
     doubtful, used : int
         Masks of the faces.
+    own : tuple of 2 int
+        First and last lane of the cluster, which may be none of its 16, that are the points' own faces: these do not
+        cover, since they do not hide their points even where those lie behind them.
     boxes, index : (6, ...) float32 and int
         The points' box in scene space: column `index`, lower and upper corner.
     whole : tuple of 9 float32
@@ -67,6 +70,8 @@ def classify(slots, slot, doubtful, used, boxes, index, whole):  # type: ignore[
     maybe = not_less(best, fuzzy) & (behind | doubtful) & used
     covering = maybe & ~doubtful & greater(worst, sharp)
     if covering:
+        if own[0] < 16 and own[1] >= 0:
+            covering &= ~((2 << min(own[1], 15)) - (1 << max(own[0], 0)))
         covering &= greater(zero - middle - half - error, contact * splat(nearer))
     return maybe, covering != 0
 

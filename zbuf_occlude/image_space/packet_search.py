@@ -68,7 +68,10 @@ def search_packet(  # type: ignore[no-untyped-def]
             n_within = count_lanes(within)
             maybe, n_maybe = 0, 16
             if n_within > FEW:
-                maybe, covers = classify(space.slots, slot, doubtful, scene.used[cluster], points.boxes, index, whole)
+                own = (points.own[base] - 16 * cluster, points.own[base + PACKET - 1] - 16 * cluster)
+                maybe, covers = classify(
+                    space.slots, slot, doubtful, scene.used[cluster], own, points.boxes, index, whole
+                )
                 if not maybe:
                     continue
                 if covers:

@@ -353,12 +353,13 @@ def narrow(scene, points, chunk, whole, n_listed, frame, window, eye, reach, spa
 
     -1: a face hides the whole chunk.
     """
-    n = 0
+    n, first, last = 0, chunk * CHUNK * PACKET, (chunk + 1) * CHUNK * PACKET - 1  # own faces ascend
     for j in range(n_listed):
         cluster = space.listed[j]
         slot = slot_of(scene, cluster, frame, window, eye, reach, space, epoch)
+        own = (points.own[first] - 16 * cluster, points.own[last] - 16 * cluster)
         maybe, covers = classify(
-            space.slots, slot, space.doubtful[slot], scene.used[cluster], points.chunk_boxes, chunk, whole
+            space.slots, slot, space.doubtful[slot], scene.used[cluster], own, points.chunk_boxes, chunk, whole
         )
         if covers:
             return -1
