@@ -54,3 +54,9 @@ def test_the_twin_is_kept_apart_from_its_sibling_in_numbas_cache(monkeypatch: py
     assert np.array_equal(np.asarray(forked), np.asarray(answer("oracle")))
     bases = {kernel._cache._impl.filename_base for kernel in (_visible._parallel, _visible._serial)}
     assert len(bases) == 2
+
+
+def test_every_kernel_with_threads_has_a_twin() -> None:
+    package = Path(threads.__file__).parent
+    sources = {path.name: path.read_text() for path in package.rglob("*.py")}
+    assert [name for name, source in sources.items() if "parallel=True" in source] == ["threads.py"]

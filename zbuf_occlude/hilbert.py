@@ -1,10 +1,11 @@
 """Hilbert order: positions along a curve through space that never jumps, so that what is consecutive is compact."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.threads import threaded
 
 _MOST_BITS = 16
 
@@ -33,7 +34,7 @@ def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
     return (keys & np.uint64((1 << index_bits) - 1)).astype(np.int64)
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _keys(positions: FloatArray, low: FloatArray, scale: float, bits: int, index_bits: int) -> NDArray[np.uint64]:
     """Place along the curve, and index, of each position."""
     keys = np.empty(len(positions), dtype=np.uint64)

@@ -155,12 +155,13 @@ def test_contact_must_be_a_fraction() -> None:
         prepare_exact(HARD["box"](), contact=2.0)
 
 
-def test_points_behind_their_own_face_are_not_hidden_by_it() -> None:
+@pytest.mark.parametrize("method", ["exact", pytest.param("exact_gl", marks=pytest.mark.gl)])
+def test_points_behind_their_own_face_are_not_hidden_by_it(method: str) -> None:
     # a packet and a chunk of points well off their face, which alone would cover them all
     mesh = zo.Mesh([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.9, 0.9, 0.9]], [[0, 1, 2], [1, 2, 3]])
     positions = np.tile([0.25, 0.25, -0.01], (600, 1)) + 0.01 * np.random.default_rng(0).random((600, 3)) * [1, 1, 0]
     points = zo.SurfacePoints(positions, np.zeros(600, dtype=np.int32), np.tile([0.0, 0.0, 1.0], (600, 1)))
-    with zo.prepare(mesh, method="exact") as occluder, zo.prepare(mesh, method="oracle") as oracle:
+    with zo.prepare(mesh, method=method) as occluder, zo.prepare(mesh, method="oracle") as oracle:
         for eye in ([0.2, 0.3, 9.0], [0.2, 0.3, 0.3]):
             assert oracle.visible(points, [eye]).all()
             assert occluder.visible(points, [eye]).all()

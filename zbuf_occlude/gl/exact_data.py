@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import hilbert_order
+from zbuf_occlude.threads import threaded
 
 WIDTH = 8
 """Children of an inner box."""
@@ -134,7 +135,7 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     return PointArrays(n_packets, points, exact_points, packets)
 
 
-@njit(parallel=True, cache=True)
+@threaded
 def _pack(
     positions: FloatArray,
     order: NDArray[np.int64],

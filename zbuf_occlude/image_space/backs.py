@@ -16,7 +16,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.image_space.lanes import ALL, N_LANES, first_lane, greater, load, muladd, splat
+from zbuf_occlude.image_space.lanes import N_LANES
 from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import dot, minus
@@ -169,44 +169,3 @@ def _copy_plane(planes, rows, outward, face, found, i):  # type: ignore[no-untyp
     if row >= 0:
         for j in range(4):
             found[j, i] = planes[row // N_LANES, j, row % N_LANES] * np.float32(outward[face])
-
-
-@njit(_nrt=False, forceinline=True)
-def _turned(planes, base, eye, limit):  # type: ignore[no-untyped-def]
-    """Mask of the 16 planes from column `base` on that the eye is on the inner side of."""
-    n = planes.shape[1]
-    height = muladd(splat(eye[2]), load(planes, 2 * n + base), splat(np.float32(0.0)) - load(planes, 3 * n + base))
-    height = muladd(splat(eye[0]), load(planes, base), muladd(splat(eye[1]), load(planes, n + base), height))
-    return greater(splat(limit), height)
-
-
-@njit(_nrt=False)
-def hide_backs(points, first, last, eye, turned, answer):  # type: ignore[no-untyped-def]
-    """Hide what is turned away of the packets first to last from an eye outside; note it in `turned`.
-
-    Parameters
-    ----------
-    points : Packets
-    first, last : int
-    eye : tuple of 3 float32, scene space
-    turned : (n' / 16,) int64
-        Receives the masks of the points that are decided.
-    answer : (n,) bool
-        Receives False.
-    """
-    limit = -GRAZING * (np.float32(1.0) + abs(eye[0]) + abs(eye[1]) + abs(eye[2]))
-    for packet in range(first, last):
-        found = points.backed[packet]
-        if found:
-            found &= _turned(points.own_planes, packet * N_LANES, eye, limit)
-        if found and points.beside[packet] >= 0:
-            found &= _turned(points.planes_beside, points.beside[packet], eye, limit)
-        turned[packet] = found
-        base = packet * N_LANES
-        if found == ALL:
-            for i in range(base, base + N_LANES):
-                answer[points.order[i]] = False
-        else:
-            while found:
-                answer[points.order[base + first_lane(found)]] = False
-                found &= found - 1

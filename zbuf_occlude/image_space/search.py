@@ -7,13 +7,12 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.image_space.backs import hide_backs
 from zbuf_occlude.image_space.decide import line_is_blocked
 from zbuf_occlude.image_space.frames import Frames
 from zbuf_occlude.image_space.hiding import classify
 from zbuf_occlude.image_space.lanes import ALL, first_lane
 from zbuf_occlude.image_space.listing import BUCKETS, list_clusters, overlapping
-from zbuf_occlude.image_space.packet_search import row_of, search_packet, write
+from zbuf_occlude.image_space.packet_search import hide_backs, row_of, search_packet, write
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, Packets
 from zbuf_occlude.image_space.projection import (
     COORDINATE,

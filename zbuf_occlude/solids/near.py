@@ -56,21 +56,22 @@ def near_faces(mesh: Mesh, closed: ClosedSurfaces, reach: float) -> NearFaces:
     faces = np.flatnonzero(closed.outward).astype(np.int32)
     complete = np.ones(int(closed.surfaces.max()) + 1, dtype=np.bool_)
     lower, upper = corners[faces].min(axis=1) - reach, corners[faces].max(axis=1) + reach
+    none = np.zeros(len(corners) + 1, dtype=np.int64), faces[:0]
     if len(faces) == 0:
-        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces, complete)
+        return NearFaces(corners, *none, complete)
     axis = int(((upper - lower).sum(axis=0) / np.maximum(np.ptp(corners, axis=(0, 1)), 1e-300)).argmin())
     begin = lower[:, axis] + 2.0 * closed.surfaces[faces]  # the mesh is less than 2 units long
     order = np.argsort(begin, kind="stable")
     ends = np.searchsorted(begin[order], (begin + upper[:, axis] - lower[:, axis])[order] + 1e-6, side="right")
     if int((ends - np.arange(len(ends))).sum()) > MOST_COMPARED:
         complete[closed.surfaces[faces]] = False
-        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces[:0], complete)
+        return NearFaces(corners, *none, complete)
     faces, boxes = faces[order], np.concatenate([lower[order], upper[order]], axis=1)
     surfaces = closed.surfaces[faces]
     counts, kept = _count(boxes, ends, surfaces)
     if int(counts.sum()) > max(FEW_NEAR, MOST_NEAR * len(faces)):
         complete[surfaces] = False
-        return NearFaces(corners, np.zeros(len(corners) + 1, dtype=np.int64), faces[:0], complete)
+        return NearFaces(corners, *none, complete)
     later = np.concatenate([[0], np.cumsum(counts)])
     starts, others = _both_ways(faces, later, _list(boxes, ends, surfaces, later, kept), len(corners))
     return NearFaces(corners, starts, others, complete)
