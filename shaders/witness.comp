@@ -1,7 +1,7 @@
 // Decides the pairs of eye and point on which the pixels around did not agree. A witness is a face that really crosses
 // the line of sight; candidates are the faces seen in those of the 4 x 4 pixels around that vote hidden. Without one,
 // the votes of the four nearest pixels are weighed by their nearness, unless one of them sees the point's own face.
-// Twin: zbuf_occlude/visibility/depth_test.py, witness_test.
+// Twins: zbuf_occlude/gl/loop_test.py, settle; tests/visibility/witness_twin.py.
 #version 430
 layout(local_size_x = 64) in;
 

@@ -1,20 +1,28 @@
-"""`depth_buffer`: against its NumPy twin and the oracle; same bytes, same scale, what it says of wrong options."""
+"""`depth_buffer`, by shaders and by loops: against NumPy twins and the oracle; same bytes, scales, errors."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from tests.visibility.witness_twin import witness_test
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.camera import Frusta
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.solids import find_solids
-from zbuf_occlude.visibility.depth_test import depth_test, project, witness_test
+from zbuf_occlude.visibility.depth_buffer import DepthBuffer
+from zbuf_occlude.visibility.depth_test import depth_test, project
 
 CHAIR = shapes.make("chair", 3).normalized()
 EYES = views.fibonacci(7).eyes
+
+
+@pytest.fixture(autouse=True, params=["loops", "shaders"])
+def tested_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What tests the points: by itself it goes by whether the renderer is software."""
+    monkeypatch.setattr(DepthBuffer, "_loops", request.param == "loops")
 
 
 def points_on(mesh: Mesh, n_points: int = 4000) -> SurfacePoints:
@@ -203,3 +211,23 @@ def test_a_surface_that_crosses_itself_is_answered_like_any_other(gl: GlContext,
     with prepare(crossed, "oracle") as oracle, prepare(crossed, "depth_buffer", gl=gl, refine=refine) as occluder:
         agreement = (oracle.visible(points, eyes) == occluder.visible(points, eyes)).mean()
     assert agreement > (0.99 if refine == "witness" else 0.95)
+
+
+@pytest.mark.parametrize("tested_by", ["loops"], indirect=True)
+@pytest.mark.parametrize("refine", ["none", "witness"])
+@pytest.mark.parametrize("free", [False, True])
+def test_loops_and_shaders_say_the_same(
+    gl: GlContext, monkeypatch: pytest.MonkeyPatch, refine: str, free: bool
+) -> None:
+    mesh = shapes.make("lamp", 5).normalized()
+    points = points_on(mesh, 5003)  # not whole packets
+    points = SurfacePoints.free(points.positions) if free else points
+    eyes = np.concatenate([views.fibonacci(19).eyes, mesh.centre + 0.1 * views.fibonacci(5).eyes])  # outside and within
+    masks = []
+    with prepare(mesh, "depth_buffer", gl=gl, refine=refine, resolution=128) as occluder:
+        for loops in (True, False):
+            monkeypatch.setattr(DepthBuffer, "_loops", loops)
+            masks.append(occluder.visible(points, eyes))
+    assert 0.05 < masks[0][:19].mean() < 0.6
+    assert (masks[0] != masks[1]).mean(axis=1).max() < 1e-3
+    assert (masks[0] != masks[1]).mean() < 1e-4

@@ -21,6 +21,7 @@ _WRAP_S, _WRAP_T, _CLAMP_TO_EDGE = 0x2802, 0x2803, 0x812F
 _DEPTH_COMPONENT32F, _DEPTH_COMPONENT = 0x8CAC, 0x1902
 _FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0, _COMPLETE = 0x8D40, 0x8D00, 0x8CE0, 0x8CD5
 _DEPTH, _COLOR, _NONE = 0x1801, 0x1800, 0
+_RED_INTEGER, _INTS32, _FLOATS32 = 0x8D94, 0x1404, 0x1406
 _SCISSOR_TEST, _CLIP_DISTANCES = 0x0C11, (0x3000, 0x3001, 0x3002, 0x3003)
 _LOWER_LEFT, _NEGATIVE_ONE_TO_ONE, _ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
 
@@ -64,6 +65,7 @@ class Atlas:
         gl.check()
         self._depth, self._framebuffer = _UINT(0), _UINT(0)
         self._ids: Any = None
+        self._read: tuple[NDArray[np.float32], NDArray[np.int32]] | None = None
         try:
             self._make()
         except BaseException:
@@ -150,17 +152,32 @@ class Atlas:
         if self.faces:
             self._ids.use(faces)
 
+    def read_rows(self, n_tiles: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Read the rows of tiles that hold the first `n_tiles` back: depths, and face ids if there are any.
+
+        The lowest row of pixels first. The arrays are the atlas's own, and change when it is read again.
+        """
+        if self._read is None:
+            height, width = self.size[::-1]
+            self._read = np.empty((height, width), np.float32), np.empty((height * self.faces, width), np.int32)
+        call, (width, _) = self._call, self.size
+        height = -(-n_tiles // self.columns) * self.resolution
+        depths, ids = self._read[0][:height], self._read[1][:height]
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.read_pixels(0, 0, width, height, _DEPTH_COMPONENT, _FLOATS32, depths.ctypes.data)
+        if self.faces:
+            call.read_pixels(0, 0, width, height, _RED_INTEGER, _INTS32, ids.ctypes.data)
+        call.bind_framebuffer(_FRAMEBUFFER, 0)
+        return depths, ids
+
     def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Read a tile back: depths and face ids, (resolution, resolution) each, the lowest row first.
 
-        For images and tests; answering needs no read-back. Without faces the ids are all `NO_FACE`.
+        For images and tests. Without faces the ids are all `NO_FACE`.
         """
-        depths = np.empty(self.size[::-1], dtype=np.float32)
-        self._bind(_TEXTURE0, self._depth)
-        self._call.get_texture(_TEXTURE_2D, 0, _DEPTH_COMPONENT, 0x1406, depths.ctypes.data)  # GL_FLOAT
-        ids = np.full(self.size[::-1], NO_FACE, dtype=np.int32)
-        if self.faces:
-            self._ids.read_into(ids)
+        depths, ids = self.read_rows(self.n_tiles)
+        if not self.faces:
+            ids = np.full_like(depths, NO_FACE, dtype=np.int32)
         row, column = (self.resolution * place for place in divmod(tile, self.columns))
         window = np.s_[row : row + self.resolution, column : column + self.resolution]
         return depths[window].copy(), ids[window].copy()
@@ -187,7 +204,7 @@ class _Calls:
         self.bind_texture = gl.function("glBindTexture", _UINT, _UINT)
         self.tex_storage = gl.function("glTexStorage2D", _UINT, _INT, _UINT, _INT, _INT)
         self.tex_parameter = gl.function("glTexParameteri", _UINT, _UINT, _INT)
-        self.get_texture = gl.function("glGetTexImage", _UINT, _INT, _UINT, _UINT, ctypes.c_void_p)
+        self.read_pixels = gl.function("glReadPixels", _INT, _INT, _INT, _INT, _UINT, _UINT, ctypes.c_void_p)
         self.delete_textures = gl.function("glDeleteTextures", _INT, _UINTS)
         self.gen_framebuffers = gl.function("glGenFramebuffers", _INT, _UINTS)
         self.bind_framebuffer = gl.function("glBindFramebuffer", _UINT, _UINT)

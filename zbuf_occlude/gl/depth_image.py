@@ -1,4 +1,4 @@
-"""One depth image of a mesh, read back to look at. (Answering about points never reads depth back: `depth_pass`.)"""
+"""One depth image of a mesh, read back to look at."""
 
 import numpy as np
 

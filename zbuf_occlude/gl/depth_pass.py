@@ -1,4 +1,4 @@
-"""The mesh drawn into a depth atlas: many cameras a draw, nothing read back."""
+"""The mesh drawn into a depth atlas: many cameras a draw."""
 
 import numpy as np
 
@@ -6,13 +6,14 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.point_pass import GROUP, set_uniforms
+from zbuf_occlude.gl.point_data import GROUP
+from zbuf_occlude.gl.point_pass import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE
 
 MOST_TILES = 48
 """Of a batch: eight eyes with six cube faces each; their matrices fit into a uniform block on any driver."""
 
-SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 25, 1 << 28
+SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 24, 1 << 28
 """What an atlas may take: caches matter to a CPU, full batches to a GPU. One eye's tiles may exceed it."""
 
 

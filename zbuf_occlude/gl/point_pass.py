@@ -1,15 +1,13 @@
 """The points on the GPU: reprojected and tested against the depth atlas, one bit a point and eye."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.gl.buffers import Buffers, parts
-
-GROUP = 8
-"""Eyes whose answers share a byte."""
+from zbuf_occlude.gl.point_data import GROUP, Batch, PointData, coherent_order
 
 BLOCK = 256
 """Points of a work group of 64 invocations, four each."""
@@ -30,35 +28,22 @@ _STRIDED_GROUPS = 128
 """Work groups that share out the doubtful pairs among them."""
 
 
-class Batch(NamedTuple):
-    """Eyes that are drawn and asked together: their numbers, and where their groups of answers lie."""
-
-    first_eye: int
-    n_eyes: int
-    first_group: int
-
-    @property
-    def n_groups(self) -> int:
-        """How many groups of `GROUP` eyes there are; the last may not be full."""
-        return -(-self.n_eyes // GROUP)
-
-
 class PointPass:
     """Some points on the GPU, and their answers.
 
     Parameters
     ----------
     ctx : moderngl.Context
-    positions, normals : (n, 3) float
-        Unit space, at most `MOST_POINTS`.
-    own : (n,) int
-        Index of the own face among those drawn, -1 for none.
-    closed : (n,) bool
-        Whether the own face's surface is closed, and the normal points outwards.
+    points : PointData
+        At most `MOST_POINTS`.
+    programs : sequence of moderngl.ComputeShader
+        depth_test.comp alone, or vote.comp and witness.comp.
+    out : (k, n) bool
+        Receives the answers.
     n_groups : int
         Groups of answers that there is to be room for.
     most_eyes : int
-        Of a batch whose doubtful pairs are to be listed; 0 for no list.
+        Of a batch.
 
     Notes
     -----
@@ -66,38 +51,32 @@ class PointPass:
     """
 
     def __init__(
-        self,
-        ctx: Any,
-        positions: FloatArray,
-        normals: NDArray[np.float32],
-        own: IntArray,
-        closed: BoolArray,
-        *,
-        n_groups: int,
-        most_eyes: int,
+        self, ctx: Any, points: PointData, programs: Sequence[Any], out: BoolArray, *, n_groups: int, most_eyes: int
     ) -> None:
-        self._ctx = ctx
-        order = coherent_order(positions, normals)
+        self._ctx, self._out = ctx, out
+        self._vote, self._decide = programs[0], programs[1] if len(programs) > 1 else None
+        order = coherent_order(points.positions, points.normals)
         n_blocks = -(-len(order) // BLOCK)
         slots = np.resize(order, n_blocks * BLOCK)  # repeats points to fill the last block
-        points = np.empty(len(order), dtype=POINT)
-        points["position"], points["normal"], points["own"], points["closed"] = positions, normals, own, closed
-        points = points[slots]
+        records = np.empty(len(order), dtype=POINT)
+        records["position"], records["normal"] = points.positions, points.normals
+        records["own"], records["closed"] = points.own, points.closed
         # the byte of each slot: an invocation's four slots are 64 apart, their answers make a word
         bytes_of_slots = np.arange(len(slots)).reshape(n_blocks, 64, 4).transpose(0, 2, 1).reshape(-1)
         self._bytes = np.empty(len(order), dtype=np.int64)
         self._bytes[order] = bytes_of_slots[: len(order)]
         self._n_words = len(slots) // 4
         self._answers = np.empty((n_groups, len(slots)), dtype=np.uint8)
-        listed = {"count": 4, "doubtful": 4 * min(len(slots) * most_eyes, MOST_LISTED)} if most_eyes else {}
-        self._buffers = Buffers(ctx, points=points, answers=self._answers.nbytes, **listed)
+        listed = 4 * min(len(slots) * most_eyes, MOST_LISTED)
+        lists = {"count": 4, "doubtful": listed} if self._decide is not None else {}
+        self._buffers = Buffers(ctx, points=records[slots], answers=self._answers.nbytes, **lists)
 
-    def ask(self, batch: Batch, vote: Any, decide: Any = None) -> None:
-        """Answer for a batch: by depth_test.comp, or by vote.comp with witness.comp for the pairs that are doubtful."""
+    def ask(self, batch: Batch) -> None:
+        """Answer for a batch, which has just been drawn; `finish` fetches the answers."""
         self._buffers.bind(points=0, answers=1)
-        if decide is not None:
+        if self._decide is not None:
             self._buffers.bind(count=2, doubtful=3)
-        for program in (vote, decide):
+        for program in (self._vote, self._decide):
             set_uniforms(
                 program,
                 n_eyes=batch.n_eyes,
@@ -106,17 +85,17 @@ class PointPass:
             )
         n_blocks = self._n_words // 64
         for part in parts(n_blocks, min(MOST_LISTED // (BLOCK * batch.n_eyes), _MOST_GROUPS)):
-            if decide is not None:
+            if self._decide is not None:
                 self._buffers.write("count", np.zeros(1, dtype=np.uint32))
-            set_uniforms(vote, first_block=part.start)
-            vote.run(part.stop - part.start, batch.n_groups)
+            set_uniforms(self._vote, first_block=part.start)
+            self._vote.run(part.stop - part.start, batch.n_groups)
             self._ctx.memory_barrier()
-            if decide is not None:
-                decide.run(_STRIDED_GROUPS)
+            if self._decide is not None:
+                self._decide.run(_STRIDED_GROUPS)
                 self._ctx.memory_barrier()
 
-    def read_into(self, mask: BoolArray, batches: list[Batch]) -> None:
-        """Write the answers to (eyes, n) bool; row i is eye i of those the batches number."""
+    def finish(self, batches: list[Batch]) -> None:
+        """Fetch the answers to all batches."""
         self._buffers.read_into("answers", self._answers)
         chosen = np.empty(len(self._bytes), dtype=np.uint8)
         bit = np.empty_like(chosen)
@@ -126,24 +105,11 @@ class PointPass:
                 if place == 0:
                     np.take(self._answers[batch.first_group + group], self._bytes, out=chosen, mode="clip")
                 np.bitwise_and(chosen, 1 << place, out=bit)
-                np.not_equal(bit, 0, out=mask[batch.first_eye + eye])
+                np.not_equal(bit, 0, out=self._out[batch.first_eye + eye])
 
     def release(self) -> None:
         """Give the GPU's memory back; calling it again does nothing."""
         self._buffers.release()
-
-
-def coherent_order(positions: FloatArray, normals: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return an order in which neighbours look at neighbouring pixels, which caches like.
-
-    Cells of a 16 x 16 x 16 grid, for each octant of the normals apart; what shares a cell keeps its order.
-    """
-    low = positions.min(axis=0)
-    side = float((positions.max(axis=0) - low).max())
-    cells = ((positions - low) * (16.0 * (1.0 - 1e-9) / side if side > 0.0 else 0.0)).astype(np.uint16)
-    octants = (normals > 0.0) @ np.array([1, 2, 4], dtype=np.uint16)
-    keys = octants << 12 | cells[:, 0] << 8 | cells[:, 1] << 4 | cells[:, 2]
-    return np.argsort(keys, kind="stable")  # a radix sort, for 16 bits
 
 
 def set_uniforms(program: Any, **values: Any) -> None:

@@ -16,8 +16,8 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.image_space.lanes import N_LANES
 from zbuf_occlude.image_space.scene import Float32
+from zbuf_occlude.lanes import N_LANES
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import dot, minus
 from zbuf_occlude.solids import find_solids

@@ -4,7 +4,8 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.image_space.decide import face_blocks
-from zbuf_occlude.image_space.lanes import (
+from zbuf_occlude.image_space.projection import CONTACT, NORMAL, PLANE, ROWS, ZERO
+from zbuf_occlude.lanes import (
     absolute,
     equal,
     first_lane,
@@ -15,7 +16,6 @@ from zbuf_occlude.image_space.lanes import (
     not_less,
     splat,
 )
-from zbuf_occlude.image_space.projection import CONTACT, NORMAL, PLANE, ROWS, ZERO
 
 SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from zbuf_occlude.image_space.lanes import first_lane, load, not_less, splat
 from zbuf_occlude.image_space.projection import ZERO
+from zbuf_occlude.lanes import first_lane, load, not_less, splat
 
 BUCKETS = 32
 """Intervals of depth that lists are sorted into."""

@@ -4,11 +4,11 @@ from numba import njit
 
 from zbuf_occlude.image_space.backs import GRAZING
 from zbuf_occlude.image_space.hiding import classify, hide_by_face, hide_points, settle
-from zbuf_occlude.image_space.lanes import ALL, count_lanes, first_lane, greater, load, muladd, not_less, splat
 from zbuf_occlude.image_space.listing import overlapping
 from zbuf_occlude.image_space.packets import CHUNK, PACKET
 from zbuf_occlude.image_space.projection import COORDINATE, ONE, ZERO
 from zbuf_occlude.image_space.slots import slot_of
+from zbuf_occlude.lanes import ALL, count_lanes, first_lane, greater, load, muladd, not_less, splat
 
 WIDE = 128
 """In longer lists a packet's points are compared with every rectangle, one by one."""

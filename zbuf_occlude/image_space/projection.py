@@ -22,7 +22,8 @@ the largest such ratio, says what is certain.
 import numpy as np
 from numba import njit
 
-from zbuf_occlude.image_space.lanes import (
+from zbuf_occlude.image_space.packets import CHUNK, PACKET
+from zbuf_occlude.lanes import (
     absolute,
     divide,
     greater,
@@ -38,7 +39,6 @@ from zbuf_occlude.image_space.lanes import (
     square_root,
     store,
 )
-from zbuf_occlude.image_space.packets import CHUNK, PACKET
 
 ROUNDOFF = np.float32(2.0**-24)
 COORDINATE = np.float32(8.0) * ROUNDOFF

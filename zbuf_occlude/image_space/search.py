@@ -10,7 +10,6 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.decide import line_is_blocked
 from zbuf_occlude.image_space.frames import Frames
 from zbuf_occlude.image_space.hiding import classify
-from zbuf_occlude.image_space.lanes import ALL, first_lane
 from zbuf_occlude.image_space.listing import BUCKETS, list_clusters, overlapping
 from zbuf_occlude.image_space.packet_search import hide_backs, row_of, search_packet, write
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, Packets
@@ -27,6 +26,7 @@ from zbuf_occlude.image_space.projection import (
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.image_space.slots import SLOTS, slot_of
 from zbuf_occlude.image_space.tiles import make_tiles, search_tiles
+from zbuf_occlude.lanes import ALL, first_lane
 from zbuf_occlude.threads import threaded
 
 NEAR = np.float32(1e-3)

@@ -8,7 +8,11 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.image_space.hiding import hide_points
-from zbuf_occlude.image_space.lanes import (
+from zbuf_occlude.image_space.packets import PACKET
+from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO
+from zbuf_occlude.image_space.scene import Float32
+from zbuf_occlude.image_space.slots import SLOTS, slot_of
+from zbuf_occlude.lanes import (
     divide,
     first_lane,
     highest,
@@ -21,10 +25,6 @@ from zbuf_occlude.image_space.lanes import (
     splat,
     store,
 )
-from zbuf_occlude.image_space.packets import PACKET
-from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO
-from zbuf_occlude.image_space.scene import Float32
-from zbuf_occlude.image_space.slots import SLOTS, slot_of
 
 SIDE = 32
 """Tiles along each side of the image, or a smaller power of two where lists would grow too long."""

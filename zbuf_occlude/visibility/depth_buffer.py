@@ -1,21 +1,24 @@
-"""`depth_buffer`: the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU."""
+"""`depth_buffer`: the mesh drawn into a depth buffer for each eye by OpenGL, the points tested where that runs."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl.buffers import Buffers, parts
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
+from zbuf_occlude.gl.loop_pass import LoopPass
 from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.gl.point_pass import MOST_POINTS, Batch, PointPass, set_uniforms
+from zbuf_occlude.gl.point_data import MOST_HIDDEN, Batch, Criteria, PointData
+from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.solids import find_solids
-from zbuf_occlude.visibility.depth_test import MOST_HIDDEN
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 REFINEMENTS = ("witness", "none")
@@ -96,7 +99,7 @@ class DepthBuffer(Occluder):
     an eye inside the mesh has nearer than 1e-6 diagonals.
 
     Costs a draw of f triangles for each eye and some arithmetic for each point. Memory on the GPU: 12 bytes a vertex,
-    72 a face, 32 to 256 MiB for the buffers of a batch, and for each million points of a thousand eyes 160 MiB.
+    72 a face, 16 to 256 MiB for the buffers of a batch, and for each million points of a thousand eyes 160 MiB.
 
     References
     ----------
@@ -110,15 +113,13 @@ class DepthBuffer(Occluder):
     ) -> None:
         super().__init__(mesh)
         self._gl = gl
-        self._resolution, self._witness = resolution, witness
+        self._resolution = resolution
         gl.make_current()
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
-        self._uniforms = {
-            "tolerance": tolerance * diagonal,
-            "slope_bias": slope_bias,
-            "contact": CONTACT * diagonal,
-        }
+        self._criteria = Criteria(
+            np.float32(tolerance * diagonal), np.float32(slope_bias), CONTACT * diagonal, bool(witness)
+        )
         surfaces, _ = find_solids(mesh)
         self._arrays = arrange_mesh(mesh, self._unit, surfaces)
         self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
@@ -128,6 +129,11 @@ class DepthBuffer(Occluder):
     def renderer(self) -> str:
         """GL_RENDERER of the context."""
         return str(self._gl.renderer)
+
+    @property
+    def _loops(self) -> bool:
+        """Whether compiled loops test the points, not shaders; where a CPU draws, they take a fifth of the time."""
+        return bool(self._gl.is_software)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
@@ -162,42 +168,57 @@ class DepthBuffer(Occluder):
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_an_eye, (batch.first_eye + batch.n_eyes) * tiles_an_eye
             row[: last - first] = tiles[first:last]
-        positions = self._unit.to(points.positions)
-        free = points.face_ids < 0
-        own = np.where(free, np.int32(-1), self._arrays.places[points.face_ids])
-        normals = np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids])
-        closed = self._arrays.closed[points.face_ids] & ~free
-        programs = self._programs(tiles_an_eye, depth_pass)
-        n_groups = batches[-1].first_group + batches[-1].n_groups
-        passes: list[PointPass] = []
+        passes: list[LoopPass | PointPass] = []
         with Buffers(self._gl.ctx, tiles=padded) as buffers:
             try:
-                sections = parts(len(points), MOST_POINTS)
-                passes += [
-                    PointPass(
-                        self._gl.ctx,
-                        positions[part],
-                        normals[part],
-                        own[part],
-                        closed[part],
-                        n_groups=n_groups,
-                        most_eyes=min(depth_pass.n_eyes, len(eyes)) if self._witness else 0,
-                    )
-                    for part in sections
-                ]
+                data = self._data(points)
+                if self._loops:
+                    passes.append(self._loop_pass(data, depth_pass, tiles, tiles_an_eye, mask))
+                else:
+                    passes += self._point_passes(data, depth_pass, tiles_an_eye, batches, mask)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
                     depth_pass.draw(batch.n_eyes * tiles_an_eye)
-                    depth_pass.atlas.use(depths=0, faces=1)
-                    self._mesh_buffers.bind(corners=4)
-                    for point_pass in passes:
-                        point_pass.ask(batch, *programs)
-                for part, point_pass in zip(sections, passes, strict=True):
-                    point_pass.read_into(mask[:, part], batches)
+                    for each in passes:
+                        each.ask(batch)
+                for each in passes:
+                    each.finish(batches)
             finally:
-                for point_pass in passes:
-                    point_pass.release()
+                for each in passes:
+                    each.release()
         return mask
+
+    def _data(self, points: SurfacePoints) -> PointData:
+        free = points.face_ids < 0
+        return PointData(
+            self._unit.to(points.positions),
+            np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids]),
+            np.where(free, np.int32(-1), self._arrays.places[points.face_ids]),
+            self._arrays.closed[points.face_ids] & ~free,
+        )
+
+    def _loop_pass(
+        self, data: PointData, depth_pass: DepthPass, tiles: NDArray[np.void], tiles_an_eye: int, out: BoolArray
+    ) -> LoopPass:
+        corners = self._arrays.positions[self._arrays.faces]
+        return LoopPass(data, depth_pass.atlas, tiles, tiles_an_eye, corners, self._criteria, out)
+
+    def _point_passes(
+        self, data: PointData, depth_pass: DepthPass, tiles_an_eye: int, batches: list[Batch], out: BoolArray
+    ) -> Iterator[PointPass]:
+        programs = self._programs(tiles_an_eye, depth_pass)
+        depth_pass.atlas.use(depths=0, faces=1)
+        self._mesh_buffers.bind(corners=4)
+        n_groups = batches[-1].first_group + batches[-1].n_groups
+        for part in parts(len(data.own), MOST_POINTS):
+            yield PointPass(
+                self._gl.ctx,
+                data.part(part),
+                programs,
+                out[:, part],
+                n_groups=n_groups,
+                most_eyes=min(depth_pass.n_eyes, len(out)),
+            )
 
     def _pass(self, tiles_an_eye: int) -> DepthPass:
         if tiles_an_eye not in self._passes:
@@ -205,7 +226,7 @@ class DepthBuffer(Occluder):
                 self._gl,
                 self._mesh_buffers,
                 self._resolution,
-                ids=self._witness,
+                ids=self._criteria.witness,
                 tiles_an_eye=tiles_an_eye,
                 n_closed=self._arrays.n_closed,
             )
@@ -213,7 +234,7 @@ class DepthBuffer(Occluder):
 
     def _programs(self, tiles_an_eye: int, depth_pass: DepthPass) -> list[Any]:
         constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE)}
-        if self._witness:
+        if self._criteria.witness:
             programs = [
                 self._gl.program("vote.comp", **constants),
                 self._gl.program("witness.comp", MOST_HIDDEN=MOST_HIDDEN, **constants),
@@ -222,7 +243,7 @@ class DepthBuffer(Occluder):
             programs = [self._gl.program("depth_test.comp", **constants)]
         width, height = depth_pass.atlas.size
         for program in programs:
-            set_uniforms(program, texel=(1.0 / width, 1.0 / height), **self._uniforms)
+            set_uniforms(program, texel=(1.0 / width, 1.0 / height), **self._criteria._asdict())
         return programs
 
     def _release(self) -> None:

@@ -5,8 +5,8 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from zbuf_occlude.image_space import lanes
-from zbuf_occlude.image_space.lanes import load, store
+from zbuf_occlude import lanes
+from zbuf_occlude.lanes import load, store
 
 RNG = np.random.default_rng(0)
 SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 3e-39], dtype=np.float32)
@@ -130,6 +130,22 @@ def test_masks() -> None:
         first, count, same = kernel(bits(bools), A, B, ids, -1, out)
         assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(ids[2:] == -1))
         np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
+
+
+def test_whole_numbers_and_what_lies_there() -> None:
+    @njit
+    def kernel(a, picture, width, rows, columns, out):
+        store(out, 0, lanes.whole(load(a, 0)))
+        store(out, 16, lanes.gather(picture, width, load(rows, 0), load(columns, 0)))
+
+    picture = RNG.normal(size=(40, 70)).astype(np.float32)
+    for _ in range(20):
+        a = (1000.0 * RNG.normal(size=16)).astype(np.float32)
+        rows, columns = (RNG.integers(0, n, 16).astype(np.float32) for n in picture.shape)
+        out = np.empty(32, dtype=np.float32)
+        kernel(a, picture, picture.shape[1], rows, columns, out)
+        np.testing.assert_array_equal(out[:16], np.trunc(a))
+        np.testing.assert_array_equal(out[16:], picture[rows.astype(int), columns.astype(int)])
 
 
 def test_strided_arrays_are_refused() -> None:

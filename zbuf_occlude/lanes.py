@@ -1,7 +1,7 @@
 """Vectors of 16 float32 lanes for numba kernels, and masks of 16 bits.
 
 LLVM lowers them to whatever the machine has: one AVX-512 register, two of AVX, four of SSE. Only here do the kernels
-touch LLVM; `tests/image_space/test_lanes.py` compares every operation with its plain twin in NumPy.
+touch LLVM; `tests/test_lanes.py` compares every operation with its plain twin in NumPy.
 
 A vector lives inside a kernel only: it is loaded from a C-contiguous float32 array at a flat index, computed with
 (``+ - *``, the functions below), and stored, or reduced to a number or to a mask. A mask is an int64 whose bit i
@@ -187,6 +187,36 @@ def store(typing_context, array, index, vector):  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     return types.void(array, types.intp, VECTOR), codegen
+
+
+@intrinsic
+def whole(typing_context, a):  # type: ignore[no-untyped-def]
+    """a without its fraction, for -2^31 < a < 2^31."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return builder.sitofp(builder.fptosi(args[0], _INTS), _FLOATS)
+
+    return VECTOR(VECTOR), codegen
+
+
+@intrinsic
+def gather(typing_context, array, width, row, column):  # type: ignore[no-untyped-def]
+    """``array.flat[row * width + column]`` for the whole numbers in two vectors; the index must be below 2^31."""
+    _must_be_contiguous(array)
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        _, width, row, column = args
+        widths = _repeat(builder, builder.trunc(width, ir.IntType(32)), _INTS)
+        places = builder.add(builder.mul(builder.fptosi(row, _INTS), widths), builder.fptosi(column, _INTS))
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        found = ir.Constant(_FLOATS, ir.Undefined)
+        for i in range(N_LANES):
+            lane = ir.Constant(ir.IntType(32), i)
+            place = builder.sext(builder.extract_element(places, lane), _WORD)
+            found = builder.insert_element(found, builder.load(builder.gep(data, [place])), lane)
+        return found
+
+    return VECTOR(array, types.intp, VECTOR, VECTOR), codegen
 
 
 @intrinsic

@@ -1,0 +1,103 @@
+"""What the tests of points against the depth atlas have in common, whether shaders or compiled loops make them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.threads import threaded
+
+GROUP = 8
+"""Eyes whose answers share a byte on the GPU."""
+
+GRAZING = np.float32(1e-5)
+"""Sine of the angle below which nothing is said of a face that is turned away: edge on, within rounding, it need not
+be."""
+
+MOST_HIDDEN = 0.3
+"""Without a witness, a point is visible when no more than this of the weighed votes around it says hidden."""
+
+
+class PointData(NamedTuple):
+    """n points and the faces they lie on.
+
+    Parameters
+    ----------
+    positions : (n, 3) float64
+        Unit space.
+    normals : (n, 3) float32
+        Of their faces, unit length; outwards where these are closed; 0 for none.
+    own : (n,) int
+        Index of the own face among those drawn, -1 for none.
+    closed : (n,) bool
+        Whether the own face's surface is closed, and the normal points outwards.
+    """
+
+    positions: FloatArray
+    normals: NDArray[np.float32]
+    own: IntArray
+    closed: BoolArray
+
+    def part(self, some: slice) -> "PointData":
+        """Some of them."""
+        return PointData(self.positions[some], self.normals[some], self.own[some], self.closed[some])
+
+
+class Criteria(NamedTuple):
+    """By what points are judged; lengths in unit space.
+
+    Parameters
+    ----------
+    tolerance : float32
+        Eye depth that a point may lie behind what is drawn.
+    slope_bias : float32
+        Pixels; see `zbuf_occlude.visibility.depth_buffer`.
+    contact : float
+        The contact tolerance.
+    witness : bool
+        Whether witnesses are looked for where the pixels around do not agree.
+    """
+
+    tolerance: np.float32
+    slope_bias: np.float32
+    contact: float
+    witness: bool
+
+
+class Batch(NamedTuple):
+    """Eyes that are drawn and asked together: their numbers, and where their groups of answers lie."""
+
+    first_eye: int
+    n_eyes: int
+    first_group: int
+
+    @property
+    def n_groups(self) -> int:
+        """How many groups of `GROUP` eyes there are; the last may not be full."""
+        return -(-self.n_eyes // GROUP)
+
+
+def coherent_order(positions: FloatArray, normals: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return an order in which neighbours look at neighbouring pixels, which caches like.
+
+    Cells of a 16 x 16 x 16 grid, for each octant of the normals apart; what shares a cell keeps its order.
+    """
+    low, high = np.array([[column.min(), column.max()] for column in positions.T]).T
+    side = float((high - low).max())
+    keys = _keys(positions, normals, low, 16.0 * (1.0 - 1e-9) / side if side > 0.0 else 0.0)
+    return np.argsort(keys, kind="stable")  # a radix sort, for 16 bits
+
+
+@threaded
+def _keys(positions: FloatArray, normals: NDArray[np.float32], low: FloatArray, scale: float) -> NDArray[np.uint16]:
+    """Octant of the normal and cell of each point, from the highest bits down."""
+    keys = np.empty(len(positions), dtype=np.uint16)
+    for i in prange(len(positions)):
+        octant, cell = 0, 0
+        for axis in range(3):
+            octant |= int(normals[i, axis] > 0.0) << axis
+            cell = cell << 4 | int((positions[i, axis] - low[axis]) * scale)
+        keys[i] = octant << 12 | cell
+    return keys
