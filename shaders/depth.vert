@@ -1,9 +1,10 @@
-// Draws the mesh into one tile an instance: all cameras of a batch in one draw.
+// Draws the mesh into one tile an instance: all cameras of a batch in one draw, or some faces into one tile.
 #version 430
 #include "tiles.glsl"
 
 uniform vec2 to_ndc;  // 2 / size of the atlas
 uniform float side;   // of a tile, in pixels
+uniform int first;    // tile
 
 in vec3 in_position;  // unit space
 
@@ -13,11 +14,12 @@ flat out int face;  // each face's last (provoking) vertex is its own, and they 
 
 void main()
 {
-    vec4 place = tiles[gl_InstanceID].window * vec4(in_position, 1.0);
+    int tile = first + gl_InstanceID;
+    vec4 place = tiles[tile].window * vec4(in_position, 1.0);
     gl_Position = vec4(place.xy * to_ndc - place.w, place.z, place.w);
 #if $CUBE
     // a cube face's neighbours must not be drawn into
-    vec2 low = place.xy - tiles[gl_InstanceID].corner.xy * place.w;
+    vec2 low = place.xy - tiles[tile].corner.xy * place.w;
     vec2 high = side * place.w - low;
     gl_ClipDistance[0] = low.x;
     gl_ClipDistance[1] = low.y;

@@ -1,6 +1,7 @@
 """The depth atlas: one big depth buffer, cut into square tiles, with the id of the nearest face beside each depth."""
 
 import ctypes
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -104,18 +105,16 @@ class Atlas:
         self._call.active_texture(unit)
         self._call.bind_texture(_TEXTURE_2D, texture)
 
-    def draw(self, mesh: Any, n_tiles: int, *, clip: bool, n_closed: int) -> None:
-        """Clear the first tiles and draw a vertex array into them, one instance each.
+    def draw(self, n_tiles: int, closed: Callable[[], None], others: Callable[[], None], *, clip: bool) -> None:
+        """Clear the first tiles and draw into them.
 
         Parameters
         ----------
-        mesh : moderngl.VertexArray
-            Triangles.
         n_tiles : int
+        closed, others : callable
+            Draw triangles that need not be drawn when they are seen clockwise, and others.
         clip : bool
             Whether the shader writes four clip distances, the tile's sides.
-        n_closed : int
-            Of the first triangles, those that need not be drawn when they are seen clockwise.
         """
         call, ctx = self._call, self._gl.ctx
         rows = -(-n_tiles // self.columns)
@@ -132,12 +131,10 @@ class Atlas:
             call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
             if self.faces:
                 call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
-            if n_closed:
-                ctx.enable(ctx.CULL_FACE)
-                mesh.render(vertices=3 * n_closed, instances=n_tiles)
-                ctx.disable(ctx.CULL_FACE)
-            if 3 * n_closed < mesh.vertices:
-                mesh.render(first=3 * n_closed, vertices=mesh.vertices - 3 * n_closed, instances=n_tiles)
+            ctx.enable(ctx.CULL_FACE)
+            closed()
+            ctx.disable(ctx.CULL_FACE)
+            others()
         finally:
             for switch in switches:
                 ctx.disable_direct(switch)

@@ -44,7 +44,8 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
     unit = Unit.of(mesh.centre, mesh.diagonal)
     used, faces = np.unique(mesh.faces, return_inverse=True)
     positions = unit.to(mesh.vertices[used])
-    views = view_matrices(unit.to(view.eyes), unit.to(np.asarray(view.target)), view.ups)
+    eyes = unit.to(view.eyes)
+    views = view_matrices(eyes, unit.to(np.asarray(view.target)), view.ups)
     fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
     if not fits[0]:
         raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
@@ -56,7 +57,7 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
             tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)
             with Buffers(gl.ctx, tiles=tiles) as buffers:
                 buffers.bind_uniforms("tiles", 0, offset=0, size=tiles.nbytes)
-                depth_pass.draw(1)
+                depth_pass.draw(eyes)
                 depths = depth_pass.atlas.read(0)[0].astype(np.float64)
         finally:
             depth_pass.release()

@@ -6,6 +6,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.fronts import ClosedFaces, Fronts
 from zbuf_occlude.gl.point_data import GROUP
 from zbuf_occlude.gl.point_pass import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE
@@ -33,12 +34,13 @@ class DepthPass:
         1, or `CUBE`.
     most_eyes : int
         Of a batch, if fewer than fit.
-    n_closed : int
-        How many of the first faces may be left out when they are turned away; none are with cube faces.
+    closed : ClosedFaces, optional
+        The first faces, if they may be left out when they are turned away; none are with cube faces.
 
     Notes
     -----
-    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes a pixel, 8 with ids.
+    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes a pixel, 8 with ids; on a CPU what
+    `Fronts` takes.
     """
 
     def __init__(
@@ -50,7 +52,7 @@ class DepthPass:
         ids: bool,
         tiles_an_eye: int,
         most_eyes: int = MOST_TILES,
-        n_closed: int = 0,
+        closed: ClosedFaces | None = None,
     ) -> None:
         self._gl = gl
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
@@ -63,30 +65,58 @@ class DepthPass:
         )
         self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_an_eye, faces=ids)
         self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
-        self._cube = tiles_an_eye == CUBE
-        self._n_closed = 0 if self._cube else n_closed
+        self._tiles_an_eye = tiles_an_eye
+        self._n_closed = 0 if closed is None or tiles_an_eye == CUBE else len(closed.indices)
+        self._fronts: Fronts | None = None
+        if closed is not None and self._n_closed and gl.is_software:
+            self._fronts = Fronts(gl, buffers, self._program, closed, self.n_eyes)
 
-    def draw(self, n_tiles: int) -> None:
-        """Draw the mesh into the first tiles, by the matrices bound to uniform block 0."""
+    def draw(self, eyes: FloatArray) -> None:
+        """Draw the mesh for a batch of eyes (k, 3), unit space, by the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
-        self.atlas.draw(self._drawn, n_tiles, clip=self._cube, n_closed=self._n_closed)
+        n_tiles, n_indices = len(eyes) * self._tiles_an_eye, 3 * self._n_closed
+
+        def draw_closed() -> None:
+            if self._fronts is not None:
+                self._fronts.draw(eyes, self._begin)
+            elif n_indices:
+                self._begin(0)
+                self._drawn.render(vertices=n_indices, instances=n_tiles)
+
+        def draw_others() -> None:
+            if n_indices < self._drawn.vertices:
+                self._begin(0)
+                self._drawn.render(first=n_indices, vertices=self._drawn.vertices - n_indices, instances=n_tiles)
+
+        self.atlas.draw(n_tiles, draw_closed, draw_others, clip=self._tiles_an_eye == CUBE)
+
+    def _begin(self, tile: int) -> None:
+        set_uniforms(self._program, first=tile)
 
     def release(self) -> None:
         """Give the GPU's memory back; calling it again does nothing."""
+        if self._fronts is not None:
+            self._fronts.release()
         self._drawn.release()
         self.atlas.release()
 
 
-def mesh_buffers(gl: GlContext, vertices: FloatArray, faces: IntArray) -> Buffers:
+def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffers:
     """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
 
     Takes 12 bytes a vertex and 72 bytes a face. A flat shader input takes the value of a face's last vertex, so each
     face gets one of its own: the first f vertices, in the faces' order.
     """
-    positions = vertices.astype(np.float32)
+    positions = positions.astype(np.float32)
     corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
     corners[:, :, :3] = positions[faces]
-    indices = faces + np.int32(len(faces))
+    vertices = np.concatenate([corners[:, 2, :3], positions])
+    return Buffers(gl.ctx, vertices=vertices, indices=vertices_of(faces), corners=corners)
+
+
+def vertices_of(faces: IntArray) -> IntArray:
+    """Return the indices, (f, 3) int32, of the faces' vertices in what `mesh_buffers` makes."""
+    indices = faces.astype(np.int32) + np.int32(len(faces))
     indices[:, 2] = np.arange(len(faces))
-    return Buffers(gl.ctx, vertices=np.concatenate([corners[:, 2, :3], positions]), indices=indices, corners=corners)
+    return indices

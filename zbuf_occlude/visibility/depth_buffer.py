@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl.buffers import Buffers, parts
-from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
+from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers, vertices_of
 from zbuf_occlude.gl.exact_data import Unit
+from zbuf_occlude.gl.fronts import ClosedFaces
 from zbuf_occlude.gl.loop_pass import LoopPass
 from zbuf_occlude.gl.mesh_data import arrange_mesh
 from zbuf_occlude.gl.point_data import MOST_HIDDEN, Batch, Criteria, PointData
@@ -178,7 +179,7 @@ class DepthBuffer(Occluder):
                     passes += self._point_passes(data, depth_pass, tiles_an_eye, batches, mask)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
-                    depth_pass.draw(batch.n_eyes * tiles_an_eye)
+                    depth_pass.draw(eyes[batch.first_eye : batch.first_eye + batch.n_eyes])
                     for each in passes:
                         each.ask(batch)
                 for each in passes:
@@ -222,13 +223,16 @@ class DepthBuffer(Occluder):
 
     def _pass(self, tiles_an_eye: int) -> DepthPass:
         if tiles_an_eye not in self._passes:
+            faces = self._arrays.faces[: self._arrays.n_closed]
             self._passes[tiles_an_eye] = DepthPass(
                 self._gl,
                 self._mesh_buffers,
                 self._resolution,
                 ids=self._criteria.witness,
                 tiles_an_eye=tiles_an_eye,
-                n_closed=self._arrays.n_closed,
+                closed=ClosedFaces(
+                    self._arrays.positions[faces], vertices_of(self._arrays.faces)[: self._arrays.n_closed]
+                ),
             )
         return self._passes[tiles_an_eye]
 
