@@ -58,7 +58,7 @@ Place place_of(int tile, Point point)
     vec2 inner = pixel - tiles[tile].corner.xy;
     bool aside = c.w <= 0.0 || any(lessThan(inner, vec2(1.0))) || any(greaterThan(inner, vec2(tiles[tile].corner.z - 1.0)));
     // edge on, within rounding, it need not be
-    bool turned_away = point.closed && facing < -1e-5 * (abs(d.x) + abs(d.y) + abs(d.z));
+    bool turned_away = point.closed && facing < -$EDGE_ON * (abs(d.x) + abs(d.y) + abs(d.z));
 #endif
     return Place(pixel, c.z * inverse, gain, tolerance * unit, turned_away, aside);
 }

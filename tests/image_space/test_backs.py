@@ -1,10 +1,12 @@
-"""Points that turn their back: decided without a search, and as the oracle decides."""
+"""Points and clusters that turn their back: decided without a search, left out, and all as the oracle decides."""
 
 import numpy as np
 import pytest
 
 from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.image_space.backs import find_backed, make_solids
+from zbuf_occlude.image_space.listing import drop_turned
+from zbuf_occlude.image_space.scene import make_scene, with_solids
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility import exact
 
@@ -20,7 +22,8 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def share_backed(mesh: Mesh, points: SurfacePoints) -> float:
     solids = make_solids(mesh, 1e-5)
-    return float((find_backed(points.positions, points.face_ids, mesh.centre, mesh.diagonal, solids) >= 0).mean())
+    beside, _ = find_backed(points.positions, points.face_ids, mesh.centre, mesh.diagonal, solids)
+    return float((beside >= 0).mean())
 
 
 def test_points_of_solids_are_backed_and_others_are_not() -> None:
@@ -72,3 +75,34 @@ def test_solids_are_looked_for_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> 
         assert (masks[0] == first[0]).all()
         occluder.visible(points, EYES[:2])
         assert made == [1]
+
+
+@pytest.mark.parametrize("inwards", [False, True])
+def test_clusters_are_dropped_where_all_their_faces_are_turned_away(inwards: bool) -> None:
+    mesh = Mesh(BALL.vertices, BALL.faces[:, ::-1]) if inwards else BALL
+    scene = with_solids(make_scene(mesh, 1e-5 * mesh.diagonal), make_solids(mesh, 1e-5).outward)
+    for eye in 3.0 * EYES:
+        local = (eye - scene.centre) * scene.scale
+        rectangles = np.zeros((6, len(scene.used)), dtype=np.float32)
+        drop_turned(scene, tuple(local.astype(np.float32)), rectangles)
+        dropped = rectangles[0] > rectangles[1]
+        heights = ((eye - BALL.corners[:, 0]) * BALL.face_normals).sum(axis=1)
+        turned = np.append(heights < 0.0, True)[scene.face_ids].all(axis=1)
+        assert not (dropped & ~turned).any()
+        assert 0.9 * turned.sum() < dropped.sum() < 0.5 * len(turned)
+
+
+@pytest.mark.parametrize("n_points", [200, 20_000])
+@pytest.mark.usefixtures("at_once")
+def test_a_point_beyond_the_solid_is_hidden_by_a_back_when_the_front_is_its_own(n_points: int) -> None:
+    points = sample_surface(BALL, n_points=n_points, seed=5)
+    eye = np.array([[0.0, 0.0, 40.0]])
+    front = np.flatnonzero(points.normals[:, 2] > 0.9)[:50]
+    positions = points.positions.copy()
+    positions[front] += 0.1 * (positions[front] - eye)  # along the line of sight, through the ball and out of it
+    beyond = SurfacePoints(positions, points.face_ids, points.normals)
+    some = np.append(front, np.arange(0, n_points, 50))
+    with prepare(BALL, "exact") as occluder, prepare(BALL, "oracle") as oracle:
+        truth = oracle.visible(beyond.select(some), eye)[0]
+        assert not truth[: len(front)].any()
+        assert (occluder.visible(beyond, eye)[0, some] == truth).all()

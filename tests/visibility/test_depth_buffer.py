@@ -8,6 +8,9 @@ import pytest
 from tests.visibility.witness_twin import witness_test
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.camera import Frusta
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl.atlas import Atlas
+from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.meshes import shapes
@@ -231,3 +234,30 @@ def test_loops_and_shaders_say_the_same(
     assert 0.05 < masks[0][:19].mean() < 0.6
     assert (masks[0] != masks[1]).mean(axis=1).max() < 1e-3
     assert (masks[0] != masks[1]).mean() < 1e-4
+
+
+@pytest.mark.parametrize("tested_by", ["loops"], indirect=True)
+def test_a_picture_that_cannot_be_read_is_an_error(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = points_on(CHAIR, 100)
+    with prepare(CHAIR, "depth_buffer", gl=gl) as occluder:
+        occluder.visible(points, EYES[:1])
+        call = occluder._pass(1).atlas._call
+        read = call.read_pixels
+        monkeypatch.setattr(call, "read_pixels", lambda x, y, width, *rest: read(x, y, -width, *rest))
+        with pytest.raises(GlError, match="OpenGL must report no error"):
+            occluder.visible(points, EYES[:1])
+
+
+def test_what_was_made_is_given_back_when_the_rest_cannot_be(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise GlError("no memory left")
+
+    released = []
+    monkeypatch.setattr(Buffers, "vertex_array", refuse)
+    monkeypatch.setattr(Atlas, "release", lambda atlas: released.append(atlas))
+    with prepare(CHAIR, "depth_buffer", gl=gl, resolution=16) as occluder:
+        with pytest.raises(GlError, match="no memory left"):
+            occluder.visible(points_on(CHAIR, 100), EYES)
+        assert len(released) == 1
+    monkeypatch.undo()
+    released[0].release()

@@ -152,7 +152,8 @@ class Atlas:
     def read_rows(self, n_tiles: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Read the rows of tiles that hold the first `n_tiles` back: depths, and face ids if there are any.
 
-        The lowest row of pixels first. The arrays are the atlas's own, and change when it is read again.
+        The lowest row of pixels first. The arrays are the atlas's own, and change when it is read again. Raises GlError
+        when OpenGL reports an error.
         """
         if self._read is None:
             height, width = self.size[::-1]
@@ -165,6 +166,7 @@ class Atlas:
         if self.faces:
             call.read_pixels(0, 0, width, height, _RED_INTEGER, _INTS32, ids.ctypes.data)
         call.bind_framebuffer(_FRAMEBUFFER, 0)
+        self._gl.check()  # what was not read must not be taken for face ids
         return depths, ids
 
     def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -181,6 +183,7 @@ class Atlas:
 
     def release(self) -> None:
         """Give the memory back; calling it again does nothing."""
+        self._read = None
         if self._framebuffer.value:
             self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))
             self._framebuffer = _UINT(0)

@@ -1,5 +1,7 @@
 """The mesh drawn into a depth atlas: many cameras a draw."""
 
+from typing import Any
+
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
@@ -32,8 +34,6 @@ class DepthPass:
         Whether the atlas keeps the id of the nearest face beside the depth.
     tiles_an_eye : int
         1, or `CUBE`.
-    most_eyes : int
-        Of a batch, if fewer than fit.
     closed : ClosedFaces, optional
         The first faces, if they may be left out when they are turned away; none are with cube faces.
 
@@ -51,25 +51,28 @@ class DepthPass:
         *,
         ids: bool,
         tiles_an_eye: int,
-        most_eyes: int = MOST_TILES,
         closed: ClosedFaces | None = None,
     ) -> None:
         self._gl = gl
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
         eyes = int(np.clip(budget, tiles_an_eye, MOST_TILES)) // tiles_an_eye
-        eyes = min(eyes // GROUP * GROUP if eyes > GROUP else eyes, most_eyes)
-        self.n_eyes = eyes
+        self.n_eyes = eyes // GROUP * GROUP if eyes > GROUP else eyes
         """Eyes of a batch."""
         self._program = gl.program(
             "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_an_eye == CUBE)
         )
         self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_an_eye, faces=ids)
-        self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
         self._tiles_an_eye = tiles_an_eye
         self._n_closed = 0 if closed is None or tiles_an_eye == CUBE else len(closed.indices)
+        self._drawn: Any = None
         self._fronts: Fronts | None = None
-        if closed is not None and self._n_closed and gl.is_software:
-            self._fronts = Fronts(gl, buffers, self._program, closed, self.n_eyes)
+        try:
+            self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
+            if closed is not None and self._n_closed and gl.is_software:
+                self._fronts = Fronts(gl, buffers, self._program, closed, self.n_eyes)
+        except BaseException:
+            self.release()
+            raise
 
     def draw(self, eyes: FloatArray) -> None:
         """Draw the mesh for a batch of eyes (k, 3), unit space, by the matrices bound to uniform block 0."""
@@ -98,7 +101,8 @@ class DepthPass:
         """Give the GPU's memory back; calling it again does nothing."""
         if self._fronts is not None:
             self._fronts.release()
-        self._drawn.release()
+        if self._drawn is not None:
+            self._drawn.release()
         self.atlas.release()
 
 

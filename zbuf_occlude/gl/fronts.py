@@ -15,7 +15,7 @@ from zbuf_occlude.threads import threaded
 MOST_BYTES = 1 << 26
 """Of the indices of some eyes' faces. One eye's may exceed it."""
 
-GRAZING = 1e-6
+EDGE_ON = 1e-6
 """Faces whose plane the eye is behind by less than this, in diagonals, are kept: OpenGL decides."""
 
 
@@ -63,7 +63,11 @@ class Fronts:
         self._most = max(1, min(most_eyes, MOST_BYTES // indices.nbytes))
         self._fronts = np.empty((self._most, *indices.shape), dtype=np.int32)
         self._buffers = Buffers(gl.ctx, fronts=self._fronts.nbytes)
-        self._drawn = mesh.vertex_array(program, "vertices", "fronts", self._buffers)
+        try:
+            self._drawn = mesh.vertex_array(program, "vertices", "fronts", self._buffers)
+        except BaseException:
+            self._buffers.release()
+            raise
 
     def draw(self, eyes: FloatArray, begin: Callable[[int], None]) -> None:
         """Draw what each of the eyes (k, 3), unit space, sees from before; `begin(i)` is called before eye i's."""
@@ -104,7 +108,7 @@ def find_fronts(planes: FloatArray, indices: IntArray, eyes: FloatArray, fronts:
         n = 0
         for face in range(len(planes)):
             a, b, c, offset = planes[face]
-            if a * eyes[k, 0] + b * eyes[k, 1] + c * eyes[k, 2] >= offset - GRAZING:
+            if a * eyes[k, 0] + b * eyes[k, 1] + c * eyes[k, 2] >= offset - EDGE_ON:
                 for j in range(3):
                     fronts[k, n, j] = indices[face, j]
                 n += 1

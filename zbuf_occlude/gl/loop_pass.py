@@ -44,16 +44,15 @@ class LoopPass:
     tiles_an_eye : int
         1, or `CUBE`.
     corners : (f, 3, 3) float64
-        Of the faces drawn, unit space.
+        Of the faces drawn, unit space; none are needed without witnesses.
     criteria : Criteria
     out : (k, n) bool
         Receives the answers.
 
     Notes
     -----
-    The same test as `PointPass`, formula by formula, but that witnesses are asked in float64. A software renderer runs
-    shaders on the CPU, for some 27 ns a point and eye; these loops take 5, and reading the atlas is a copy in memory.
-    Takes 65 bytes a point, and the atlas once more.
+    The same test as `PointPass` (`loop_test` says how nearly). A software renderer runs shaders on the CPU, for some
+    27 ns a point and eye; these loops take 9, and reading the atlas is a copy in memory. Takes 61 bytes a point.
     """
 
     def __init__(

@@ -1,12 +1,13 @@
 """The depth test of 16 points at a time, and the witness test of those it leaves in doubt, for the CPU.
 
-Formula by formula what vote.comp, depth_test.comp and witness.comp say; there the reasons are.
+Formula by formula what vote.comp, depth_test.comp and witness.comp say; there the reasons are. But witnesses are asked
+in float64 (the eye is the float32 one), and points that rounding puts beside their cube face are visible.
 """
 
 import numpy as np
 from numba import njit
 
-from zbuf_occlude.gl.point_data import GRAZING, MOST_HIDDEN
+from zbuf_occlude.gl.point_data import EDGE_ON, MOST_HIDDEN
 from zbuf_occlude.lanes import (
     ALL,
     N_LANES,
@@ -85,7 +86,7 @@ def vote(packet, tile, cube, depths, tiles, points, criteria, places):  # type: 
     before = ALL
     if not cube:
         size = absolute(d[0]) + absolute(d[1]) + absolute(d[2])
-        before &= ~(points.closed[packet] & greater(splat(-GRAZING) * size, facing))
+        before &= ~(points.closed[packet] & greater(splat(np.float32(-EDGE_ON)) * size, facing))
     if not before:
         return 0, 0
     zero, one, half = splat(ZERO), splat(ONE), splat(HALF)
@@ -106,18 +107,18 @@ def vote(packet, tile, cube, depths, tiles, points, criteria, places):  # type: 
     height, width = depths.shape
     if not criteria.witness:
         allowance = muladd(splat(criteria.slope_bias), maximum(absolute(gain_x), absolute(gain_y)), allowance)
-        row, column = _within(whole(y), height), _within(whole(x), width)
+        row, column = whole(_within(y, height)), whole(_within(x, width))
         hidden = greater(gather(depths, width, row, column), maximum(depth, zero) + allowance)
         return before & ~(hidden & pictured), 0
-    row, column = _within(whole(y - half), height - 1), _within(whole(x - half), width - 1)
+    row, column = whole(_within(y - half, height - 1)), whole(_within(x - half, width - 1))
     base = depth + muladd(gain_x, column + half - x, gain_y * (row + half - y))
     some, every = 0, ALL
     for j in range(2):
         for i in range(2):
             plane = maximum(muladd(splat(np.float32(i)), gain_x, muladd(splat(np.float32(j)), gain_y, base)), zero)
             nearest = gather(depths, width, row + splat(np.float32(j)), column + splat(np.float32(i)))
-            vote = greater(nearest, plane + allowance)
-            some, every = some | vote, every & vote
+            hidden = greater(nearest, plane + allowance)
+            some, every = some | hidden, every & hidden
     doubtful = before & some & ~every & pictured
     if doubtful:
         store(places, 0, x - half)
@@ -150,7 +151,7 @@ def _clamped(gain, most):  # type: ignore[no-untyped-def]
 
 @njit(_nrt=False, forceinline=True)
 def _within(index, n):  # type: ignore[no-untyped-def]
-    """The nearest index that an array of n has; 0 for NaN."""
+    """The nearest number between the first and the last index of an array of n; 0 for NaN."""
     return minimum(maximum(index, splat(ZERO)), splat(np.float32(n - 1)))
 
 

@@ -12,9 +12,8 @@ from zbuf_occlude.threads import threaded
 GROUP = 8
 """Eyes whose answers share a byte on the GPU."""
 
-GRAZING = np.float32(1e-5)
-"""Sine of the angle below which nothing is said of a face that is turned away: edge on, within rounding, it need not
-be."""
+EDGE_ON = 1e-5
+"""Sine of the angle between line of sight and face below which rounding decides whether it is turned away."""
 
 MOST_HIDDEN = 0.3
 """Without a witness, a point is visible when no more than this of the weighed votes around it says hidden."""

@@ -5,6 +5,10 @@ on the inner side of the planes of all faces of the surface within the contact t
 from p to the eye starts within the solid, and does not leave it within that distance: there it could only pass faces
 from their outer to their inner side. But it ends outside, so another face, farther than the tolerance, hides p.
 
+Nor need the faces that are turned away be asked what they hide. A line from any point to the eye that passes one of
+them from its outer to its inner side comes out again through a face that is not turned away, nearer to the eye, and so
+that one hides the point, too; unless it is the point's own face, which it cannot be when the point lies in its plane.
+
 Half of all points of a closed mesh are decided so. What is uncertain (a surface that crosses itself, points with more
 than one other face within the tolerance or not on their face, faces seen at a grazing angle) is left to the search.
 """
@@ -27,6 +31,9 @@ from zbuf_occlude.threads import threaded
 
 OFF = 5e-4
 """A point may lie off its face by this times the contact tolerance, as float64 points do, rounded to float32 not."""
+
+ON = 1e-6
+"""The same for `on_faces`: as sampled."""
 
 GRAZING = np.float32(1e-3)
 """Sine of the angle between line of sight and face below which nothing is said. More than `OFF`: a line from a point
@@ -72,7 +79,7 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
 @threaded
 def find_backed(
     positions: FloatArray, face_ids: IntArray, centre: FloatArray, diagonal: float, solids: Solids
-) -> IntArray:
+) -> tuple[IntArray, bool]:
     """Find the points that a solid hides from every eye outside on the inner side of one or two faces.
 
     Parameters
@@ -84,11 +91,13 @@ def find_backed(
 
     Returns
     -------
-    (n,) int32
+    beside : (n,) int32
         The face beside a point's own that the eye must be on the inner side of, too; its own where there is none such,
         -1 where the solid says nothing.
+    on_faces : bool
+        Whether all points of faces of solids lie in these faces' planes.
     """
-    beside = np.full(len(positions), -1, dtype=np.int32)
+    beside, n_off = np.full(len(positions), -1, dtype=np.int32), 0
     for k in prange(len(positions)):
         face = face_ids[k]
         if face < 0 or solids.outward[face] == 0:
@@ -99,7 +108,9 @@ def find_backed(
             (positions[k, 1] - centre[1]) / diagonal,
             (positions[k, 2] - centre[2]) / diagonal,
         )
-        if abs(dot(corner(frame, 0), minus(point, corner(f, 0)))) > OFF * solids.reach:
+        off = abs(dot(corner(frame, 0), minus(point, corner(f, 0))))
+        n_off += not off <= ON * solids.reach
+        if not off <= OFF * solids.reach:
             continue
         within, clear = True, True
         for i in range(3):
@@ -110,7 +121,7 @@ def find_backed(
             beside[k] = face
         elif within:
             beside[k] = face_beside(point, face, solids.corners, solids.starts, solids.others, solids.reach)
-    return beside
+    return beside, n_off == 0
 
 
 @threaded

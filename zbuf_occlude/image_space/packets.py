@@ -50,6 +50,8 @@ class Packets(NamedTuple):
         Masks of the points that their solid hides where these faces are turned away; see `backs`.
     beside : (n' / 16,) int64
         Where a packet's columns of `planes_beside` begin; -1 where it needs none.
+    on_faces : bool
+        Whether all points of faces of solids lie in these faces' planes; False where solids are not known.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """
@@ -68,6 +70,7 @@ class Packets(NamedTuple):
     planes_beside: Float32
     backed: NDArray[np.int64]
     beside: NDArray[np.int64]
+    on_faces: bool
     identity: IntArray
 
 
@@ -109,18 +112,18 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: So
 
 def _backs(
     points: SurfacePoints, scene: Scene, rows: IntArray, order: IntArray, solids: Solids | None
-) -> tuple[Float32, Float32, NDArray[np.int64], NDArray[np.int64]]:
-    """`own_planes`, `planes_beside`, `backed` and `beside` of the packets."""
+) -> tuple[Float32, Float32, NDArray[np.int64], NDArray[np.int64], bool]:
+    """`own_planes`, `planes_beside`, `backed`, `beside` and `on_faces` of the packets."""
     n_packets = len(order) // PACKET
     begins = np.full(n_packets, -1, dtype=np.int64)
     if solids is None:
         none = np.zeros((4, 0), dtype=np.float32)
-        return none, none, np.zeros(n_packets, dtype=np.int64), begins
-    beside = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)
+        return none, none, np.zeros(n_packets, dtype=np.int64), begins, False
+    beside, on_faces = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)
     own, backed, two = pack_backs(scene.planes, rows, solids.outward, points.face_ids, beside, order)
     needed = order.reshape(-1, PACKET)[two].reshape(-1)
     begins[two] = PACKET * np.arange(len(needed) // PACKET)
-    return own, planes_beside(scene.planes, rows, solids.outward, beside, needed), backed, begins
+    return own, planes_beside(scene.planes, rows, solids.outward, beside, needed), backed, begins, bool(on_faces)
 
 
 @threaded

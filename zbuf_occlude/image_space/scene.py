@@ -33,6 +33,8 @@ class Scene(NamedTuple):
         Unit normal and offset of each face: ``n . p = offset`` on it.
     used, weak : (m,) int64
         Masks of the rows' faces: which there are, and which have no float32 plane (`WEAK`).
+    outwards, inwards : (m,) int64
+        Masks of the faces of solids whose normal points outwards, and inwards; none before `Solids` are known.
     face_ids : (m, 16) int32
     nodes : (6, total) float32
         Lower and upper corners of the nodes' boxes, level after level, each level padded to a multiple of 16.
@@ -51,6 +53,8 @@ class Scene(NamedTuple):
     planes: Float32
     used: NDArray[np.int64]
     weak: NDArray[np.int64]
+    outwards: NDArray[np.int64]
+    inwards: NDArray[np.int64]
     face_ids: IntArray
     nodes: Float32
     level_starts: NDArray[np.int64]
@@ -85,6 +89,8 @@ def make_scene(mesh: Mesh, contact: float) -> Scene:
         np.ascontiguousarray(np.moveaxis(np.concatenate([normals, offsets], axis=-1), 1, 2), dtype=np.float32),
         _masks(used),
         _masks(weak & used),
+        _masks(np.zeros_like(used)),
+        _masks(np.zeros_like(used)),
         clusters.face_ids,
         nodes,
         starts,
@@ -94,6 +100,12 @@ def make_scene(mesh: Mesh, contact: float) -> Scene:
         clusters.lower,
         clusters.upper,
     )
+
+
+def with_solids(scene: Scene, outward: NDArray[np.int8]) -> Scene:
+    """Return the scene with `outwards` and `inwards`, from what `Solids` says of the faces."""
+    kinds = np.where(scene.face_ids >= 0, outward[scene.face_ids], 0)
+    return scene._replace(outwards=_masks(kinds > 0), inwards=_masks(kinds < 0))
 
 
 def _unit_normals(corners: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:

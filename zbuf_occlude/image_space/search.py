@@ -10,7 +10,7 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.decide import line_is_blocked
 from zbuf_occlude.image_space.frames import Frames
 from zbuf_occlude.image_space.hiding import classify
-from zbuf_occlude.image_space.listing import BUCKETS, list_clusters, overlapping
+from zbuf_occlude.image_space.listing import BUCKETS, drop_turned, list_clusters, overlapping
 from zbuf_occlude.image_space.packet_search import hide_backs, row_of, search_packet, write
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, Packets
 from zbuf_occlude.image_space.projection import (
@@ -35,11 +35,11 @@ NEAR = np.float32(1e-3)
 GROUP = 16
 """Chunks whose boxes are projected at once."""
 
-FEW_POINTS = 1
+FEW_POINTS = 4
 """With fewer points than so many times the faces, an eye outside goes by tiles."""
 
-MANY = 4
-"""With more points than so many times the faces, a quarter of a group shares a list of clusters."""
+SHARED = 4
+"""Chunks that share a list of clusters."""
 
 TIGHT = 256
 """Lists of at most so many clusters get the rectangles of the projected faces."""
@@ -91,7 +91,6 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
     answer = np.ones((n_eyes, points.n_points), dtype=np.bool_)
     n_groups = -(-points.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
     few = points.n_points < FEW_POINTS * len(scene.world_corners)
-    span = GROUP // 4 if points.n_points > MANY * len(scene.world_corners) else 1
     for worker in prange(n_workers):
         space = make_workspace(scene, len(points.backed))
         tiles = make_tiles(points.coordinates.shape[1] if few else 0, len(scene.used) if few else 0)
@@ -110,7 +109,7 @@ def find_visible(scene: Scene, points: Packets, frames: Frames, n_blocks: int, n
                     face if frames.n_frames[view] > 1 else -1,
                     begin,
                     end,
-                    0 if few else span,
+                    few,
                     space,
                     tiles,
                     epoch,
@@ -152,10 +151,10 @@ def make_workspace(scene, n_packets):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False)
-def search_frame(scene, points, frame, window, e, face, begin, end, span, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
+def search_frame(scene, points, frame, window, e, face, begin, end, few, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
     """Answer for the groups begin to end in one frame of an eye; writes False where a point is hidden.
 
-    `face` is the number of the cube's face, -1 for an eye outside; `span` the chunks that share a list of clusters.
+    `face` is the number of the cube's face, -1 for an eye outside; `few` whether that one goes by tiles.
     """
     inside = face >= 0
     eye = (np.float32(e[0]), np.float32(e[1]), np.float32(e[2]))
@@ -176,8 +175,10 @@ def search_frame(scene, points, frame, window, e, face, begin, end, span, space,
             space.rectangles[1, i] = -FAR
     if not inside:
         n_packets = points.coordinates.shape[1] // PACKET
+        if points.on_faces:
+            drop_turned(scene, eye, space.rectangles)
         hide_backs(points, begin * GROUP * CHUNK, min(end * GROUP * CHUNK, n_packets), eye, space.turned, answer)
-    if span == 0 and not inside:
+    if few and not inside:
         size = GROUP * CHUNK * PACKET
         first, last = begin * size, min(end * size, points.n_points)
         search_tiles(scene, points, frame, window, eye, world_eye, first, last, space, tiles, epoch, answer)
@@ -193,8 +194,8 @@ def search_frame(scene, points, frame, window, e, face, begin, end, span, space,
                     space.chunks[chunk - first, i] = whole[i]
         else:
             project_chunks(points, first, last, frame, window, eye, contact, space)
-        for start in range(first, last, max(span, 1)):
-            stop = min(start + max(span, 1), last)
+        for start in range(first, last, SHARED):
+            stop = min(start + SHARED, last)
             whole = join(space.chunks, start - first, stop - first)
             if whole[4] < ZERO:
                 continue

@@ -13,6 +13,7 @@ from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO
 from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.image_space.slots import SLOTS, slot_of
 from zbuf_occlude.lanes import (
+    ALL,
     divide,
     first_lane,
     highest,
@@ -24,6 +25,7 @@ from zbuf_occlude.lanes import (
     not_less,
     splat,
     store,
+    whole,
 )
 
 SIDE = 32
@@ -37,7 +39,7 @@ class Tiles(NamedTuple):
     """A thread's workspace for n points and m clusters: 32 bytes a point, 200 a cluster."""
 
     unsorted: Float32  # (3, n') x / w, y / w, w
-    tile_ids: IntArray  # (n',)
+    tile_ids: Float32  # (n',) whole numbers
     order: IntArray  # (n' + 16,) points sorted by tile
     image: Float32  # (3, n' + 16) x / w, y / w, w in this order
     point_starts: NDArray[np.int64]  # (SIDE^2 + 1,)
@@ -56,7 +58,7 @@ def make_tiles(n_points, n_clusters):  # type: ignore[no-untyped-def]
     capacity = 32 * n_clusters + SIDE * SIDE
     return Tiles(
         np.empty((3, n_points), dtype=np.float32),
-        np.empty(n_points, dtype=np.int32),
+        np.empty(n_points, dtype=np.float32),
         np.zeros(n_points + 16, dtype=np.int32),
         np.zeros((3, n_points + 16), dtype=np.float32),
         np.empty(SIDE * SIDE + 1, dtype=np.int64),
@@ -172,34 +174,53 @@ def _cell(value, origin, scale, side):  # type: ignore[no-untyped-def]
     return np.int64(min(max((value - origin) * scale, ZERO), np.float32(side - 1)))
 
 
+@njit(_nrt=False, forceinline=True)
+def _cells(values, origin, scale, side):  # type: ignore[no-untyped-def]
+    """The same for 16 of them."""
+    cells = (values - splat(origin)) * splat(scale)
+    return whole(minimum(maximum(cells, splat(ZERO)), splat(np.float32(side - 1))))
+
+
 @njit(_nrt=False)
 def _bin_points(first, last, grid, turned, tiles):  # type: ignore[no-untyped-def]
     """Sort the points that are not yet decided by tile."""
-    side = grid[4]
+    side, total = grid[4], tiles.unsorted.shape[1]
     starts = tiles.point_starts
     starts[: side * side + 1] = 0
     tiles.deepest[: side * side] = -FAR
-    for i in range(first, last):
-        if (turned[i // PACKET] >> (i % PACKET)) & 1:
-            tiles.tile_ids[i] = -1
-            continue
-        x, y = tiles.unsorted[0, i], tiles.unsorted[1, i]
-        tile = _cell(y, grid[1], grid[3], side) * side + _cell(x, grid[0], grid[2], side)
-        tiles.tile_ids[i] = tile
-        tiles.deepest[tile] = max(tiles.deepest[tile], tiles.unsorted[2, i])
-        starts[tile + 1] += 1
+    for base in range(first, last, PACKET):
+        left = _undecided(base, last, turned)
+        if left:
+            column = _cells(load(tiles.unsorted, base), grid[0], grid[2], side)
+            row = _cells(load(tiles.unsorted, total + base), grid[1], grid[3], side)
+            store(tiles.tile_ids, base, muladd(row, splat(np.float32(side)), column))
+        while left:
+            i = base + first_lane(left)
+            left &= left - 1
+            tile = int(tiles.tile_ids[i])
+            tiles.deepest[tile] = max(tiles.deepest[tile], tiles.unsorted[2, i])
+            starts[tile + 1] += 1
     for tile in range(side * side):
         starts[tile + 1] += starts[tile]
         tiles.ends[tile] = starts[tile]
-    for i in range(first, last):
-        tile = tiles.tile_ids[i]
-        if tile < 0:
-            continue
-        to = tiles.ends[tile]
-        tiles.ends[tile] = to + 1
-        tiles.order[to] = i
-        for row in range(3):
-            tiles.image[row, to] = tiles.unsorted[row, i]
+    for base in range(first, last, PACKET):
+        left = _undecided(base, last, turned)
+        while left:
+            i = base + first_lane(left)
+            left &= left - 1
+            tile = int(tiles.tile_ids[i])
+            to = tiles.ends[tile]
+            tiles.ends[tile] = to + 1
+            tiles.order[to] = i
+            for j in range(3):
+                tiles.image[j, to] = tiles.unsorted[j, i]
+
+
+@njit(_nrt=False, forceinline=True)
+def _undecided(base, last, turned):  # type: ignore[no-untyped-def]
+    """Mask of a packet's points before `last` that are not turned away."""
+    left = ALL & ~turned[base // PACKET]
+    return left if last - base >= PACKET else left & ((1 << (last - base)) - 1)
 
 
 @njit(_nrt=False)

@@ -1,6 +1,7 @@
 """`depth_buffer`: the mesh drawn into a depth buffer for each eye by OpenGL, the points tested where that runs."""
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.fronts import ClosedFaces
 from zbuf_occlude.gl.loop_pass import LoopPass
 from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.gl.point_data import MOST_HIDDEN, Batch, Criteria, PointData
+from zbuf_occlude.gl.point_data import EDGE_ON, MOST_HIDDEN, Batch, Criteria, PointData
 from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
@@ -25,10 +26,10 @@ from zbuf_occlude.visibility.interface import CONTACT, Occluder
 REFINEMENTS = ("witness", "none")
 
 SMALLEST, LARGEST = 16, 8192
-"""Pixels along a side. An atlas of six cube faces of 8192 pixels takes 3.2 GB."""
+"""Pixels along a side. Six cube faces of 8192 pixels take 3.2 GB, and more than some drivers' largest texture."""
 
 _MOST_EYES = 1024
-"""Asked before answers are fetched: with `MOST_POINTS` these then take 64 MiB."""
+"""Asked before answers are fetched: with `MOST_POINTS` these then take 128 MiB."""
 
 
 def prepare(
@@ -99,8 +100,10 @@ class DepthBuffer(Occluder):
     than `tolerance` are beyond it: on an open plate thinner than that a third of the answers may be wrong. So is what
     an eye inside the mesh has nearer than 1e-6 diagonals.
 
-    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory on the GPU: 12 bytes a vertex,
-    72 a face, 16 to 256 MiB for the buffers of a batch, and for each million points of a thousand eyes 160 MiB.
+    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory on a GPU: 12 bytes a vertex and
+    72 a face, 256 MiB for the buffers of a batch, and for each million points of a thousand eyes 160 MiB. Where a CPU
+    draws: 12 bytes a vertex and 144 a face, two times 16 MiB for the buffers of a batch, up to two times 64 MiB for the
+    faces in view, and 61 bytes a point.
 
     References
     ----------
@@ -133,7 +136,7 @@ class DepthBuffer(Occluder):
 
     @property
     def _loops(self) -> bool:
-        """Whether compiled loops test the points, not shaders; where a CPU draws, they take a fifth of the time."""
+        """Whether compiled loops test the points, not shaders; where a CPU draws, they take a third of the time."""
         return bool(self._gl.is_software)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
@@ -201,8 +204,13 @@ class DepthBuffer(Occluder):
     def _loop_pass(
         self, data: PointData, depth_pass: DepthPass, tiles: NDArray[np.void], tiles_an_eye: int, out: BoolArray
     ) -> LoopPass:
-        corners = self._arrays.positions[self._arrays.faces]
-        return LoopPass(data, depth_pass.atlas, tiles, tiles_an_eye, corners, self._criteria, out)
+        return LoopPass(data, depth_pass.atlas, tiles, tiles_an_eye, self._corners, self._criteria, out)
+
+    @cached_property
+    def _corners(self) -> FloatArray:
+        """Of the faces drawn, for compiled loops to ask for witnesses; (f, 3, 3) float64, unit space."""
+        faces = self._arrays.faces
+        return self._arrays.positions[faces if self._criteria.witness else faces[:0]]
 
     def _point_passes(
         self, data: PointData, depth_pass: DepthPass, tiles_an_eye: int, batches: list[Batch], out: BoolArray
@@ -237,7 +245,7 @@ class DepthBuffer(Occluder):
         return self._passes[tiles_an_eye]
 
     def _programs(self, tiles_an_eye: int, depth_pass: DepthPass) -> list[Any]:
-        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE)}
+        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE), "EDGE_ON": f"{EDGE_ON:.1e}"}
         if self._criteria.witness:
             programs = [
                 self._gl.program("vote.comp", **constants),
@@ -254,6 +262,7 @@ class DepthBuffer(Occluder):
         self._gl.make_current()
         for depth_pass in self._passes.values():
             depth_pass.release()
+        self._passes.clear()
         self._mesh_buffers.release()
 
 

@@ -8,7 +8,7 @@ from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.image_space.backs import Solids, make_solids
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
-from zbuf_occlude.image_space.scene import make_scene
+from zbuf_occlude.image_space.scene import make_scene, with_solids
 from zbuf_occlude.image_space.search import GROUP, find_visible
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -44,6 +44,7 @@ class Exact(Occluder):
         self._n_asked += len(points) * len(eyes)
         if self._solids is None and self._n_asked >= WORTH * len(self.mesh.faces):
             self._solids = make_solids(self.mesh, self._contact)
+            scene = self._scene = with_solids(scene, self._solids.outward)
         packets = make_packets(points, scene, self._rows, self._solids)
         frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
