@@ -1,10 +1,13 @@
 """Clusters: every face that can block is in exactly one, inside its box."""
 
 import numpy as np
+import pytest
 
 from zbuf_occlude import Mesh
-from zbuf_occlude.image_space.clusters import WIDTH, make_clusters
+from zbuf_occlude.hilbert import hilbert_order
+from zbuf_occlude.image_space.clusters import WIDTH, _order, make_clusters
 from zbuf_occlude.image_space.ordering import BITS, morton_codes
+from zbuf_occlude.meshes import shapes
 
 
 def test_every_blocking_face_is_in_one_cluster_and_its_box() -> None:
@@ -21,6 +24,27 @@ def test_every_blocking_face_is_in_one_cluster_and_its_box() -> None:
         assert (inside <= upper).all()
     assert clusters.face_ids.shape[1] == WIDTH
     assert len(clusters.face_ids) <= 1000 // WIDTH + 2
+
+
+def area(lower: np.ndarray, upper: np.ndarray) -> float:
+    x, y, z = (upper - lower).T
+    return float((x * y + y * z + z * x).sum())
+
+
+def test_clusters_are_full_and_smaller_than_runs_along_the_curve() -> None:
+    mesh = shapes.benchmark_mesh(19_000)  # several runs
+    clusters = make_clusters(mesh)
+    assert ((clusters.face_ids >= 0).sum(axis=1) < WIDTH).sum() <= 2  # the last of the long faces, and of the others
+    lower, upper = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
+    runs = hilbert_order((lower + upper) / 2.0)[: len(lower) // WIDTH * WIDTH].reshape(-1, WIDTH)
+    assert area(clusters.lower, clusters.upper) < 0.8 * area(lower[runs].min(axis=1), upper[runs].max(axis=1))
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0, 1e200])  # all at one place; areas beyond float64
+def test_faces_that_no_area_tells_apart_are_in_one_cluster_each(scale: float) -> None:
+    lower = scale * np.random.default_rng(1).random((5000, 3))
+    order = _order(lower, 1.5 * lower)
+    assert np.array_equal(np.sort(order), np.arange(5000))
 
 
 def test_morton_codes_interleave_and_keep_neighbours_together() -> None:
