@@ -106,3 +106,17 @@ def test_a_point_beyond_the_solid_is_hidden_by_a_back_when_the_front_is_its_own(
         truth = oracle.visible(beyond.select(some), eye)[0]
         assert not truth[: len(front)].any()
         assert (occluder.visible(beyond, eye)[0, some] == truth).all()
+
+
+def test_points_are_on_their_faces_or_not() -> None:
+    solids, points = make_solids(BALL, 1e-5), sample_surface(BALL, n_points=500, seed=6)
+
+    def on_faces(positions: np.ndarray) -> bool:
+        return bool(find_backed(positions, points.face_ids, BALL.centre, BALL.diagonal, solids)[1])
+
+    corners = BALL.corners[points.face_ids]
+    assert on_faces(points.positions)
+    assert on_faces(corners[:, 0])
+    assert on_faces((corners[:, 1] + corners[:, 2]) / 2.0)
+    assert not on_faces(points.positions + 1e-8 * points.normals)
+    assert not on_faces(points.positions + np.eye(500)[:, :1] * 2.0 * (corners[:, 1] - corners[:, 0]))  # in its plane

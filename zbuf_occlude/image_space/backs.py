@@ -7,7 +7,8 @@ from their outer to their inner side. But it ends outside, so another face, fart
 
 Nor need the faces that are turned away be asked what they hide. A line from any point to the eye that passes one of
 them from its outer to its inner side comes out again through a face that is not turned away, nearer to the eye, and so
-that one hides the point, too; unless it is the point's own face, which it cannot be when the point lies in its plane.
+that one hides the point, too; unless it is the point's own face, which it cannot be when the point lies on it. (What
+float64 makes of a line in the plane of a face, to the last digit, holds for neither.)
 
 Half of all points of a closed mesh are decided so. What is uncertain (a surface that crosses itself, points with more
 than one other face within the tolerance or not on their face, faces seen at a grazing angle) is left to the search.
@@ -95,7 +96,7 @@ def find_backed(
         The face beside a point's own that the eye must be on the inner side of, too; its own where there is none such,
         -1 where the solid says nothing.
     on_faces : bool
-        Whether all points of faces of solids lie in these faces' planes.
+        Whether all points of faces of solids lie on these.
     """
     beside, n_off = np.full(len(positions), -1, dtype=np.int32), 0
     for k in prange(len(positions)):
@@ -109,14 +110,16 @@ def find_backed(
             (positions[k, 2] - centre[2]) / diagonal,
         )
         off = abs(dot(corner(frame, 0), minus(point, corner(f, 0))))
-        n_off += not off <= ON * solids.reach
-        if not off <= OFF * solids.reach:
-            continue
+        on = off <= ON * solids.reach
         within, clear = True, True
         for i in range(3):
             distance = dot(corner(frame, i + 1), minus(point, corner(f, i)))
+            on &= distance >= -ON * solids.reach
             within &= distance > 0.0
             clear &= distance > solids.margins[face, i]
+        n_off += not on
+        if not off <= OFF * solids.reach:
+            continue
         if clear:
             beside[k] = face
         elif within:

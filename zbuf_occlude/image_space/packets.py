@@ -51,7 +51,7 @@ class Packets(NamedTuple):
     beside : (n' / 16,) int64
         Where a packet's columns of `planes_beside` begin; -1 where it needs none.
     on_faces : bool
-        Whether all points of faces of solids lie in these faces' planes; False where solids are not known.
+        Whether all points of faces of solids lie on these; False where solids are not known.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """
