@@ -49,8 +49,8 @@ class Fronts:
 
     Notes
     -----
-    A software renderer spends as much on a triangle that is turned away as on half of one that is not. Finding out
-    takes a nanosecond a face. Up to `MOST_BYTES` on the GPU and as many beside it.
+    On a software renderer this saves a sixth of the drawing of 19,000 tiny faces, and next to nothing of a million.
+    Up to `MOST_BYTES` on the GPU and as many beside it.
     """
 
     def __init__(self, gl: GlContext, mesh: Buffers, program: Any, closed: ClosedFaces, most_eyes: int) -> None:

@@ -162,12 +162,8 @@ def settle(i, lane, tile, depths, seen, tiles, points, corners, criteria, places
     column, row = int(x), int(y)
     gain_x, gain_y = places[3, lane], places[4, lane]
     # votes of the 4 x 4 pixels around, from the lower left; those beside the atlas are those of its edge
-    rows = minimum(
-        maximum(splat(np.float32(row)) + load(_PIXELS, 16), splat(ZERO)), splat(np.float32(depths.shape[0] - 1))
-    )
-    columns = minimum(
-        maximum(splat(np.float32(column)) + load(_PIXELS, 0), splat(ZERO)), splat(np.float32(depths.shape[1] - 1))
-    )
+    rows = _within(splat(np.float32(row)) + load(_PIXELS, 16), depths.shape[0])
+    columns = _within(splat(np.float32(column)) + load(_PIXELS, 0), depths.shape[1])
     plane = muladd(splat(gain_x), load(_PIXELS, 0), muladd(splat(gain_y), load(_PIXELS, 16), splat(places[2, lane])))
     nearest = gather(depths, depths.shape[1], rows, columns)
     votes = greater(nearest, maximum(plane, splat(ZERO)) + splat(places[5, lane]))
