@@ -4,7 +4,8 @@
 
 Soups, slivers, touching and duplicate faces, one huge face beside tiny ones, boxes, spheres, spiky, flat, nested and
 self-crossing solids, points near their edges; eyes near, far, inside the bounding sphere and on the axes; scales 1e-3
-to 1e3. Exit status 1 when a pair of point and eye disagrees. `exact` looks for solids in every other scene.
+to 1e3. Exit status 1 when a pair of point and eye disagrees. `exact` looks for solids in every other scene, and there
+follows visibility over the surface wherever it can.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, SurfacePoints, sample_surface
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.shapes import refined, solids
 from zbuf_occlude.visibility import exact
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
@@ -95,7 +97,32 @@ def crossed(rng: np.random.Generator) -> Mesh:
     return triangles(np.concatenate([mirrored[ball.faces], other[ball.faces]]))
 
 
-KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere, spiky, flat, crossed)
+def bodies(rng: np.random.Generator) -> Mesh:
+    """Furniture and vehicles of parts that touch or run through each other, with some faces missing or wound anyhow."""
+    name = SHAPES[rng.integers(len(SHAPES))]
+    mesh = shapes.make(name, int(rng.integers(1000)))
+    faces = mesh.faces[rng.random(len(mesh.faces)) > rng.choice([0.0, 0.0, 0.01])]
+    some = rng.random(len(faces)) < rng.choice([0.0, 0.3])
+    faces[some] = faces[some][:, ::-1]
+    return Mesh(mesh.vertices, faces)
+
+
+def waves(rng: np.random.Generator) -> Mesh:
+    """Sheets in waves, one above the other, which fold back as seen from most sides, and end."""
+    n, corners = int(rng.integers(4, 20)), []
+    u, v = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n), indexing="ij")
+    for _ in range(int(rng.integers(1, 3))):
+        a, b, c = rng.uniform(0.0, 6.0, 3)
+        sheet = np.stack([u + 0.3 * np.sin(b * v), v, 0.5 * np.sin(a * u + c) * np.cos(b * v)], axis=-1)
+        sheet = (sheet + rng.normal(0.0, 0.3, 3)).reshape(-1, 3)
+        first = (n * np.arange(n - 1)[:, None] + np.arange(n - 1)).reshape(-1)
+        faces = np.concatenate([first[:, None] + [0, 1, n], first[:, None] + [1, n + 1, n]])
+        corners.append(sheet[faces])
+    return triangles(np.concatenate(corners))
+
+
+KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere, spiky, flat, crossed, bodies, waves)
+SHAPES = ("table", "chair", "lamp", "car", "airplane")
 
 
 def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> FloatArray:
@@ -145,6 +172,7 @@ def disagreements(method: str, seed: int, index: int) -> tuple[int, int, int]:
     mesh, points, eyes, _ = scene(seed, index)
     oracle = prepare_oracle(mesh)
     exact.WORTH = WORTH * (index % 2)
+    exact.FOLLOWED = exact.LEAST_FOLLOWED = 0
     with zo.prepare(mesh, method=method) as occluder:
         wrong = occluder.visible(points, eyes) != oracle.visible(points, eyes)
     outside = 0

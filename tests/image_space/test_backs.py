@@ -5,8 +5,9 @@ import pytest
 
 from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.image_space.backs import find_backed, make_solids
-from zbuf_occlude.image_space.listing import drop_turned
-from zbuf_occlude.image_space.scene import make_scene, with_solids
+from zbuf_occlude.image_space.scene import make_scene
+from zbuf_occlude.image_space.sides import drop_turned, find_sides
+from zbuf_occlude.image_space.surface import make_surface
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility import exact
 
@@ -20,10 +21,14 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact, "WORTH", 0)
 
 
-def share_backed(mesh: Mesh, points: SurfacePoints) -> float:
+def backed(mesh: Mesh, positions: np.ndarray, face_ids: np.ndarray) -> tuple[np.ndarray, bool]:
     solids = make_solids(mesh, 1e-5)
-    beside, _ = find_backed(points.positions, points.face_ids, mesh.centre, mesh.diagonal, solids)
-    return float((beside >= 0).mean())
+    order = np.arange(len(positions), dtype=np.int32)
+    return find_backed(positions, face_ids, order, face_ids, mesh.centre, mesh.diagonal, solids, solids.records)
+
+
+def share_backed(mesh: Mesh, points: SurfacePoints) -> float:
+    return float((backed(mesh, points.positions, points.face_ids)[0] >= 0).mean())
 
 
 def test_points_of_solids_are_backed_and_others_are_not() -> None:
@@ -80,11 +85,17 @@ def test_solids_are_looked_for_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("inwards", [False, True])
 def test_clusters_are_dropped_where_all_their_faces_are_turned_away(inwards: bool) -> None:
     mesh = Mesh(BALL.vertices, BALL.faces[:, ::-1]) if inwards else BALL
-    scene = with_solids(make_scene(mesh, 1e-5 * mesh.diagonal), make_solids(mesh, 1e-5).outward)
+    scene = make_scene(mesh, 1e-5 * mesh.diagonal)
+    rows = np.argsort(np.append(scene.face_ids[scene.face_ids >= 0], len(mesh.faces))).astype(np.int32)
+    rows[:-1] = np.flatnonzero(scene.face_ids.reshape(-1) >= 0)[rows[:-1]]
+    rows[-1] = -1
+    surface = make_surface(scene, rows, make_solids(mesh, 1e-5))
+    front, back = np.zeros((2, len(scene.used)), dtype=np.int64)
     for eye in 3.0 * EYES:
         local = (eye - scene.centre) * scene.scale
         rectangles = np.zeros((6, len(scene.used)), dtype=np.float32)
-        drop_turned(scene, tuple(local.astype(np.float32)), rectangles)
+        find_sides(scene, surface, tuple(local.astype(np.float32)), front, back)
+        drop_turned(scene, surface, back, rectangles)
         dropped = rectangles[0] > rectangles[1]
         heights = ((eye - BALL.corners[:, 0]) * BALL.face_normals).sum(axis=1)
         turned = np.append(heights < 0.0, True)[scene.face_ids].all(axis=1)
@@ -109,10 +120,10 @@ def test_a_point_beyond_the_solid_is_hidden_by_a_back_when_the_front_is_its_own(
 
 
 def test_points_are_on_their_faces_or_not() -> None:
-    solids, points = make_solids(BALL, 1e-5), sample_surface(BALL, n_points=500, seed=6)
+    points = sample_surface(BALL, n_points=500, seed=6)
 
     def on_faces(positions: np.ndarray) -> bool:
-        return bool(find_backed(positions, points.face_ids, BALL.centre, BALL.diagonal, solids)[1])
+        return bool(backed(BALL, positions, points.face_ids)[1])
 
     corners = BALL.corners[points.face_ids]
     assert on_faces(points.positions)

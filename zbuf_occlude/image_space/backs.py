@@ -21,13 +21,10 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.lanes import N_LANES
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import dot, minus
-from zbuf_occlude.solids import find_solids
+from zbuf_occlude.solids import find_clearance, find_solids
 from zbuf_occlude.solids.clearance import edge_margins, face_beside, face_frames
-from zbuf_occlude.solids.triangles import corner
 from zbuf_occlude.threads import threaded
 
 OFF = 5e-4
@@ -40,31 +37,54 @@ GRAZING = np.float32(1e-3)
 """Sine of the angle between line of sight and face below which nothing is said. More than `OFF`: a line from a point
 before its face is then behind it before it leaves the point's ball."""
 
+BLOCK = 4096
+"""Points that one thread asks for at a time."""
+
+UNRELATED, FOLLOWED, SOLID = 0.0, 1.0, 2.0
+"""Kinds of faces: none of the others; those that visibility may be followed over; those of solids."""
+
 LEAST = 1e-6
 """Smallest contact tolerance, in diagonals, that the test is made with."""
 
 
 class Solids(NamedTuple):
-    """The faces of a mesh that bound solids.
+    """The surfaces of a mesh, and which of them bound solids.
 
     Parameters
     ----------
-    outward : (f,) int8
-        As in `solids.ClosedSurfaces`.
+    outward, sides : (f,) int8
+        As in `solids.ClosedSurfaces`, without those that cross themselves.
+    vertices : (f, 3) int32
+    twins : (3 f,) int64
+        As there.
+    clear : (f,) bool
+        As in `solids.Clearance`.
+    barrier_starts, barrier_ends, barrier_radii
+        `solids.Barriers`.
     corners, starts, others
         As in `solids.NearFaces`.
-    frames, margins : (f, 4, 3) and (f, 3) float64
-        As in `solids.clearance`.
+    n_unbounded : (f,) int32
+        As in `solids.clearance`; the unbounded of a face's others come first.
+    records : (f, 20) float64
+        What decides of most points where they are on a face: unit normal, unit vectors inwards across the three edges,
+        the offsets of these four, the margins, and one of `UNRELATED`, `FOLLOWED`, `SOLID`. In diagonals.
     reach : float
         The contact tolerance and a little more, diagonals.
     """
 
     outward: NDArray[np.int8]
+    sides: NDArray[np.int8]
+    vertices: IntArray
+    twins: NDArray[np.int64]
+    clear: BoolArray
+    barrier_starts: NDArray[np.int64]
+    barrier_ends: FloatArray
+    barrier_radii: FloatArray
     corners: FloatArray
     starts: NDArray[np.int64]
     others: IntArray
-    frames: FloatArray
-    margins: FloatArray
+    n_unbounded: IntArray
+    records: FloatArray
     reach: float
 
 
@@ -73,113 +93,123 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
     reach = 1.01 * max(contact, LEAST)
     closed, near = find_solids(mesh, reach)
     frames = face_frames(near.corners)
-    margins = edge_margins(near.corners, near.starts, near.others, frames, reach)
-    return Solids(closed.outward, near.corners, near.starts, near.others, frames, margins, reach)
+    margins, others, n_unbounded = edge_margins(near.corners, near.starts, near.others, frames, reach)
+    clearance = find_clearance(near.corners, closed, reach)
+    offsets = np.einsum("fij,fij->fi", frames, near.corners[:, [0, 0, 1, 2]])
+    followed = clearance.clear | (np.diff(clearance.barriers.starts) > 0)
+    kinds = np.where(closed.outward != 0, SOLID, np.where(followed, FOLLOWED, UNRELATED))
+    return Solids(
+        closed.outward,
+        closed.sides,
+        closed.vertices,
+        closed.twins,
+        clearance.clear,
+        *clearance.barriers,
+        near.corners,
+        near.starts,
+        others,
+        n_unbounded,
+        np.concatenate([frames.reshape(-1, 12), offsets, margins, kinds[:, None]], axis=1),
+        reach,
+    )
+
+
+def followed_area(mesh: Mesh, solids: Solids) -> float:
+    """Tell over which part of a mesh's area visibility may be followed (`regions`)."""
+    followed = solids.clear | (np.diff(solids.barrier_starts) > 0)
+    return float(mesh.areas[followed].sum() / mesh.areas.sum())
 
 
 @threaded
 def find_backed(
-    positions: FloatArray, face_ids: IntArray, centre: FloatArray, diagonal: float, solids: Solids
+    positions: FloatArray,
+    face_ids: IntArray,
+    order: IntArray,
+    own: IntArray,
+    centre: FloatArray,
+    diagonal: float,
+    solids: Solids,
+    records: FloatArray,
 ) -> tuple[IntArray, bool]:
     """Find the points that a solid hides from every eye outside on the inner side of one or two faces.
 
     Parameters
     ----------
     positions, face_ids : (n, 3) float64, world space, and (n,) int32
+    order : (n',) int32
+        In which they are asked and answered for; best those of a face one after the other.
+    own : (n',) int32
+        Where in `records` those of their faces are; -1 for none.
     centre, diagonal : (3,) float64 and float
         The mesh's.
     solids : Solids
+    records : (..., 20) float64
+        Those of `solids`, maybe in another order.
 
     Returns
     -------
-    beside : (n,) int32
+    beside : (n',) int32
         The face beside a point's own that the eye must be on the inner side of, too; its own where there is none such,
         -1 where the solid says nothing.
     on_faces : bool
-        Whether all points of faces of solids lie on these.
+        Whether all points of faces that are clear, or have barriers, or are of solids, lie on these.
     """
-    beside, n_off = np.full(len(positions), -1, dtype=np.int32), 0
-    for k in prange(len(positions)):
-        face = face_ids[k]
-        if face < 0 or solids.outward[face] == 0:
+    beside, n_off = np.full(len(order), -1, dtype=np.int32), 0
+    for block in prange(-(-len(order) // BLOCK)):
+        begin, end = block * BLOCK, min((block + 1) * BLOCK, len(order))
+        n_off += _find_block(positions, face_ids, order, own, centre, diagonal, solids, records, begin, end, beside)
+    return beside, n_off == 0
+
+
+@njit(_nrt=False)
+def _find_block(positions, face_ids, order, own, centre, diagonal, solids, records, begin, end, beside):  # type: ignore[no-untyped-def]
+    """Fill `beside` from begin to end; return how many of these points are not on their faces."""
+    n_off = 0
+    for i in range(begin, end):
+        if own[i] < 0 or records[own[i], 19] == UNRELATED:
             continue
-        f, frame = solids.corners[face], solids.frames[face]
-        point = (
+        record, k = records[own[i]], order[i]
+        x, y, z = (
             (positions[k, 0] - centre[0]) / diagonal,
             (positions[k, 1] - centre[1]) / diagonal,
             (positions[k, 2] - centre[2]) / diagonal,
         )
-        off = abs(dot(corner(frame, 0), minus(point, corner(f, 0))))
-        on = off <= ON * solids.reach
-        within, clear = True, True
-        for i in range(3):
-            distance = dot(corner(frame, i + 1), minus(point, corner(f, i)))
-            on &= distance >= -ON * solids.reach
-            within &= distance > 0.0
-            clear &= distance > solids.margins[face, i]
-        n_off += not on
-        if not off <= OFF * solids.reach:
+        off = abs(record[0] * x + record[1] * y + record[2] * z - record[12])
+        inside_a = record[3] * x + record[4] * y + record[5] * z - record[13]
+        inside_b = record[6] * x + record[7] * y + record[8] * z - record[14]
+        inside_c = record[9] * x + record[10] * y + record[11] * z - record[15]
+        least = min(inside_a, min(inside_b, inside_c))
+        n_off += not (off <= ON * solids.reach and least >= -ON * solids.reach)
+        if record[19] != SOLID or not (off <= OFF * solids.reach and least > 0.0):
             continue
-        if clear:
-            beside[k] = face
-        elif within:
-            beside[k] = face_beside(point, face, solids.corners, solids.starts, solids.others, solids.reach)
-    return beside, n_off == 0
+        face = face_ids[k]
+        first, last = solids.starts[face], solids.starts[face + 1]
+        if inside_a > record[16] and inside_b > record[17] and inside_c > record[18]:
+            last = first + solids.n_unbounded[face]
+        beside[i] = face_beside((x, y, z), face, solids.corners, solids.others, first, last, solids.reach)
+    return n_off
 
 
 @threaded
-def pack_backs(
-    planes: Float32, rows: IntArray, outward: NDArray[np.int8], face_ids: IntArray, beside: IntArray, order: IntArray
-) -> tuple[Float32, NDArray[np.int64], BoolArray]:
+def pack_backs(face_ids: IntArray, beside: IntArray, order: IntArray) -> tuple[NDArray[np.int64], BoolArray]:
     """Put what `find_backed` found into packets.
 
     Parameters
     ----------
-    planes : (m, 4, 16) float32
-        As in `Scene`.
-    rows : (f + 1,) int32
-        From a face to 16 x cluster + lane.
-    outward : (f,) int8
-        As in `Solids`.
-    face_ids, beside : (n,) int32
-    order : (n',) int32
+    face_ids : (n,) int32
+    beside, order : (n',) int32
 
     Returns
     -------
-    own : (4, n') float32
-        Planes of the points' own faces: outward unit normal and offset, scene space.
     backed : (n' / 16,) int64
         Masks of the points that are hidden where their faces are turned away.
     two : (n' / 16,) bool
-        Whether some of these need the plane of the face beside, too.
+        Whether for some of these the face beside their own must be, too.
     """
-    own = np.zeros((4, len(order)), dtype=np.float32)
     backed, two = np.zeros(len(order) // N_LANES, dtype=np.int64), np.zeros(len(order) // N_LANES, dtype=np.bool_)
     for packet in prange(len(backed)):
         for i in range(packet * N_LANES, (packet + 1) * N_LANES):
-            k = order[i]
-            if beside[k] >= 0:
-                _copy_plane(planes, rows, outward, face_ids[k], own, i)
+            if beside[i] >= 0:
                 backed[packet] |= 1 << (i % N_LANES)
-                two[packet] |= beside[k] != face_ids[k]
-    return own, backed, two
-
-
-@threaded
-def planes_beside(
-    planes: Float32, rows: IntArray, outward: NDArray[np.int8], beside: IntArray, order: IntArray
-) -> Float32:
-    """Planes of the faces beside the points of an order, (4, n') float32; parameters as in `pack_backs`."""
-    found = np.zeros((4, len(order)), dtype=np.float32)
-    for i in prange(len(order)):
-        if beside[order[i]] >= 0:
-            _copy_plane(planes, rows, outward, beside[order[i]], found, i)
-    return found
-
-
-@njit
-def _copy_plane(planes, rows, outward, face, found, i):  # type: ignore[no-untyped-def]
-    row = rows[face]
-    if row >= 0:
-        for j in range(4):
-            found[j, i] = planes[row // N_LANES, j, row % N_LANES] * np.float32(outward[face])
+                two[packet] |= beside[i] != face_ids[order[i]]
+    return backed, two

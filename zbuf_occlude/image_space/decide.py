@@ -1,7 +1,9 @@
 """Decisions in float64: one line of sight against the faces of the clusters whose boxes it passes through."""
 
+import numpy as np
 from numba import njit
 
+from zbuf_occlude.image_space.packets import PACKET
 from zbuf_occlude.predicates import blocks
 
 
@@ -53,3 +55,43 @@ def line_is_blocked(eye, point, own, face_ids, lower, upper, corners, contact, m
                 if face >= 0 and face != own and face_blocks(eye, point, corners[face], contact):
                     return True
     return False
+
+
+@njit(_nrt=False)
+def hide_near(scene, points, first, last, eye, near, reach, world_eye, answer):  # type: ignore[no-untyped-def]
+    """Decide in float64 the points of packets first to last that are nearer to an eye inside than `near` times `reach`.
+
+    Frames do not resolve them.
+    """
+    for index in range(first, last):
+        radius = near * max(points.reach[index], reach) * np.float32(1.01)
+        apart = np.float32(0.0)
+        for axis in range(3):
+            apart = max(apart, points.boxes[axis, index] - eye[axis], eye[axis] - points.boxes[3 + axis, index])
+        if apart > radius:
+            continue
+        for i in range(index * PACKET, min((index + 1) * PACKET, points.n_points)):
+            away = max(
+                abs(points.coordinates[0, i] - eye[0]),
+                abs(points.coordinates[1, i] - eye[1]),
+                abs(points.coordinates[2, i] - eye[2]),
+            )
+            if away <= radius:
+                k = points.order[i]
+                point = (points.positions[k, 0], points.positions[k, 1], points.positions[k, 2])
+                margin = 1e-12 * (1.0 + reach) / scene.scale
+                for axis in range(3):
+                    margin += 1e-12 * abs(scene.centre[axis])
+                own = points.own[i]
+                if line_is_blocked(
+                    world_eye,
+                    point,
+                    scene.face_ids[own // 16, own % 16] if own >= 0 else -1,
+                    scene.face_ids,
+                    scene.lower,
+                    scene.upper,
+                    scene.world_corners,
+                    scene.world_contact,
+                    margin,
+                ):
+                    answer[k] = False

@@ -3,9 +3,8 @@
 import numpy as np
 from numba import njit
 
-from zbuf_occlude.image_space.backs import GRAZING
-from zbuf_occlude.image_space.projection import FAR, ONE, ZERO
-from zbuf_occlude.lanes import first_lane, greater, load, muladd, not_less, splat
+from zbuf_occlude.image_space.projection import ZERO
+from zbuf_occlude.lanes import first_lane, load, not_less, splat
 
 BUCKETS = 32
 """Intervals of depth that lists are sorted into."""
@@ -30,23 +29,6 @@ def overlapping(rectangles, i, whole):  # type: ignore[no-untyped-def]
         & not_less(load(rectangles, 3 * total + i), splat(whole[2]))
         & not_less(splat(whole[4]), load(rectangles, 4 * total + i))
     )
-
-
-@njit(_nrt=False)
-def drop_turned(scene, eye, rectangles):  # type: ignore[no-untyped-def]
-    """Empty the rectangles of clusters of solids that are turned away from an eye outside; see `backs`."""
-    limit = GRAZING * (ONE + abs(eye[0]) + abs(eye[1]) + abs(eye[2]))
-    for cluster in range(len(scene.used)):
-        outwards, inwards = scene.outwards[cluster], scene.inwards[cluster]
-        if outwards | inwards != scene.used[cluster] or scene.weak[cluster]:
-            continue
-        base = cluster * 64
-        height = muladd(load(scene.planes, base + 32), splat(eye[2]), splat(ZERO) - load(scene.planes, base + 48))
-        height = muladd(load(scene.planes, base + 16), splat(eye[1]), height)
-        height = muladd(load(scene.planes, base), splat(eye[0]), height)
-        turned = (greater(splat(-limit), height) & outwards) | (greater(height, splat(limit)) & inwards)
-        if turned == scene.used[cluster]:
-            rectangles[0, cluster], rectangles[1, cluster] = FAR, -FAR
 
 
 @njit(_nrt=False, forceinline=True)

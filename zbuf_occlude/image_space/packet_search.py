@@ -1,14 +1,13 @@
-"""Packets of points: what turns its back is hidden at once, the others are held against the clusters before them."""
+"""Packets of points: held against the clusters before them, until each point is hidden or no cluster is left."""
 
 from numba import njit
 
-from zbuf_occlude.image_space.backs import GRAZING
 from zbuf_occlude.image_space.hiding import classify, hide_by_face, hide_points, settle
 from zbuf_occlude.image_space.listing import overlapping
 from zbuf_occlude.image_space.packets import CHUNK, PACKET
-from zbuf_occlude.image_space.projection import COORDINATE, ONE, ZERO
+from zbuf_occlude.image_space.projection import COORDINATE
 from zbuf_occlude.image_space.slots import slot_of
-from zbuf_occlude.lanes import ALL, count_lanes, first_lane, greater, load, muladd, not_less, splat
+from zbuf_occlude.lanes import ALL, count_lanes, first_lane, load, not_less, splat
 
 WIDE = 128
 """In longer lists a packet's points are compared with every rectangle, one by one."""
@@ -35,11 +34,16 @@ def row_of(rows, i):  # type: ignore[no-untyped-def]
 
 @njit(_nrt=False, forceinline=True)
 def search_packet(  # type: ignore[no-untyped-def]
-    scene, points, chunk, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch, answer
+    scene, points, index, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch
 ):
-    """Go through the listed clusters until every point of a packet is hidden or none is left."""
+    """Go through the listed clusters until every point of a packet, the one of its chunk, is hidden or none is left.
+
+    Returns
+    -------
+    int
+        Mask of the hidden ones, of those in ``space.undecided[packet]``.
+    """
     undecided = space.undecided[packet]
-    index = chunk * CHUNK + packet
     base = index * PACKET
     whole, rectangles = row_of(space.packets, packet), space.listed_rectangles
     slack = COORDINATE * whole[5] * reach
@@ -119,9 +123,8 @@ def search_packet(  # type: ignore[no-untyped-def]
             if not undecided:
                 if entry > 0:
                     promote(space, entry)
-                write(points, base, hidden, answer)
-                return
-    write(points, base, hidden, answer)
+                return hidden
+    return hidden
 
 
 @njit(_nrt=False)
@@ -155,38 +158,3 @@ def write(points, base, hidden, answer):  # type: ignore[no-untyped-def]
     while hidden:
         answer[points.order[base + first_lane(hidden)]] = False
         hidden &= hidden - 1
-
-
-@njit(_nrt=False, forceinline=True)
-def _turned(planes, base, eye, limit):  # type: ignore[no-untyped-def]
-    """Mask of the 16 planes from column `base` on that the eye is on the inner side of."""
-    n = planes.shape[1]
-    height = muladd(splat(eye[2]), load(planes, 2 * n + base), splat(ZERO) - load(planes, 3 * n + base))
-    height = muladd(splat(eye[0]), load(planes, base), muladd(splat(eye[1]), load(planes, n + base), height))
-    return greater(splat(limit), height)
-
-
-@njit(_nrt=False)
-def hide_backs(points, first, last, eye, turned, answer):  # type: ignore[no-untyped-def]
-    """Hide what is turned away of the packets first to last from an eye outside; note it in `turned`.
-
-    Parameters
-    ----------
-    points : Packets
-    first, last : int
-    eye : tuple of 3 float32, scene space
-    turned : (n' / 16,) int64
-        Receives the masks of the points that are decided.
-    answer : (n,) bool
-        Receives False.
-    """
-    limit = -GRAZING * (ONE + abs(eye[0]) + abs(eye[1]) + abs(eye[2]))
-    for packet in range(first, last):
-        found = points.backed[packet]
-        if found:
-            found &= _turned(points.own_planes, packet * PACKET, eye, limit)
-        if found and points.beside[packet] >= 0:
-            found &= _turned(points.planes_beside, points.beside[packet], eye, limit)
-        turned[packet] = found
-        if found:
-            write(points, packet * PACKET, found, answer)

@@ -7,7 +7,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.backs import Solids, find_backed, pack_backs, planes_beside
+from zbuf_occlude.image_space.backs import Solids, find_backed, pack_backs
 from zbuf_occlude.image_space.scene import Float32, Scene
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import threaded
@@ -34,24 +34,30 @@ class Packets(NamedTuple):
     coordinates : (3, n') float32, scene space
     own : (n',) int32
         16 x cluster + lane of the own face; -1 for none.
-    boxes, chunk_boxes : (6, n' / 16) and (6, n' / 256 and a multiple of 16) float32
-        Lower and upper corners of the packets' and the chunks' boxes, scene space.
-    reach, chunk_reach : (n' / 16,) and (n' / 256,) float32
+    boxes : (6, n' / 16) float32
+        Lower and upper corners of the packets' boxes, scene space.
+    reach : (n' / 16,) float32
         Largest distance from the scene's centre in each, at least 1.
     farthest : float32
         Largest of them.
     positions : (n, 3) float64
         World space, in the caller's order.
-    own_planes : (4, n') float32
-        Planes of the own faces, outward unit normal and offset, scene space; (4, 0) where no point is backed.
-    planes_beside : (4, ...) float32
-        The same of the faces beside them, for those packets that need them.
+    run_starts : (n' / 16 + 1,) int32
+        A packet's points come in runs of the same own face: its runs are those from one number here to the next.
+    run_rows, run_masks : (n_runs,) int32
+        Own face, as in `own`, and mask of the points of each run.
+    first_packets : (16 m,) int32
+        The first packet that has a point of a face; -1 where none has.
     backed : (n' / 16,) int64
-        Masks of the points that their solid hides where these faces are turned away; see `backs`.
+        Masks of the points that their solid hides where their faces are turned away; see `backs`.
+    some_backed : bool
+        Whether there are any.
     beside : (n' / 16,) int64
-        Where a packet's columns of `planes_beside` begin; -1 where it needs none.
+        Where in `beside_rows` a packet's points begin; -1 where their own faces are all that matters.
+    beside_rows : (...) int32
+        Faces beside the own ones that must be turned away, too, or the own ones once more.
     on_faces : bool
-        Whether all points of faces of solids lie on these; False where solids are not known.
+        Whether all points of clear faces and of faces of solids lie on these; False where solids are not known.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """
@@ -61,23 +67,27 @@ class Packets(NamedTuple):
     coordinates: Float32
     own: IntArray
     boxes: Float32
-    chunk_boxes: Float32
     reach: Float32
-    chunk_reach: Float32
     farthest: np.float32
     positions: FloatArray
-    own_planes: Float32
-    planes_beside: Float32
+    run_starts: IntArray
+    run_rows: IntArray
+    run_masks: IntArray
+    first_packets: IntArray
     backed: NDArray[np.int64]
+    some_backed: bool
     beside: NDArray[np.int64]
+    beside_rows: IntArray
     on_faces: bool
     identity: IntArray
 
 
-def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: Solids | None) -> Packets:
+def make_packets(
+    points: SurfacePoints, scene: Scene, rows: IntArray, solids: Solids | None, records: FloatArray
+) -> Packets:
     """Sort points; `rows` (f + 1,) leads from a face to 16 x cluster + lane, from -1 to -1.
 
-    Without `solids` no point is backed.
+    Without `solids` no point is backed; `records` are those of the surface's rows.
 
     Notes
     -----
@@ -89,41 +99,72 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: So
     n_chunks = -(-n // (PACKET * CHUNK))
     order = np.pad(order, (0, n_chunks * PACKET * CHUNK - n), mode="edge")
     coordinates, own, boxes, reach = _gather(points.positions, points.face_ids, rows, order, scene.centre, scene.scale)
-    backs = _backs(points, scene, rows, order, solids)
-    chunk_boxes = np.zeros((6, n_chunks + -n_chunks % PACKET), dtype=np.float32)
-    chunk_boxes[:3, :n_chunks] = boxes[:3].reshape(3, n_chunks, CHUNK).min(axis=2)
-    chunk_boxes[3:, :n_chunks] = boxes[3:].reshape(3, n_chunks, CHUNK).max(axis=2)
-    chunk_reach = reach.reshape(n_chunks, CHUNK).max(axis=1)
+    run_starts, run_rows, run_masks, first_packets = _runs(own, scene.face_ids.size)
+    backed, some_backed, beside, beside_rows, on_faces = _backs(points, scene, rows, order, own, solids, records)
     return Packets(
         n,
         order,
         coordinates,
         own,
         boxes,
-        chunk_boxes,
         reach,
-        chunk_reach,
         reach.max(),
         points.positions,
-        *backs,
+        run_starts,
+        run_rows,
+        run_masks,
+        first_packets,
+        backed,
+        some_backed,
+        beside,
+        beside_rows,
+        on_faces,
         np.arange(len(order), dtype=np.int32),
     )
 
 
 def _backs(
-    points: SurfacePoints, scene: Scene, rows: IntArray, order: IntArray, solids: Solids | None
-) -> tuple[Float32, Float32, NDArray[np.int64], NDArray[np.int64], bool]:
-    """`own_planes`, `planes_beside`, `backed`, `beside` and `on_faces` of the packets."""
+    points: SurfacePoints,
+    scene: Scene,
+    rows: IntArray,
+    order: IntArray,
+    own: IntArray,
+    solids: Solids | None,
+    records: FloatArray,
+) -> tuple[NDArray[np.int64], bool, NDArray[np.int64], IntArray, bool]:
+    """`backed`, `some_backed`, `beside`, `beside_rows` and `on_faces` of the packets."""
     n_packets = len(order) // PACKET
     begins = np.full(n_packets, -1, dtype=np.int64)
     if solids is None:
-        none = np.zeros((4, 0), dtype=np.float32)
-        return none, none, np.zeros(n_packets, dtype=np.int64), begins, False
-    beside, on_faces = find_backed(points.positions, points.face_ids, scene.centre, 2.0 / scene.scale, solids)
-    own, backed, two = pack_backs(scene.planes, rows, solids.outward, points.face_ids, beside, order)
-    needed = order.reshape(-1, PACKET)[two].reshape(-1)
+        return np.zeros(n_packets, dtype=np.int64), False, begins, np.zeros(0, dtype=np.int32), False
+    beside, on_faces = find_backed(
+        points.positions, points.face_ids, order, own, scene.centre, 2.0 / scene.scale, solids, records
+    )
+    backed, two = pack_backs(points.face_ids, beside, order)
+    needed = beside.reshape(-1, PACKET)[two].reshape(-1)
     begins[two] = PACKET * np.arange(len(needed) // PACKET)
-    return own, planes_beside(scene.planes, rows, solids.outward, beside, needed), backed, begins, bool(on_faces)
+    return backed, bool(backed.any()), begins, rows[needed], bool(on_faces)
+
+
+@njit(cache=True)
+def _runs(own: IntArray, n_rows: int) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """`run_starts`, `run_rows`, `run_masks` and `first_packets` of the packets; own faces ascend."""
+    n_packets, n = len(own) // PACKET, 0
+    starts = np.zeros(n_packets + 1, dtype=np.int32)
+    for i in range(len(own)):
+        n += i % PACKET == 0 or own[i] != own[i - 1]
+        starts[i // PACKET + 1] = n
+    rows, masks = np.empty(n, dtype=np.int32), np.zeros(n, dtype=np.int32)
+    first_packets = np.full(n_rows, -1, dtype=np.int32)
+    run = -1
+    for i in range(len(own)):
+        if i % PACKET == 0 or own[i] != own[i - 1]:
+            run += 1
+            rows[run] = own[i]
+            if own[i] >= 0 and first_packets[own[i]] < 0:
+                first_packets[own[i]] = i // PACKET
+        masks[run] |= np.int32(1) << np.int32(i % PACKET)
+    return starts, rows, masks, first_packets
 
 
 @threaded

@@ -143,9 +143,9 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
     """
     used = scene.used[cluster]
     base = cluster * 144
-    xa, ya, wa = _project(scene.corners, base, frame)
-    xb, yb, wb = _project(scene.corners, base + 48, frame)
-    xc, yc, wc = _project(scene.corners, base + 96, frame)
+    xa, ya, wa = project_corners(scene.corners, base, frame)
+    xb, yb, wb = project_corners(scene.corners, base + 48, frame)
+    xc, yc, wc = project_corners(scene.corners, base + 96, frame)
     one, zero, far = splat(ONE), splat(ZERO), splat(FAR)
 
     # the plane, turned so that the eye is on its positive side
@@ -235,7 +235,7 @@ def set_up(scene, cluster, frame, window, eye, reach, slots, slot, rectangles): 
 
 
 @njit(_nrt=False, forceinline=True)
-def _project(corners, base, frame):  # type: ignore[no-untyped-def]
+def project_corners(corners, base, frame):  # type: ignore[no-untyped-def]
     """Homogeneous coordinates of 16 corners."""
     x, y, z = load(corners, base), load(corners, base + 16), load(corners, base + 32)
     return (
@@ -277,8 +277,22 @@ def distance_bounds(boxes, index, eye, contact):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False, forceinline=True)
-def project_points(points, chunk, frame, window, near, eye, reach, contact, space):  # type: ignore[no-untyped-def]
-    """Project a chunk's points; fill `space.image`, `space.packets` and `space.undecided`.
+def project_packet(points, base, frame):  # type: ignore[no-untyped-def]
+    """Homogeneous coordinates of 16 points."""
+    n = points.coordinates.shape[1]
+    x, y, z = load(points.coordinates, base), load(points.coordinates, n + base), load(points.coordinates, 2 * n + base)
+    return (
+        muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3])))),
+        muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7])))),
+        muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11])))),
+    )
+
+
+@njit(_nrt=False, forceinline=True)
+def project_points(points, chunk, n_left, frame, window, near, eye, reach, contact, space):  # type: ignore[no-untyped-def]
+    """Project the points of a chunk, 16 of the `n_left` packets in `space.left`.
+
+    Fills `space.image`, `space.packets` and `space.undecided`.
 
     Points beside the window, or with w below `near` times their reach, are left out of `undecided`.
 
@@ -288,25 +302,17 @@ def project_points(points, chunk, frame, window, near, eye, reach, contact, spac
         lowest x, highest x, lowest y, highest y (widened by their error), highest w (negative: no point in the frame),
         blur, reach, and the bounds `nearer` and `farther` of `distance_bounds`.
     """
-    n = points.coordinates.shape[1]
     x0, x1, y0, y1, w1, blur, farthest = FAR, -FAR, FAR, -FAR, -ONE, ZERO, ZERO
     nearer, farther = ZERO, FAR
     for packet in range(CHUNK):
-        index = chunk * CHUNK + packet
-        base = index * PACKET
         space.undecided[packet] = 0
-        left = points.n_points - base
-        if left <= 0:
+        if chunk * CHUNK + packet >= n_left:
             continue
+        index = space.left[chunk * CHUNK + packet]
+        base = index * PACKET
+        left = points.n_points - base
         own_reach = max(points.reach[index], reach)
-        x, y, z = (
-            load(points.coordinates, base),
-            load(points.coordinates, n + base),
-            load(points.coordinates, 2 * n + base),
-        )
-        u = muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3]))))
-        v = muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7]))))
-        w = muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11]))))
+        u, v, w = project_packet(points, base, frame)
         active = (1 << min(left, PACKET)) - 1
         if near > ZERO:
             rim = splat(window) * w

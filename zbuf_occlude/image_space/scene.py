@@ -33,8 +33,6 @@ class Scene(NamedTuple):
         Unit normal and offset of each face: ``n . p = offset`` on it.
     used, weak : (m,) int64
         Masks of the rows' faces: which there are, and which have no float32 plane (`WEAK`).
-    outwards, inwards : (m,) int64
-        Masks of the faces of solids whose normal points outwards, and inwards; none before `Solids` are known.
     face_ids : (m, 16) int32
     nodes : (6, total) float32
         Lower and upper corners of the nodes' boxes, level after level, each level padded to a multiple of 16.
@@ -53,8 +51,6 @@ class Scene(NamedTuple):
     planes: Float32
     used: NDArray[np.int64]
     weak: NDArray[np.int64]
-    outwards: NDArray[np.int64]
-    inwards: NDArray[np.int64]
     face_ids: IntArray
     nodes: Float32
     level_starts: NDArray[np.int64]
@@ -87,10 +83,8 @@ def make_scene(mesh: Mesh, contact: float) -> Scene:
         contact * scale,
         np.ascontiguousarray(np.moveaxis(corners, 1, 3), dtype=np.float32),
         np.ascontiguousarray(np.moveaxis(np.concatenate([normals, offsets], axis=-1), 1, 2), dtype=np.float32),
-        _masks(used),
-        _masks(weak & used),
-        _masks(np.zeros_like(used)),
-        _masks(np.zeros_like(used)),
+        masks(used),
+        masks(weak & used),
         clusters.face_ids,
         nodes,
         starts,
@@ -100,12 +94,6 @@ def make_scene(mesh: Mesh, contact: float) -> Scene:
         clusters.lower,
         clusters.upper,
     )
-
-
-def with_solids(scene: Scene, outward: NDArray[np.int8]) -> Scene:
-    """Return the scene with `outwards` and `inwards`, from what `Solids` says of the faces."""
-    kinds = np.where(scene.face_ids >= 0, outward[scene.face_ids], 0)
-    return scene._replace(outwards=_masks(kinds > 0), inwards=_masks(kinds < 0))
 
 
 def _unit_normals(corners: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -118,7 +106,8 @@ def _unit_normals(corners: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0), weak
 
 
-def _masks(bools: NDArray[np.bool_]) -> NDArray[np.int64]:
+def masks(bools: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Make masks of the rows of (m, 16) bool."""
     return np.asarray((bools << np.arange(WIDTH)).sum(axis=1), dtype=np.int64)
 
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.image_space.hiding import hide_points
 from zbuf_occlude.image_space.packets import PACKET
-from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO
+from zbuf_occlude.image_space.projection import COORDINATE, FAR, ONE, ZERO, project_packet
 from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.image_space.slots import SLOTS, slot_of
 from zbuf_occlude.lanes import (
-    ALL,
     divide,
     first_lane,
     highest,
@@ -72,10 +71,10 @@ def make_tiles(n_points, n_clusters):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(_nrt=False)
-def search_tiles(scene, points, frame, window, eye, world_eye, first, last, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
-    """Answer for the points first to last (of the packets' order) and an eye outside; False where one is hidden."""
-    x0, x1, y0, y1, w0, w1 = _project(points, frame, first, last, tiles)
+@njit(_nrt=False, forceinline=True)
+def search_tiles(scene, points, n_left, frame, window, eye, world_eye, space, tiles, epoch, answer):  # type: ignore[no-untyped-def]
+    """Answer for the first `n_left` packets of ``space.left`` and an eye outside; False where a point is hidden."""
+    x0, x1, y0, y1, w0, w1 = _project(points, frame, n_left, space.left, tiles)
     blur = points.farthest * max(ONE, ONE / w0)
     slack = np.float32(3.0) * COORDINATE * blur
     away = np.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2])
@@ -95,7 +94,7 @@ def search_tiles(scene, points, frame, window, eye, world_eye, first, last, spac
         scale_x = np.float32(side) / max(x1 - x0, np.float32(1e-30))
         scale_y = np.float32(side) / max(y1 - y0, np.float32(1e-30))
         grid = (x0, y0, scale_x, scale_y, side)
-        _bin_points(first, last, grid, space.turned, tiles)
+        _bin_points(points, n_left, grid, space, tiles)
         if _bin_clusters(grid, slack, space, tiles) or side == 1:
             break
         side //= 2
@@ -122,20 +121,14 @@ def search_tiles(scene, points, frame, window, eye, world_eye, first, last, spac
 
 
 @njit(_nrt=False)
-def _project(points, frame, first, last, tiles):  # type: ignore[no-untyped-def]
-    """Project points; return the lowest and highest x, y and w."""
-    n, total = points.coordinates.shape[1], tiles.unsorted.shape[1]
+def _project(points, frame, n_left, left, tiles):  # type: ignore[no-untyped-def]
+    """Project packets, one after the other; return the lowest and highest x, y and w."""
+    total = tiles.unsorted.shape[1]
     far, low = splat(FAR), splat(-FAR)
     x0, x1, y0, y1, w0, w1 = far, low, far, low, far, low
-    for base in range(first, last, PACKET):
-        x, y, z = (
-            load(points.coordinates, base),
-            load(points.coordinates, n + base),
-            load(points.coordinates, 2 * n + base),
-        )
-        u = muladd(x, splat(frame[0]), muladd(y, splat(frame[1]), muladd(z, splat(frame[2]), splat(frame[3]))))
-        v = muladd(x, splat(frame[4]), muladd(y, splat(frame[5]), muladd(z, splat(frame[6]), splat(frame[7]))))
-        w = muladd(x, splat(frame[8]), muladd(y, splat(frame[9]), muladd(z, splat(frame[10]), splat(frame[11]))))
+    for packet in range(n_left):
+        base = packet * PACKET
+        u, v, w = project_packet(points, left[packet] * PACKET, frame)
         inverse = divide(splat(ONE), w)
         u, v = u * inverse, v * inverse
         store(tiles.unsorted, base, u)
@@ -182,14 +175,14 @@ def _cells(values, origin, scale, side):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False)
-def _bin_points(first, last, grid, turned, tiles):  # type: ignore[no-untyped-def]
+def _bin_points(points, n_left, grid, space, tiles):  # type: ignore[no-untyped-def]
     """Sort the points that are not yet decided by tile."""
     side, total = grid[4], tiles.unsorted.shape[1]
     starts = tiles.point_starts
     starts[: side * side + 1] = 0
     tiles.deepest[: side * side] = -FAR
-    for base in range(first, last, PACKET):
-        left = _undecided(base, last, turned)
+    for packet in range(n_left):
+        base, left = packet * PACKET, _undecided(points, space, packet)
         if left:
             column = _cells(load(tiles.unsorted, base), grid[0], grid[2], side)
             row = _cells(load(tiles.unsorted, total + base), grid[1], grid[3], side)
@@ -203,24 +196,27 @@ def _bin_points(first, last, grid, turned, tiles):  # type: ignore[no-untyped-de
     for tile in range(side * side):
         starts[tile + 1] += starts[tile]
         tiles.ends[tile] = starts[tile]
-    for base in range(first, last, PACKET):
-        left = _undecided(base, last, turned)
+    for packet in range(n_left):
+        base, left = packet * PACKET, _undecided(points, space, packet)
+        first = space.left[packet] * PACKET
         while left:
-            i = base + first_lane(left)
+            lane = first_lane(left)
+            i = base + lane
             left &= left - 1
             tile = int(tiles.tile_ids[i])
             to = tiles.ends[tile]
             tiles.ends[tile] = to + 1
-            tiles.order[to] = i
+            tiles.order[to] = first + lane
             for j in range(3):
                 tiles.image[j, to] = tiles.unsorted[j, i]
 
 
 @njit(_nrt=False, forceinline=True)
-def _undecided(base, last, turned):  # type: ignore[no-untyped-def]
-    """Mask of a packet's points before `last` that are not turned away."""
-    left = ALL & ~turned[base // PACKET]
-    return left if last - base >= PACKET else left & ((1 << (last - base)) - 1)
+def _undecided(points, space, i):  # type: ignore[no-untyped-def]
+    """Mask of the points of the i-th packet left that are not decided."""
+    packet = space.left[i]
+    there = min(points.n_points - packet * PACKET, PACKET)
+    return ((1 << there) - 1) & ~space.decided[packet]
 
 
 @njit(_nrt=False)

@@ -6,9 +6,15 @@ import numpy as np
 from numba import njit, prange
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.predicates import dot, minus
+from zbuf_occlude.predicates import cross, dot, minus
 from zbuf_occlude.solids.triangles import corner, inward, unit_normal
 from zbuf_occlude.threads import threaded
+
+FLAT = 1e-12
+"""Heights of corners that lie in a plane, in diagonals, as float64 finds them."""
+
+NEEDLE = 1e-8
+"""Square of twice a triangle's area over the square of its longest edge squared, for what counts as a needle."""
 
 
 @threaded
@@ -39,8 +45,8 @@ def face_frames(corners: FloatArray) -> FloatArray:
 @threaded
 def edge_margins(
     corners: FloatArray, starts: IntArray, others: IntArray, frames: FloatArray, reach: float
-) -> FloatArray:
-    """Margins along the edges of faces: a point of a face beyond all three is clear of what is near the face.
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Margins along the edges of faces: a point of a face beyond all three is clear of most that is near the face.
 
     Parameters
     ----------
@@ -53,25 +59,78 @@ def edge_margins(
 
     Returns
     -------
-    (f, 3) float64
+    margins : (f, 3) float64
         For the edges from corner 0 to 1, 1 to 2, 2 to 0, in diagonals: a point of the face farther than this from all
-        three lines keeps at least `reach` from every other face of its closed surface. Infinite where some face
-        neither keeps `reach` from the plane nor lies beyond an edge, as in wedges sharper than 90 degrees.
+        three lines keeps at least `reach` from every other face of its closed surface but the unbounded ones.
+    others : (2 x pairs,) int32
+        The same as before, the unbounded ones of each face first: those that neither keep `reach` from its plane,
+        nor lie beyond an edge, nor have all of it to one side of their plane.
+    n_unbounded : (f,) int32
+        How many of a face's others are unbounded.
     """
-    margins = np.full((len(corners), 3), reach)
+    margins, ordered = np.full((len(corners), 3), reach), others.copy()
+    n_unbounded = np.zeros(len(corners), dtype=np.int32)
     for i in prange(len(corners)):
-        for j in others[starts[i] : starts[i + 1]]:
+        for k in range(starts[i], starts[i + 1]):
+            j = others[k]
             low, high = _range(corner(frames[i], 0), corner(corners[i], 0), corners[j])
             if low >= reach or high <= -reach:
                 continue
             edge, least = 0, math.inf
-            for k in range(3):
-                _, over = _range(corner(frames[i], k + 1), corner(corners[i], k), corners[j])
+            for side in range(3):
+                _, over = _range(corner(frames[i], side + 1), corner(corners[i], side), corners[j])
                 if over < least:
-                    edge, least = k, over
+                    edge, least = side, over
             # all of the other face lies beyond a line so far within the edge
-            margins[i, edge] = max(margins[i, edge], reach + max(least, 0.0) if least <= reach else math.inf)
-    return margins
+            margin = reach + max(least, 0.0) if least <= reach else math.inf
+            if margin > 2.0 * reach:
+                wedge, over_edge = _wedge_margin(corners[i], frames[i], corners[j], frames[j], reach)
+                if wedge < margin:
+                    margin, edge = wedge, over_edge
+            if margin < math.inf:
+                margins[i, edge] = max(margins[i, edge], margin)
+            else:
+                first = starts[i] + n_unbounded[i]
+                ordered[k], ordered[first] = ordered[first], j
+                n_unbounded[i] += 1
+    return margins, ordered, n_unbounded
+
+
+@njit
+def _wedge_margin(f, frame, g, g_frame, reach):  # type: ignore[no-untyped-def]
+    """Margin along one edge of f beyond which its points are `reach` above the plane of g, and which edge.
+
+    A point's height above that plane is that of f's corners, weighed by how near the point is to each; where none is
+    below the plane, the height is at least one corner's times the point's share of that corner's own distance from the
+    edge across.
+    """
+    n = corner(g_frame, 0)
+    heights = (
+        dot(n, minus(corner(f, 0), corner(g, 0))),
+        dot(n, minus(corner(f, 1), corner(g, 0))),
+        dot(n, minus(corner(f, 2), corner(g, 0))),
+    )
+    low, high = min(heights), max(heights)
+    side = 1.0 if high > -low else -1.0
+    if min(side * low, side * high) < -FLAT or _is_needle(g):
+        return math.inf, 0
+    margin, edge = math.inf, 0
+    for i in range(3):
+        height = side * dot(n, minus(corner(f, i), corner(g, 0)))
+        across = (i + 1) % 3
+        away = dot(corner(frame, across + 1), minus(corner(f, i), corner(f, across)))
+        if height > 2.0 * reach and away * (reach + FLAT) < margin * height:
+            margin, edge = away * (reach + FLAT) / height, across
+    return margin, edge
+
+
+@njit
+def _is_needle(g):  # type: ignore[no-untyped-def]
+    """Whether a triangle is so thin that float64 does not vouch for its normal."""
+    a, b = minus(corner(g, 1), corner(g, 0)), minus(corner(g, 2), corner(g, 0))
+    c = minus(b, a)
+    n = cross(a, b)
+    return dot(n, n) <= NEEDLE * max(dot(a, a), dot(b, b), dot(c, c)) ** 2
 
 
 @njit
@@ -85,7 +144,7 @@ def _range(axis, origin, g):  # type: ignore[no-untyped-def]
     return min(a, b, c), max(a, b, c)
 
 
-@njit
+@njit(_nrt=False)
 def squared_distance(point, g):  # type: ignore[no-untyped-def]
     """Square of a point's distance from a triangle: from its plane where it lies over it, else from an edge."""
     n, over, least = unit_normal(g), True, math.inf
@@ -100,9 +159,9 @@ def squared_distance(point, g):  # type: ignore[no-untyped-def]
     return height * height if over else least
 
 
-@njit
-def face_beside(point, own, corners, starts, others, reach):  # type: ignore[no-untyped-def]
-    """Which of the faces near its own a point, a tuple, comes as near as `reach` to; arrays as in `NearFaces`.
+@njit(_nrt=False)
+def face_beside(point, own, corners, others, first, last, reach):  # type: ignore[no-untyped-def]
+    """Which of the other faces first to last a point of a face, a tuple, comes as near as `reach` to.
 
     Returns
     -------
@@ -110,7 +169,8 @@ def face_beside(point, own, corners, starts, others, reach):  # type: ignore[no-
         `own` where none is so near, -1 where several are.
     """
     found = own
-    for other in others[starts[own] : starts[own + 1]]:
+    for k in range(first, last):
+        other = others[k]
         g = corners[other]
         beyond = False
         for axis in range(3):

@@ -26,10 +26,21 @@ class ClosedSurfaces(NamedTuple):
         0 for a face of a surface that is not closed.
     surfaces : (f,) int32
         Which surface each face belongs to: faces connected by edges that exactly two of them share.
+    sides : (f,) int8
+        The same as `outward` where that is not 0. Elsewhere 1 or -1, so that the normals times it look to the same side
+        of all faces of a surface, whichever that is; 0 where a surface has only one side.
+    vertices : (f, 3) int32
+        Numbers of the corners' positions.
+    twins : (3 f,) int64
+        Half-edge 3 i + j of face i runs from its corner j to the next; its twin is that of the one other face with
+        this edge, -1 where there is none or several.
     """
 
     outward: Signs
     surfaces: IntArray
+    sides: Signs
+    vertices: IntArray
+    twins: NDArray[np.int64]
 
     def without(self, opened: BoolArray) -> "ClosedSurfaces":
         """Return the same with some surfaces, (s,) bool, taken for open."""
@@ -47,7 +58,6 @@ def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
     """
     _, position_ids = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)  # -0.0 becomes 0.0
     faces = position_ids.reshape(-1)[mesh.faces].astype(np.int64)
-    # half-edge 3 i + j of face i runs from corner j to the next
     starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     keys = np.minimum(starts, ends) * (faces.max() + 1) + np.maximum(starts, ends)
     order = np.argsort(keys, kind="stable")
@@ -56,15 +66,18 @@ def closed_surfaces(mesh: Mesh) -> ClosedSurfaces:
     pairs = first[np.diff(np.append(first, len(keys))) == 2]
     twins = np.full(len(keys), -1, dtype=np.int64)
     twins[order[pairs]], twins[order[pairs + 1]] = order[pairs + 1], order[pairs]
-    outward, surfaces = _flood(twins, starts)
+    sides, surfaces, closed = _flood(twins, starts)
+    outward = np.where(closed[surfaces], sides, np.int8(0))
     _point_out(outward, surfaces, mesh)
-    return ClosedSurfaces(outward, surfaces)
+    sides = np.where(outward != 0, outward, sides)
+    return ClosedSurfaces(outward, surfaces, sides, faces.astype(np.int32), twins)
 
 
 @njit(cache=True)
-def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, IntArray]:
-    """Number the surfaces, and give all faces of each the same side; 0 where a surface is open or one-sided."""
+def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, IntArray, BoolArray]:
+    """Give all faces of each surface the same side, 0 if it has but one; number the surfaces; tell which are closed."""
     f = len(twins) // 3
+    whole = np.zeros(f, dtype=np.bool_)
     sides = np.zeros(f, dtype=np.int8)
     surfaces = np.full(f, -1, dtype=np.int32)
     queue = np.empty(f, dtype=np.int64)
@@ -73,7 +86,7 @@ def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, 
         if surfaces[seed] >= 0:
             continue
         surfaces[seed], sides[seed], queue[0] = n_surfaces, 1, seed
-        done, length, closed = 0, 1, True
+        done, length, closed, two_sided = 0, 1, True, True
         while done < length:
             face = queue[done]
             done += 1
@@ -89,12 +102,13 @@ def _flood(twins: NDArray[np.int64], starts: NDArray[np.int64]) -> tuple[Signs, 
                     surfaces[neighbour], sides[neighbour], queue[length] = n_surfaces, side, neighbour
                     length += 1
                 elif sides[neighbour] != side:
-                    closed = False  # one-sided, like Moebius's strip
-        if not closed:
+                    two_sided = False  # like Moebius's strip
+        if not two_sided:
             for i in range(length):
                 sides[queue[i]] = 0
+        whole[n_surfaces] = closed and two_sided
         n_surfaces += 1
-    return sides, surfaces
+    return sides, surfaces, whole[:n_surfaces]
 
 
 def _point_out(outward: Signs, surfaces: IntArray, mesh: Mesh) -> None:

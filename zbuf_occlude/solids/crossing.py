@@ -49,7 +49,7 @@ def may_meet(f: FloatArray, g: FloatArray) -> bool:
     """Whether triangles, (3, 3) float64 in units of a diagonal, may meet elsewhere than in what they share."""
     of_f, of_g = shared_corners(f, g)
     if of_f == 0:
-        return not _separated(f, g)
+        return not separated(f, g, APART)
     if of_f in (1, 2, 4) and of_g in (1, 2, 4):
         return not _apart_at_corner(f, g, of_f >> 1, of_g >> 1)
     if of_f in (3, 5, 6) and of_g in (3, 5, 6):
@@ -58,26 +58,30 @@ def may_meet(f: FloatArray, g: FloatArray) -> bool:
 
 
 @njit
-def _separates(axis, f, g):  # type: ignore[no-untyped-def]
-    """Whether a plane across an axis keeps two triangles apart."""
+def _separates(axis, f, g, gap):  # type: ignore[no-untyped-def]
+    """Whether along an axis, a unit vector, there is more than a gap between two triangles."""
     a0, a1, a2 = dot(axis, corner(f, 0)), dot(axis, corner(f, 1)), dot(axis, corner(f, 2))
     b0, b1, b2 = dot(axis, corner(g, 0)), dot(axis, corner(g, 1)), dot(axis, corner(g, 2))
-    return min(a0, a1, a2) > max(b0, b1, b2) + APART or min(b0, b1, b2) > max(a0, a1, a2) + APART
+    return min(a0, a1, a2) > max(b0, b1, b2) + gap or min(b0, b1, b2) > max(a0, a1, a2) + gap
 
 
 @njit
-def _separated(f, g):  # type: ignore[no-untyped-def]
-    """Whether one of the axes that can separate two triangles does: normals, across edges, across pairs of edges."""
+def separated(f, g, gap):  # type: ignore[no-untyped-def]
+    """Whether there is more than a gap between two triangles along an axis that can separate them.
+
+    These are the normals, those across edges, and those across pairs of edges. Triangles farther apart than the gap
+    may lie nearer than it along all of them.
+    """
     n, m = unit_normal(f), unit_normal(g)
-    if _separates(n, f, g) or _separates(m, f, g):
+    if _separates(n, f, g, gap) or _separates(m, f, g, gap):
         return True
     for i in range(3):
-        if _separates(inward(f, n, i), f, g) or _separates(inward(g, m, i), f, g):
+        if _separates(inward(f, n, i), f, g, gap) or _separates(inward(g, m, i), f, g, gap):
             return True
     for i in range(3):
         e = minus(corner(f, (i + 1) % 3), corner(f, i))
         for j in range(3):
-            if _separates(unit(cross(e, minus(corner(g, (j + 1) % 3), corner(g, j)))), f, g):
+            if _separates(unit(cross(e, minus(corner(g, (j + 1) % 3), corner(g, j)))), f, g, gap):
                 return True
     return False
 

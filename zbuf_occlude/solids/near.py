@@ -59,10 +59,7 @@ def near_faces(mesh: Mesh, closed: ClosedSurfaces, reach: float) -> NearFaces:
     none = np.zeros(len(corners) + 1, dtype=np.int64), faces[:0]
     if len(faces) == 0:
         return NearFaces(corners, *none, complete)
-    axis = int(((upper - lower).sum(axis=0) / np.maximum(np.ptp(corners, axis=(0, 1)), 1e-300)).argmin())
-    begin = lower[:, axis] + 2.0 * closed.surfaces[faces]  # the mesh is less than 2 units long
-    order = np.argsort(begin, kind="stable")
-    ends = np.searchsorted(begin[order], (begin + upper[:, axis] - lower[:, axis])[order] + 1e-6, side="right")
+    order, ends = sweep(lower, upper, closed.surfaces[faces] * np.float64(2.0))  # the mesh is less than 2 units long
     if int((ends - np.arange(len(ends))).sum()) > MOST_COMPARED:
         complete[closed.surfaces[faces]] = False
         return NearFaces(corners, *none, complete)
@@ -77,8 +74,32 @@ def near_faces(mesh: Mesh, closed: ClosedSurfaces, reach: float) -> NearFaces:
     return NearFaces(corners, starts, others, complete)
 
 
+def sweep(lower: FloatArray, upper: FloatArray, shift: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order boxes along the axis on which they overlap least, so that only near ones need be compared.
+
+    Parameters
+    ----------
+    lower, upper : (n, 3) float64
+    shift : (n,) float64
+        By which each is moved along the axis first.
+
+    Returns
+    -------
+    order : (n,) int64
+    ends : (n,) int64
+        The i-th of them overlaps on this axis those from i + 1 to ``ends[i]``, of the later ones, and no others.
+    """
+    extent = np.maximum((upper - lower).max(axis=0), np.ptp(lower, axis=0))
+    axis = int(((upper - lower).sum(axis=0) / np.maximum(extent, 1e-300)).argmin())
+    begin = lower[:, axis] + shift
+    order = np.argsort(begin, kind="stable")
+    ends = np.searchsorted(begin[order], (begin + upper[:, axis] - lower[:, axis])[order] + 1e-6, side="right")
+    return order.astype(np.int64), ends.astype(np.int64)
+
+
 @njit(inline="always")
-def _overlap(boxes, i, j):  # type: ignore[no-untyped-def]
+def overlap(boxes, i, j):  # type: ignore[no-untyped-def]
+    """Whether boxes (n, 6), lower and upper corners, i and j overlap."""
     return (
         boxes[j, 1] <= boxes[i, 4]
         and boxes[i, 1] <= boxes[j, 4]
@@ -95,7 +116,7 @@ def _count(boxes: FloatArray, ends: NDArray[np.int64], surfaces: IntArray) -> tu
     counts, kept = np.zeros(len(boxes), dtype=np.int64), np.empty((len(boxes), KEPT), dtype=np.int32)
     for i in prange(len(boxes)):
         for j in range(i + 1, ends[i]):
-            if _overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
+            if overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
                 if counts[i] < KEPT:
                     kept[i, counts[i]] = j
                 counts[i] += 1
@@ -114,7 +135,7 @@ def _list(
             listed[to : later[i + 1]] = kept[i, : later[i + 1] - to]
             continue
         for j in range(i + 1, ends[i]):
-            if _overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
+            if overlap(boxes, i, j) and surfaces[i] == surfaces[j]:
                 listed[to] = j
                 to += 1
     return listed

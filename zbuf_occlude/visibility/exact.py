@@ -5,17 +5,25 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.image_space.backs import Solids, make_solids
+from zbuf_occlude.image_space.backs import Solids, followed_area, make_solids
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
-from zbuf_occlude.image_space.scene import make_scene, with_solids
-from zbuf_occlude.image_space.search import GROUP, find_visible
+from zbuf_occlude.image_space.scene import make_scene
+from zbuf_occlude.image_space.search import find_visible
+from zbuf_occlude.image_space.surface import make_surface, no_surface
+from zbuf_occlude.image_space.workspace import GROUP
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 WORTH = 100
 """Answers a face after which it pays to look for solids: that takes about as long as it has saved by then."""
+
+FOLLOWED = 4
+"""With fewer points than so many times the faces, regions are not followed."""
+
+LEAST_FOLLOWED = 0.3
+"""Nor where visibility can be followed over a smaller part of the mesh's area."""
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -32,6 +40,7 @@ class Exact(Occluder):
         self._contact, self._n_asked = contact, 0
         self._solids: Solids | None = None
         self._scene = make_scene(mesh, contact * mesh.diagonal)
+        self._surface, self._worth_following = no_surface(self._scene), False
         face_ids = self._scene.face_ids.reshape(-1)
         self._rows = np.full(len(mesh.faces) + 1, -1, dtype=np.int32)
         used = np.flatnonzero(face_ids >= 0)
@@ -44,10 +53,17 @@ class Exact(Occluder):
         self._n_asked += len(points) * len(eyes)
         if self._solids is None and self._n_asked >= WORTH * len(self.mesh.faces):
             self._solids = make_solids(self.mesh, self._contact)
-            scene = self._scene = with_solids(scene, self._solids.outward)
-        packets = make_packets(points, scene, self._rows, self._solids)
+            self._surface = make_surface(scene, self._rows, self._solids)
+            self._worth_following = followed_area(self.mesh, self._solids) >= LEAST_FOLLOWED
+        packets = make_packets(points, scene, self._rows, self._solids, self._surface.records)
         frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
         n_groups = -(-packets.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
         n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_groups, 4 * n_threads)
-        return find_visible(scene, packets, frames, n_blocks, min(n_threads, len(eyes) * n_blocks))
+        following = packets.on_faces and self._worth_following and len(points) >= FOLLOWED * len(self.mesh.faces)
+        answer = np.empty((len(eyes), len(points)), dtype=bool)
+        if n_blocks > 1:
+            answer[:] = True
+        n_workers = min(n_threads, len(eyes) * n_blocks)
+        find_visible(scene, self._surface, packets, frames, following, n_blocks, n_workers, answer)
+        return answer

@@ -1,0 +1,125 @@
+"""Visibility followed over the surface: whole regions at one answer, against the oracle, and what it must not cross."""
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
+from zbuf_occlude.image_space import search
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.visibility import exact
+
+BALL = shapes.solids.icosphere(4)
+EYES = views.fibonacci(12, distance=4.0).eyes
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solids are looked for at the first question, and regions wherever there can be any."""
+    monkeypatch.setattr(exact, "WORTH", 0)
+    monkeypatch.setattr(exact, "FOLLOWED", 0)
+    monkeypatch.setattr(exact, "LEAST_FOLLOWED", 0)
+
+
+def together(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
+def bowl() -> Mesh:
+    """A ball without its top: open, seen from both sides."""
+    return Mesh(BALL.vertices, BALL.faces[BALL.corners[:, :, 2].max(axis=1) < 0.6])
+
+
+MESHES = {
+    "ball": BALL,
+    "moon": together(BALL, BALL.transformed(0.4, [2.0, 0.3, 0.1])),
+    "balls that cross": together(BALL, BALL.transformed(0.7, [0.8, 0.1, 0.05])),
+    "nested": together(BALL, BALL.transformed(0.5), BALL.transformed(0.99999)),
+    "bowl": bowl(),
+    "bowls": together(bowl(), bowl().transformed(0.8)),
+    "wound anyhow": Mesh(
+        BALL.vertices, np.where(np.arange(len(BALL.faces))[:, None] % 3, BALL.faces, BALL.faces[:, ::-1])
+    ),
+    "airplane": shapes.make("airplane", 0),
+    "chair": shapes.make("chair", 1),
+    "car": shapes.make("car", 2),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_every_answer_is_the_oracles(name: str) -> None:
+    mesh = MESHES[name].normalized()
+    points = sample_surface(mesh, n_points=40_000, seed=1)
+    eyes = np.concatenate([EYES, [[0.1, 0.0, 0.2]], 300.0 * np.eye(3)])  # one inside, three far and on the axes
+    some = np.arange(0, len(points), 80)
+    with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+        found = occluder.visible(points, eyes)
+        assert (found[:, some] == oracle.visible(points.select(some), eyes)).all()
+    with prepare(mesh, "embree") as judge:
+        assert (found != judge.visible(points, eyes)).mean() < 2e-3
+
+
+def test_most_points_of_a_closed_mesh_need_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = MESHES["moon"].normalized()
+    points = sample_surface(mesh, n_points=40_000, seed=1)
+    asked = []
+    monkeypatch.setattr(exact, "find_visible", lambda *arguments: asked.append(arguments))
+    with prepare(mesh, "exact") as occluder:
+        occluder.visible(points, EYES)
+        scene, surface, packets, frames, following, *_ = asked[0]
+        assert following
+        assert searched(scene, surface, packets, frames) < 0.02
+        occluder.visible(SurfacePoints.free(points.positions), EYES)
+    assert asked[1][2].first_packets.max() == -1
+
+
+def searched(scene, surface, packets, frames) -> float:  # type: ignore[no-untyped-def]
+    """Share of the points that are left to the search, for the first eye."""
+    space = search.make_workspace(scene, len(packets.backed))
+    regions = search.make_regions(len(scene.used), surface.n_vertices, True)
+    contours = search.make_contours(len(surface.edges))
+    tiles = search.make_tiles(0, 0)
+    answer = np.ones(packets.n_points, dtype=bool)
+    search.search_frame(
+        scene,
+        surface,
+        packets,
+        frames.matrices[0, 0],
+        frames.windows[0],
+        frames.eyes[0],
+        -1,
+        0,
+        len(packets.backed),
+        space,
+        regions,
+        contours,
+        tiles,
+        1,
+        answer,
+    )
+    decided = (space.decided[:, None] >> np.arange(16)) & 1
+    return float(1.0 - decided.reshape(-1)[: packets.n_points].mean())
+
+
+def test_points_off_their_faces_are_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = sample_surface(BALL, n_points=20_000, seed=1)
+    off = SurfacePoints(points.positions + 1e-7 * points.normals, points.face_ids, points.normals)
+    asked = []
+    monkeypatch.setattr(exact, "find_visible", lambda *arguments: asked.append(arguments[4]))
+    with prepare(BALL, "exact") as occluder:
+        occluder.visible(points, EYES)
+        occluder.visible(off, EYES)
+    assert asked == [True, False]
+
+
+def test_few_points_or_little_clear_area_are_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact, "FOLLOWED", 4)
+    monkeypatch.setattr(exact, "LEAST_FOLLOWED", 0.3)
+    asked = []
+    monkeypatch.setattr(exact, "find_visible", lambda *arguments: asked.append(arguments[4]))
+    twice = together(BALL, BALL.transformed(1.0 + 1e-7))
+    for mesh, n_points in ((BALL, 4 * len(BALL.faces)), (BALL, 3 * len(BALL.faces)), (twice, 50_000)):
+        with prepare(mesh, "exact") as occluder:
+            occluder.visible(sample_surface(mesh, n_points=n_points, seed=0), EYES)
+    assert asked == [True, False, False]
