@@ -19,7 +19,7 @@ from zbuf_occlude.visibility.interface import CONTACT, Occluder
 WORTH = 100
 """Answers a face after which it pays to look for solids: that takes about as long as it has saved by then."""
 
-FOLLOWED = 4
+FOLLOWED = 8
 """With fewer points than so many times the faces, regions are not followed."""
 
 LEAST_FOLLOWED = 0.3
