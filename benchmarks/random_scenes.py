@@ -121,7 +121,23 @@ def waves(rng: np.random.Generator) -> Mesh:
     return triangles(np.concatenate(corners))
 
 
-KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere, spiky, flat, crossed, bodies, waves)
+def folds(rng: np.random.Generator) -> Mesh:
+    """An open sheet folded once or more, sharply: leaves over each other that share an edge, or but a corner."""
+    n, angle = int(rng.integers(2, 8)), np.radians(10.0 ** rng.uniform(-1.0, 1.3))
+    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    first = ((n + 1) * np.arange(n)[:, None] + np.arange(n)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, n + 1], first[:, None] + [1, n + 2, n + 1]])
+    leaves = []
+    for i in range(int(rng.integers(2, 4))):
+        along = u * np.where(rng.random() < 0.5, 1.0, v)  # a leaf, or one that narrows to a corner
+        sheet = np.stack([along * np.cos(i * angle), v, along * np.sin(i * angle)], axis=-1)
+        leaves.append(sheet.reshape(-1, 3)[faces])
+    corners = np.concatenate(leaves)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return triangles(corners[area > 1e-9])
+
+
+KINDS = (soup, slivers, touching, duplicates, huge_and_tiny, sphere, spiky, flat, crossed, bodies, waves, folds)
 SHAPES = ("table", "chair", "lamp", "car", "airplane")
 
 

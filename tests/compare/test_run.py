@@ -1,6 +1,7 @@
 """Rows are true, resume, and survive subjects that fail, die or hang."""
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,13 @@ class Killer:
         return os._exit, (3,)
 
 
+class Hung:
+    """Never done with being unpickled."""
+
+    def __reduce__(self) -> Any:
+        return time.sleep, (600.0,)
+
+
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
     with Bench(limit=60.0) as bench:
         with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
@@ -94,7 +102,7 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
         bench._limit = 0.0
         with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
-            bench.measure(plates(), "oracle", {}, 0.1)
+            bench.measure(Hung(), "oracle", {}, 0.1)  # type: ignore[arg-type]
 
 
 class Slow(Occluder):

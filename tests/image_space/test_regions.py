@@ -60,6 +60,45 @@ def test_every_answer_is_the_oracles(name: str) -> None:
         assert (found != judge.visible(points, eyes)).mean() < 2e-3
 
 
+@pytest.mark.parametrize("size", [(1.0, 1.0, 0.0), (1.0, 1.0, 5e-4), (1.0, 5e-4, 5e-4)])
+def test_flat_and_thin_bodies_seen_along_the_axes(size: tuple[float, float, float]) -> None:
+    """Their images are lower than a cell's margin."""
+    box = shapes.refined(shapes.solids.box(), 400)
+    corners = box.corners * size
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = corners[area > 0.0] if size[2] else corners[(area > 0.0) & (box.corners[:, :, 2] > 0.0).all(axis=1)]
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    points = sample_surface(mesh, n_points=4000, seed=0)
+    eyes = mesh.centre + 2.0 * mesh.diagonal * np.concatenate([np.eye(3), [[0.6, 0.8, 0.0], [0.5, 0.5, 0.7]]])
+    with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+        assert (occluder.visible(points, eyes) == oracle.visible(points, eyes)).all()
+
+
+@pytest.mark.parametrize("degrees", [0.5, 2.0, 10.0, 55.0, 65.0, 100.0])
+def test_points_along_a_fold_are_hidden_where_the_other_leaf_is_farther_than_the_tolerance(degrees: float) -> None:
+    t, n = np.radians(degrees), 6
+    u, v = (a.reshape(-1) for a in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij"))
+    leaves = [np.stack([u * np.cos(a), v, u * np.sin(a)], axis=1) for a in (0.0, t)]
+    first = (n * np.arange(n - 1)[:, None] + np.arange(n - 1)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, n], first[:, None] + [1, n + 1, n]])
+    mesh = Mesh(np.concatenate(leaves), np.concatenate([faces, faces + n * n]))
+    points = sample_surface(mesh, n_points=8000, seed=0)
+    near = points.positions.copy()
+    low = points.face_ids < len(faces)
+    near[low, 0] *= 10.0 ** np.random.default_rng(0).uniform(
+        -5.0, 0.0, low.sum()
+    )  # towards the fold, on its row of faces
+    own = (np.minimum(near[:, 1] * (n - 1), n - 1.001)).astype(int)
+    upper = near[:, 0] * (n - 1) + near[:, 1] * (n - 1) - own > 1.0
+    moved = low & (near[:, 0] < 1.0 / (n - 1))
+    face_ids = np.where(moved, own + np.where(upper, (n - 1) ** 2, 0), points.face_ids).astype(np.int32)
+    near = np.where(moved[:, None], near, points.positions)
+    points = SurfacePoints(near, face_ids, points.normals)
+    eyes = mesh.centre + 2.0 * np.array([[0.1, 0.2, 1.0], [0.5, -0.3, 0.8], [-0.4, 0.2, 0.9], [0.2, 0.9, 0.4]])
+    with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+        assert (occluder.visible(points, eyes) == oracle.visible(points, eyes)).all()
+
+
 def test_most_points_of_a_closed_mesh_need_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = MESHES["moon"].normalized()
     points = sample_surface(mesh, n_points=40_000, seed=1)

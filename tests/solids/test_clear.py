@@ -89,6 +89,32 @@ def test_solids_that_touch_at_a_corner_are_not_clear_there() -> None:
     assert found.clear[~corner].all()
 
 
+def folded(degrees: float) -> Mesh:
+    """Two rows of faces that share the line x = 0 = z."""
+    t, y = np.radians(degrees), np.arange(5.0)
+    ends = [np.stack([x * np.ones(5), y, z * np.ones(5)], axis=1) for x, z in ((0, 0), (1, 0), (np.cos(t), np.sin(t)))]
+    first = np.arange(4)
+    one = np.concatenate(
+        [np.stack(c, axis=1) for c in ((first, first + 1, first + 5), (first + 1, first + 6, first + 5))]
+    )
+    return Mesh(np.concatenate(ends), np.concatenate([one, np.where(one >= 5, one + 5, one)]))
+
+
+def test_leaves_of_sharp_folds_are_not_clear_but_for_a_solids_outer_edge() -> None:
+    for degrees, clear in ((1.0, False), (50.0, False), (70.0, True), (180.0, True)):
+        assert clearance(folded(degrees))[1].clear.all() == clear
+    wedge = np.array([[0, 0, 0], [0, 9, 0], [9, 0, 0.5], [9, 9, 0.5], [9, 0, -0.5], [9, 9, -0.5]], dtype=np.float64)
+    solid = Mesh(wedge, hull_faces(wedge))
+    assert (closed_surfaces(solid).outward != 0).all()
+    assert clearance(solid)[1].clear.all()
+
+
+def hull_faces(points: np.ndarray) -> np.ndarray:
+    hull = trimesh.convex.convex_hull(points)
+    places = [int(np.abs(points - vertex).sum(axis=1).argmin()) for vertex in hull.vertices]
+    return np.array(places)[hull.faces]
+
+
 def test_a_fan_ends_where_an_edge_has_one_face_or_three() -> None:
     def fans(mesh: Mesh) -> np.ndarray:
         closed = closed_surfaces(mesh)

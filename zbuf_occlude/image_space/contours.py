@@ -125,14 +125,15 @@ def _list_contour(contours, i):  # type: ignore[no-untyped-def]
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     first, last = _cell(contours.boxes[i, 2], contours, 1), _cell(contours.boxes[i, 3], contours, 1)
-    to = contours.n_listed[0]
+    to, height = contours.n_listed[0], ONE / contours.grid[3]
+    beside = max(np.float32(0.1) * height, TWICE * PAD)
     for row in range(first, last + 1):
         x0, x1 = contours.boxes[i, 0], contours.boxes[i, 1]
-        if last > first + 1:
-            # the part that passes this row of cells and a tenth of the next ones
+        if by - ay > height:
+            # the part that passes this row of cells and some of the next ones
             slope = (bx - ax) / (by - ay)
-            low = contours.grid[1] + (np.float32(row) - np.float32(0.1)) / contours.grid[3] if row > first else ay
-            high = contours.grid[1] + (np.float32(row) + np.float32(1.1)) / contours.grid[3] if row < last else by
+            low = contours.grid[1] + np.float32(row) * height - beside if row > first else ay
+            high = contours.grid[1] + np.float32(row + 1) * height + beside if row < last else by
             begin, end = ax + (low - ay) * slope, ax + (high - ay) * slope
             x0, x1 = max(x0, min(begin, end) - PAD), min(x1, max(begin, end) + PAD)
         for column in range(_cell(x0, contours, 0), _cell(x1, contours, 0) + 1):

@@ -13,7 +13,9 @@ can be reached from a face through edges that are no contours, over faces that a
 
 What is known of a region is known of the corners of its faces, and is spread from there over the faces that contours do
 touch: to each point for which none passes between it and the corner. So it is over faces that others come close to,
-where these (`solids.barriers`) do not.
+where these (`solids.barriers`) do not. Where a fan folds at a contour, the one leaf hides the other but for a strip
+along the fold, no wider than what keeps away from contours anyhow, since leaves of sharp folds (`solids.clear.SHARP`)
+are not clear.
 
 References
 ----------
@@ -55,7 +57,7 @@ MET = 128
 
 
 class Regions(NamedTuple):
-    """A thread's workspace for m clusters, 150 bytes a face in all with `Contours`."""
+    """A thread's workspace for m clusters, 200 bytes a face in all with `Contours`."""
 
     front: NDArray[np.int64]  # (m,) see `sides.find_sides`
     back: NDArray[np.int64]  # (m,)
@@ -75,7 +77,7 @@ class Regions(NamedTuple):
 
 @njit
 def make_regions(n_clusters, n_vertices, following):  # type: ignore[no-untyped-def]
-    """Allocate; only the sides where regions are not to be followed."""
+    """Allocate; only the sides and states where regions are not to be followed."""
     n, t = 16 * n_clusters if following else 0, 8 * n_clusters if following else 0
     return Regions(
         np.zeros(n_clusters, dtype=np.int64),

@@ -137,6 +137,8 @@ def search_frame(  # type: ignore[no-untyped-def]
         n_left, n_undecided = settle(surface, points, first, last, frame, space, regions, answer)
     else:
         n_left, n_undecided = leave_all(points, first, last, space)
+    if n_left == 0:
+        return
     if not inside and n_undecided < FEW_POINTS * len(scene.world_corners) and n_left * PACKET <= len(tiles.tile_ids):
         search_tiles(scene, points, n_left, frame, window, eye, world_eye, space, tiles, epoch, answer)
         return

@@ -7,14 +7,21 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.predicates import dot, minus
 from zbuf_occlude.solids.barriers import Barriers, make_barriers, no_barriers
+from zbuf_occlude.solids.clearance import face_frames
 from zbuf_occlude.solids.closed import ClosedSurfaces
-from zbuf_occlude.solids.crossing import may_meet, separated
+from zbuf_occlude.solids.crossing import APART, may_meet, separated
 from zbuf_occlude.solids.near import MOST_COMPARED, overlap, sweep
+from zbuf_occlude.solids.triangles import corner
 from zbuf_occlude.threads import threaded
 
 MOST_NEAR = 8
 """A face that more others come near to is left alone."""
+
+SHARP = -0.5
+"""Cosine of the turn of the normal from a face to one that it is joined to, beyond which the fold is sharp: the strip
+along it in which they are within reach of each other is wide."""
 
 MOST_CROWDED = 0.5
 """Of the faces; in a mesh that has more, barriers are not looked for."""
@@ -29,9 +36,9 @@ class Clearance(NamedTuple):
     Attributes
     ----------
     clear : (f,) bool
-        Whether no other face comes within reach, and the fans do not cross themselves.
+        Whether no other face comes within reach, and the fans neither cross themselves nor fold sharply over the face.
     barriers : Barriers
-        Where on faces with sound fans a few others come within reach.
+        Where on faces with such fans a few others come within reach.
     """
 
     clear: BoolArray
@@ -64,8 +71,10 @@ def find_clearance(corners: FloatArray, closed: ClosedSurfaces, reach: float) ->
         return Clearance(np.zeros(len(corners), dtype=np.bool_), no_barriers(len(corners)))
     fans = find_fans(closed.twins, closed.vertices.reshape(-1))
     boxes = np.concatenate([lower[order], upper[order]], axis=1)
-    crowded, crossed = _compare(corners, fans, order, ends, boxes, reach)
-    sound = ~crossed[fans].any(axis=1)
+    crowded, crossed, folded = _compare(
+        corners, fans, order, ends, boxes, face_frames(corners), closed.sides, closed.outward, reach
+    )
+    sound = ~(folded | crossed[fans].any(axis=1))
     if crowded.mean() > MOST_CROWDED:
         return Clearance(sound & ~crowded, no_barriers(len(corners)))
     near, counts = _list(corners, fans, order, ends, boxes, reach, crowded)
@@ -122,9 +131,16 @@ def _compare(
     order: NDArray[np.int64],
     ends: NDArray[np.int64],
     boxes: FloatArray,
+    frames: FloatArray,
+    sides: NDArray[np.int8],
+    outward: NDArray[np.int8],
     reach: float,
-) -> tuple[BoolArray, BoolArray]:
-    """Which faces have others near them that they are not joined to, and in which fans faces may meet."""
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Which faces have others near them that they are not joined to, in which fans faces may meet, what is folded over.
+
+    `frames` are those of `clearance.face_frames`.
+    """
+    folded = np.zeros(len(corners), dtype=np.bool_)
     crowded, crossed = np.zeros(len(corners), dtype=np.bool_), np.zeros(fans.size, dtype=np.bool_)
     for i in prange(len(order)):
         f = order[i]
@@ -135,12 +151,25 @@ def _compare(
             if not _joined(fans, f, g):
                 if not (crowded[f] and crowded[g]) and not separated(corners[f], corners[g], reach):
                     crowded[f] = crowded[g] = True
-            elif may_meet(corners[f], corners[g]):
+                continue
+            if dot(corner(frames[f], 0), corner(frames[g], 0)) * sides[f] * sides[g] < SHARP:
+                folded[f] |= outward[f] == 0 or _rises(corners[f], corner(frames[f], 0), outward[f], corners[g])
+                folded[g] |= outward[g] == 0 or _rises(corners[g], corner(frames[g], 0), outward[g], corners[f])
+            if may_meet(corners[f], corners[g]):
                 for a in range(3):
                     for b in range(3):
                         if fans[f, a] == fans[g, b]:
                             crossed[fans[f, a]] = True
-    return crowded, crossed
+    return crowded, crossed, folded
+
+
+@njit
+def _rises(f, normal, outward, g):  # type: ignore[no-untyped-def]
+    """Whether g comes before the outer side of a solid's face f."""
+    before = False
+    for i in range(3):
+        before |= outward * dot(normal, minus(corner(g, i), corner(f, 0))) > APART
+    return before
 
 
 @njit(cache=True)
