@@ -60,6 +60,22 @@ def test_every_answer_is_the_oracles(name: str) -> None:
         assert (found != judge.visible(points, eyes)).mean() < 2e-3
 
 
+def test_an_edge_that_is_shared_with_a_face_without_area_only_ends_the_surface() -> None:
+    plates = [[[-1, -1, 1], [1, -1, 1], [1, 1, 1]], [[-1, -1, 1], [1, 1, 1], [-1, 1, 1]]]
+    slivers = [[[1, 1, 1], [1, -1, 1], [1, -3, 1]], [[-1, 1, 1], [1, 1, 1], [3, 1, 1]]]  # along two edges of the plates
+    u, v = np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-2, 2, 9), indexing="ij")
+    floor = np.stack([u.reshape(-1), v.reshape(-1), np.zeros(81)], axis=1)
+    first = (9 * np.arange(8)[:, None] + np.arange(8)).reshape(-1)
+    faces = floor[np.concatenate([first[:, None] + [0, 9, 1], first[:, None] + [1, 9, 10]])][2:]  # whole clusters of 16
+    for order in (plates + slivers, slivers + plates):
+        corners = np.concatenate([np.array(order, dtype=np.float64), faces])
+        mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+        points = sample_surface(mesh, n_points=4000, seed=0)
+        with prepare(mesh, "exact") as occluder, prepare(mesh, "oracle") as oracle:
+            assert (occluder.visible(points, 2.0 * EYES) == oracle.visible(points, 2.0 * EYES)).all()
+            assert (occluder._surface.edges[:, 0] >= 0).all()  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize("size", [(1.0, 1.0, 0.0), (1.0, 1.0, 5e-4), (1.0, 5e-4, 5e-4)])
 def test_flat_and_thin_bodies_seen_along_the_axes(size: tuple[float, float, float]) -> None:
     """Their images are lower than a cell's margin."""

@@ -40,7 +40,6 @@ TWICE = np.float32(2.0)
 class Contours(NamedTuple):
     """A thread's workspace for up to n contours in up to 8 n cells altogether."""
 
-    edges: IntArray  # (n,) their numbers in `Surface.edges`
     ends: Float32  # (n, 6) where they begin and end, scene space
     images: Float32  # (n, 4) x and y of both ends
     boxes: Float32  # (n, 4) lowest x, highest x, lowest y, highest y, widened by PAD
@@ -56,7 +55,6 @@ class Contours(NamedTuple):
 def make_contours(n):  # type: ignore[no-untyped-def]
     """Allocate for n contours."""
     return Contours(
-        np.empty(n, dtype=np.int32),
         np.empty((n, 6), dtype=np.float32),
         np.empty((n, 4), dtype=np.float32),
         np.empty((n, 4), dtype=np.float32),
@@ -88,9 +86,9 @@ def find_contours(surface, front, back, frame, contours):  # type: ignore[no-unt
         a, b = surface.edges[edge]
         if b >= 0 and (has(front, a) & has(front, b)) | (has(back, a) & has(back, b)):
             continue
-        if n == len(contours.edges):
+        if n == len(contours.met):
             return False
-        contours.edges[n], contours.met[n] = edge, -1
+        contours.met[n] = -1
         for i in range(2):
             px, py, pz = surface.ends[edge, i, 0], surface.ends[edge, i, 1], surface.ends[edge, i, 2]
             x, y, _ = image_of(px, py, pz, frame)

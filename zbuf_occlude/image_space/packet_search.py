@@ -36,7 +36,9 @@ def row_of(rows, i):  # type: ignore[no-untyped-def]
 def search_packet(  # type: ignore[no-untyped-def]
     scene, points, index, packet, n_listed, frame, window, eye, world_eye, reach, space, epoch
 ):
-    """Go through the listed clusters until every point of a packet, the one of its chunk, is hidden or none is left.
+    """Go through the listed clusters until every point of a packet is hidden or none is left.
+
+    `index` is the packet's number, `packet` its place in the chunk.
 
     Returns
     -------

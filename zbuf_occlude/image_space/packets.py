@@ -57,7 +57,8 @@ class Packets(NamedTuple):
     beside_rows : (...) int32
         Faces beside the own ones that must be turned away, too, or the own ones once more.
     on_faces : bool
-        Whether all points of clear faces and of faces of solids lie on these; False where solids are not known.
+        Whether all points of faces that are clear, or have barriers, or are of solids, lie on these; False where solids
+        are not known.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     """

@@ -32,7 +32,7 @@ class Surface(NamedTuple):
     neighbours : (16 m, 3) int32
         The faces across the edges that exactly two share; -1 where there is none.
     edges : (n, 2) int32
-        All edges of the mesh: the two faces that share it, -1 for the second where it is not exactly two.
+        The edges of the faces that block anything: the two that share it, -1 for the second where not exactly two do.
     ends : (n, 2, 3) float32
         Where the edges begin and end, scene space.
     records : (16 m, 20) float64
@@ -82,7 +82,9 @@ def make_surface(scene: Scene, rows: IntArray, solids: Solids) -> Surface:
     barriers = _in_order(scene, solids, n_barriers)
     of_row = scene.face_ids.reshape(-1)
     across = np.where(solids.twins >= 0, rows[solids.twins // 3], -1).reshape(-1, 3)
-    half = np.flatnonzero(solids.twins < np.arange(len(solids.twins)))  # one of each pair, and all without a twin
+    # of each pair of half-edges one, and all whose twin is none, or of a face that blocks nothing and so has no row
+    half = np.flatnonzero((solids.twins < np.arange(len(solids.twins))) | (across.reshape(-1) < 0))
+    half = half[rows[half // 3] >= 0]
     corners = (scene.world_corners - scene.centre) * scene.scale
     return Surface(
         masks(sides > 0) & strong,
