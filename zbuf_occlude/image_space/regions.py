@@ -34,7 +34,7 @@ from zbuf_occlude.image_space.contours import PAD, TWICE, image_of, meet, touch
 from zbuf_occlude.image_space.projection import ZERO
 from zbuf_occlude.image_space.scene import Float32
 from zbuf_occlude.image_space.sides import has
-from zbuf_occlude.lanes import absolute, first_lane, greater, maximum, minimum, splat
+from zbuf_occlude.lanes import absolute, first_lane, greater, maximum, minimum, select, splat
 
 NOWHERE, UNKNOWN, TOUCHED = -1, -2, -3
 """Numbers of a face that belongs to no region, of one not yet numbered, and of the first that contours touch."""
@@ -230,31 +230,18 @@ def _reach_corners(surface, regions, touched):  # type: ignore[no-untyped-def]
     row = regions.rows[touched]
     if row == NOWHERE:
         return
+    images = regions.images[touched]
+    x = select(1, splat(images[0]), select(2, splat(images[2]), splat(images[4])))
+    y = select(1, splat(images[1]), select(2, splat(images[3]), splat(images[5])))
     for known in range(3):
-        region = regions.vertices[surface.vertices[row, known]]
-        if region < 0:
-            continue
-        ax, ay = regions.images[touched, 2 * known], regions.images[touched, 2 * known + 1]
+        region, unknown = regions.vertices[surface.vertices[row, known]], 0
         for other in range(3):
-            vertex = surface.vertices[row, other]
-            if regions.vertices[vertex] >= 0:
-                continue
-            bx, by = regions.images[touched, 2 * other], regions.images[touched, 2 * other + 1]
-            dx, dy = bx - ax, by - ay
-            free = True
-            for j in range(regions.counts[touched]):
-                segment = regions.segments[touched, j]
-                px, py, qx, qy, pad = segment[0], segment[1], segment[2], segment[3], TWICE * segment[4]
-                ex, ey = qx - px, qy - py
-                far = abs(px - ax) + abs(py - ay) + abs(qx - ax) + abs(qy - ay)
-                guard = pad * (abs(ex) + abs(ey) + far)
-                u, v = ex * (ay - py) - ey * (ax - px), ex * (by - py) - ey * (bx - px)
-                band = pad * (abs(dx) + abs(dy) + far)
-                s, t = dx * (py - ay) - dy * (px - ax), dx * (qy - ay) - dy * (qx - ax)
-                apart = min(u, v) > guard or max(u, v) < -guard or min(s, t) > band or max(s, t) < -band
-                free &= apart
-            if free:
-                regions.vertices[vertex] = region
+            unknown |= np.int64(regions.vertices[surface.vertices[row, other]] < 0) << other
+        if region >= 0 and unknown:
+            free = _unobstructed(regions, touched, known, x, y, unknown)
+            for other in range(3):
+                if (free >> other) & 1:
+                    regions.vertices[surface.vertices[row, other]] = region
 
 
 @njit(_nrt=False, forceinline=True)
@@ -282,30 +269,37 @@ def spread(surface, regions, touched, x, y, mask):  # type: ignore[no-untyped-de
         free = mask & ~(visible | hidden)
         if region < 0 or regions.known[region] == MIXED or not free:
             continue
-        vx, vy = regions.images[touched, 2 * i], regions.images[touched, 2 * i + 1]
-        dx, dy = splat(vx) - x, splat(vy) - y
-        length = absolute(dx) + absolute(dy)
-        for j in range(regions.counts[touched]):
-            segment = regions.segments[touched, j]
-            px, py, qx, qy, pad = segment[0], segment[1], segment[2], segment[3], TWICE * segment[4]
-            # point and corner to the same side of the line through it ...
-            ex, ey = qx - px, qy - py
-            far = abs(px - vx) + abs(py - vy) + abs(qx - vx) + abs(qy - vy)
-            guard = pad * (abs(ex) + abs(ey) + far)
-            at = splat(ex * (vy - py) - ey * (vx - px))
-            height = splat(ex) * (y - splat(py)) - splat(ey) * (x - splat(px))
-            apart = greater(minimum(at, height), splat(guard)) | greater(splat(-guard), maximum(at, height))
-            if free & ~apart:
-                # ... or both its ends to the same side of the line through them
-                band = (length + splat(far)) * splat(pad)
-                first = dx * (splat(py) - y) - dy * (splat(px) - x)
-                second = dx * (splat(qy) - y) - dy * (splat(qx) - x)
-                apart |= greater(minimum(first, second), band) | greater(splat(ZERO) - band, maximum(first, second))
-                free &= apart
-                if not free:
-                    break
+        free = _unobstructed(regions, touched, i, x, y, free)
         if regions.known[region] == VISIBLE:
             visible |= free
         else:
             hidden |= free
     return visible, hidden
+
+
+@njit(_nrt=False, forceinline=True)
+def _unobstructed(regions, touched, i, x, y, free):  # type: ignore[no-untyped-def]
+    """Of a mask of 16 points in the image, those that nothing noted of a face lies between and its i-th corner."""
+    vx, vy = regions.images[touched, 2 * i], regions.images[touched, 2 * i + 1]
+    dx, dy = splat(vx) - x, splat(vy) - y
+    length = absolute(dx) + absolute(dy)
+    for j in range(regions.counts[touched]):
+        segment = regions.segments[touched, j]
+        px, py, qx, qy, pad = segment[0], segment[1], segment[2], segment[3], TWICE * segment[4]
+        # point and corner to the same side of the line through it ...
+        ex, ey = qx - px, qy - py
+        far = abs(px - vx) + abs(py - vy) + abs(qx - vx) + abs(qy - vy)
+        guard = pad * (abs(ex) + abs(ey) + far)
+        at = splat(ex * (vy - py) - ey * (vx - px))
+        height = splat(ex) * (y - splat(py)) - splat(ey) * (x - splat(px))
+        apart = greater(minimum(at, height), splat(guard)) | greater(splat(-guard), maximum(at, height))
+        if free & ~apart:
+            # ... or both its ends to the same side of the line through them
+            band = (length + splat(far)) * splat(pad)
+            first = dx * (splat(py) - y) - dy * (splat(px) - x)
+            second = dx * (splat(qy) - y) - dy * (splat(qx) - x)
+            apart |= greater(minimum(first, second), band) | greater(splat(ZERO) - band, maximum(first, second))
+            free &= apart
+            if not free:
+                break
+    return free
