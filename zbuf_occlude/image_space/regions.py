@@ -234,7 +234,7 @@ def _reach_corners(surface, regions, touched):  # type: ignore[no-untyped-def]
     x = select(1, splat(images[0]), select(2, splat(images[2]), splat(images[4])))
     y = select(1, splat(images[1]), select(2, splat(images[3]), splat(images[5])))
     for known in range(3):
-        region, unknown = regions.vertices[surface.vertices[row, known]], 0
+        region, unknown = regions.vertices[surface.vertices[row, known]], np.int64(0)
         for other in range(3):
             unknown |= np.int64(regions.vertices[surface.vertices[row, other]] < 0) << other
         if region >= 0 and unknown:
