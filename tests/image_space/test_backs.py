@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
-from zbuf_occlude.image_space.backs import find_backed, make_solids
+from zbuf_occlude.image_space.backs import make_solids
+from zbuf_occlude.image_space.packets import make_packets
 from zbuf_occlude.image_space.scene import make_scene
 from zbuf_occlude.image_space.sides import drop_turned, find_sides
 from zbuf_occlude.image_space.surface import make_surface
@@ -12,6 +14,7 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility import exact
 
 BALL = shapes.solids.icosphere(4)
+BALL_PAIRS, BALL_EDGES = trimesh.graph.face_adjacency(BALL.faces, return_edges=True)
 EYES = views.fibonacci(20, distance=5.0).eyes
 
 
@@ -21,14 +24,21 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact, "WORTH", 0)
 
 
-def backed(mesh: Mesh, positions: np.ndarray, face_ids: np.ndarray) -> tuple[np.ndarray, bool]:
-    solids = make_solids(mesh, 1e-5)
-    order = np.arange(len(positions), dtype=np.int32)
-    return find_backed(positions, face_ids, order, face_ids, mesh.centre, mesh.diagonal, solids, solids.records)
+def backed(mesh: Mesh, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Which points are backed, the faces beside their own where these matter, else -1; whether all are on faces."""
+    scene, solids = make_scene(mesh, 1e-5 * mesh.diagonal), make_solids(mesh, 1e-5)
+    rows = np.full(len(mesh.faces) + 1, -1, dtype=np.int32)
+    rows[scene.face_ids[scene.face_ids >= 0]] = np.flatnonzero(scene.face_ids.reshape(-1) >= 0)
+    packets = make_packets(points, scene, rows, solids, make_surface(scene, rows, solids).records)
+    found, beside, order = np.zeros(len(points), dtype=bool), np.full(len(points), -1), packets.order[: len(points)]
+    bits = [(words[:, None] >> np.arange(64)) & 1 for words in (packets.backed, packets.twofold)]
+    found[order], two = (bit.reshape(-1)[: len(points)] != 0 for bit in bits)
+    beside[order[two]] = scene.face_ids.reshape(-1)[packets.beside_rows[: len(points)][two]]
+    return found, beside, packets.on_faces
 
 
 def share_backed(mesh: Mesh, points: SurfacePoints) -> float:
-    return float((backed(mesh, points.positions, points.face_ids)[0] >= 0).mean())
+    return float(backed(mesh, points)[0].mean())
 
 
 def test_points_of_solids_are_backed_and_others_are_not() -> None:
@@ -48,6 +58,21 @@ def test_corners_are_left_to_the_search_and_edges_are_not() -> None:
         positions = target + 1e-6 * (corners.mean(axis=1) - target)
         points = SurfacePoints(positions, np.arange(len(corners), dtype=np.int32), BALL.face_normals)
         assert share_backed(BALL, points) == expected
+
+
+def test_the_face_beside_is_the_one_across_the_edge_that_a_point_is_close_to() -> None:
+    corners = BALL.corners
+    across = {tuple(sorted(edge)): faces for edge, faces in zip(BALL_EDGES.tolist(), BALL_PAIRS.tolist(), strict=True)}
+    for edge in range(3):
+        middle = (corners[:, edge] + corners[:, (edge + 1) % 3]) / 2.0
+        points = SurfacePoints(
+            middle + 1e-6 * (corners.mean(axis=1) - middle), np.arange(len(corners), dtype=np.int32), BALL.face_normals
+        )
+        pairs = [across[tuple(sorted((face[edge], face[(edge + 1) % 3])))] for face in BALL.faces.tolist()]
+        expected = [pair[0] + pair[1] - own for own, pair in enumerate(pairs)]
+        assert backed(BALL, points)[1].tolist() == expected
+    inner = SurfacePoints(corners.mean(axis=1), np.arange(len(corners), dtype=np.int32), BALL.face_normals)
+    assert (backed(BALL, inner)[1] == -1).all()
 
 
 @pytest.mark.parametrize("n_points", [200, 20_000])  # fewer than faces, and more: two ways through the search
@@ -123,7 +148,7 @@ def test_points_are_on_their_faces_or_not() -> None:
     points = sample_surface(BALL, n_points=500, seed=6)
 
     def on_faces(positions: np.ndarray) -> bool:
-        return bool(backed(BALL, positions, points.face_ids)[1])
+        return backed(BALL, SurfacePoints(positions, points.face_ids, points.normals))[2]
 
     corners = BALL.corners[points.face_ids]
     assert on_faces(points.positions)

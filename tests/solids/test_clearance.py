@@ -44,7 +44,7 @@ def test_beyond_the_margins_every_other_face_keeps_away(name: str) -> None:
     mesh = MESHES[name]
     solids, near = find_solids(mesh, REACH)
     frames = face_frames(near.corners)
-    margins, ordered, n_unbounded = edge_margins(near.corners, near.starts, near.others, frames, REACH)
+    margins, ordered, ends = edge_margins(near.corners, near.starts, near.others, frames, REACH)
     first, last = near.starts[:-1], near.starts[1:]
     points = sample_surface(mesh, n_points=3000, seed=1)
     positions = (points.positions - mesh.centre) / mesh.diagonal
@@ -58,11 +58,14 @@ def test_beyond_the_margins_every_other_face_keeps_away(name: str) -> None:
         from_edges = np.linalg.norm(np.cross(point - f, along), axis=1)
         others = np.flatnonzero((solids.surfaces == solids.surfaces[own]) & (np.arange(len(mesh.faces)) != own))
         close = others[distances(np.tile(point, (len(others), 1)), near.corners[others]) <= REACH]
-        if (from_edges > margins[own]).all():
-            assert set(close) <= set(ordered[first[own] : first[own] + n_unbounded[own]])
-            n_clear += n_unbounded[own] == 0
+        # what the margins clear the point of is not close, and what is apart from its plane never is
+        groups = np.split(ordered[first[own] : last[own]], ends[own] - first[own])
+        beyond = from_edges > margins[own]
+        for group in (*(groups[1 + edge] for edge in range(3) if beyond[edge]), groups[4]):
+            assert not set(close) & set(group)
+        n_clear += beyond.all() and len(groups[0]) == 0
         expected = own if len(close) == 0 else close[0] if len(close) == 1 else -1
-        assert face_beside(tuple(point), own, near.corners, ordered, first[own], last[own], REACH) == expected
+        assert face_beside(tuple(point), own, own, near.corners, ordered, first[own], last[own], REACH) == expected
         n_beside += len(close) == 1
     assert n_clear > 0
     for i in range(len(mesh.faces)):

@@ -17,15 +17,13 @@ than one other face within the tolerance or not on their face, faces seen at a g
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.lanes import N_LANES
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.solids import find_clearance, find_solids
 from zbuf_occlude.solids.clearance import edge_margins, face_beside, face_frames
-from zbuf_occlude.threads import threaded
 
 OFF = 5e-4
 """A point may lie off its face by this times the contact tolerance, as float64 points do, rounded to float32 not."""
@@ -37,8 +35,8 @@ GRAZING = np.float32(1e-3)
 """Sine of the angle between line of sight and face below which nothing is said. More than `OFF`: a line from a point
 before its face is then behind it before it leaves the point's ball."""
 
-BLOCK = 4096
-"""Points that one thread asks for at a time."""
+DIAGONAL = 2.0
+"""The mesh's diagonal in scene space."""
 
 UNRELATED, FOLLOWED, SOLID = 0.0, 1.0, 2.0
 """Kinds of faces: none of the others; those that visibility may be followed over; those of solids."""
@@ -63,8 +61,8 @@ class Solids(NamedTuple):
         `solids.Barriers`.
     corners, starts, others
         As in `solids.NearFaces`.
-    n_unbounded : (f,) int32
-        As in `solids.clearance`; the unbounded of a face's others come first.
+    ends : (f, 4) int64
+        Where groups of them end, as in `solids.clearance.edge_margins`.
     records : (f, 20) float64
         What decides of most points where they are on a face: unit normal, unit vectors inwards across the three edges,
         the offsets of these four, the margins, and one of `UNRELATED`, `FOLLOWED`, `SOLID`. In diagonals.
@@ -83,7 +81,7 @@ class Solids(NamedTuple):
     corners: FloatArray
     starts: NDArray[np.int64]
     others: IntArray
-    n_unbounded: IntArray
+    ends: NDArray[np.int64]
     records: FloatArray
     reach: float
 
@@ -93,7 +91,7 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
     reach = 1.01 * max(contact, LEAST)
     closed, near = find_solids(mesh, reach)
     frames = face_frames(near.corners)
-    margins, others, n_unbounded = edge_margins(near.corners, near.starts, near.others, frames, reach)
+    margins, others, ends = edge_margins(near.corners, near.starts, near.others, frames, reach)
     clearance = find_clearance(near.corners, closed, reach)
     offsets = np.einsum("fij,fij->fi", frames, near.corners[:, [0, 0, 1, 2]])
     followed = clearance.clear | (np.diff(clearance.barriers.starts) > 0)
@@ -108,9 +106,31 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
         near.corners,
         near.starts,
         others,
-        n_unbounded,
+        ends,
         np.concatenate([frames.reshape(-1, 12), offsets, margins, kinds[:, None]], axis=1),
         reach,
+    )
+
+
+def no_solids() -> Solids:
+    """Return what is known before they are looked for: nothing."""
+    none, no_ids = np.zeros(0, dtype=np.int8), np.zeros(0, dtype=np.int32)
+    no_places, no_numbers = np.zeros(0, dtype=np.int64), np.zeros(0)
+    return Solids(
+        none,
+        none,
+        no_ids.reshape(0, 3),
+        no_places,
+        np.zeros(0, dtype=np.bool_),
+        no_places,
+        no_numbers.reshape(0, 2, 3),
+        no_numbers,
+        no_numbers.reshape(0, 3, 3),
+        no_places,
+        no_ids,
+        no_places.reshape(0, 4),
+        no_numbers.reshape(0, 20),
+        0.0,
     )
 
 
@@ -120,96 +140,44 @@ def followed_area(mesh: Mesh, solids: Solids) -> float:
     return float(mesh.areas[followed].sum() / mesh.areas.sum())
 
 
-@threaded
-def find_backed(
-    positions: FloatArray,
-    face_ids: IntArray,
-    order: IntArray,
-    own: IntArray,
-    centre: FloatArray,
-    diagonal: float,
-    solids: Solids,
-    records: FloatArray,
-) -> tuple[IntArray, bool]:
-    """Find the points that a solid hides from every eye outside on the inner side of one or two faces.
+@njit(_nrt=False, forceinline=True)
+def back_of(point, face, record, solids):  # type: ignore[no-untyped-def]
+    """Find whether a solid hides a point from every eye outside on the inner side of one or two faces.
 
     Parameters
     ----------
-    positions, face_ids : (n, 3) float64, world space, and (n,) int32
-    order : (n',) int32
-        In which they are asked and answered for; best those of a face one after the other.
-    own : (n',) int32
-        Where in `records` those of their faces are; -1 for none.
-    centre, diagonal : (3,) float64 and float
-        The mesh's.
+    point : tuple of 3 float64, scene space
+    face : int
+        Its own.
+    record : (20,) float64
+        The face's, of `Solids.records`.
     solids : Solids
-    records : (..., 20) float64
-        Those of `solids`, maybe in another order.
 
     Returns
     -------
-    beside : (n',) int32
-        The face beside a point's own that the eye must be on the inner side of, too; its own where there is none such,
-        -1 where the solid says nothing.
-    on_faces : bool
-        Whether all points of faces that are clear, or have barriers, or are of solids, lie on these.
+    beside : int
+        The face beside its own that the eye must be on the inner side of, too; its own where there is none such, -1
+        where the solid says nothing.
+    off : bool
+        Whether the face is clear, or has barriers, or is of a solid, and the point does not lie on it.
     """
-    beside, n_off = np.full(len(order), -1, dtype=np.int32), 0
-    for block in prange(-(-len(order) // BLOCK)):
-        begin, end = block * BLOCK, min((block + 1) * BLOCK, len(order))
-        n_off += _find_block(positions, face_ids, order, own, centre, diagonal, solids, records, begin, end, beside)
-    return beside, n_off == 0
-
-
-@njit(_nrt=False)
-def _find_block(positions, face_ids, order, own, centre, diagonal, solids, records, begin, end, beside):  # type: ignore[no-untyped-def]
-    """Fill `beside` from begin to end; return how many of these points are not on their faces."""
-    n_off = 0
-    for i in range(begin, end):
-        if own[i] < 0 or records[own[i], 19] == UNRELATED:
-            continue
-        record, k = records[own[i]], order[i]
-        x, y, z = (
-            (positions[k, 0] - centre[0]) / diagonal,
-            (positions[k, 1] - centre[1]) / diagonal,
-            (positions[k, 2] - centre[2]) / diagonal,
-        )
-        off = abs(record[0] * x + record[1] * y + record[2] * z - record[12])
-        inside_a = record[3] * x + record[4] * y + record[5] * z - record[13]
-        inside_b = record[6] * x + record[7] * y + record[8] * z - record[14]
-        inside_c = record[9] * x + record[10] * y + record[11] * z - record[15]
-        least = min(inside_a, min(inside_b, inside_c))
-        n_off += not (off <= ON * solids.reach and least >= -ON * solids.reach)
-        if record[19] != SOLID or not (off <= OFF * solids.reach and least > 0.0):
-            continue
-        face = face_ids[k]
-        first, last = solids.starts[face], solids.starts[face + 1]
-        if inside_a > record[16] and inside_b > record[17] and inside_c > record[18]:
-            last = first + solids.n_unbounded[face]
-        beside[i] = face_beside((x, y, z), face, solids.corners, solids.others, first, last, solids.reach)
-    return n_off
-
-
-@threaded
-def pack_backs(face_ids: IntArray, beside: IntArray, order: IntArray) -> tuple[NDArray[np.int64], BoolArray]:
-    """Put what `find_backed` found into packets.
-
-    Parameters
-    ----------
-    face_ids : (n,) int32
-    beside, order : (n',) int32
-
-    Returns
-    -------
-    backed : (n' / 16,) int64
-        Masks of the points that are hidden where their faces are turned away.
-    two : (n' / 16,) bool
-        Whether for some of these the face beside their own must be, too.
-    """
-    backed, two = np.zeros(len(order) // N_LANES, dtype=np.int64), np.zeros(len(order) // N_LANES, dtype=np.bool_)
-    for packet in prange(len(backed)):
-        for i in range(packet * N_LANES, (packet + 1) * N_LANES):
-            if beside[i] >= 0:
-                backed[packet] |= 1 << (i % N_LANES)
-                two[packet] |= beside[i] != face_ids[order[i]]
-    return backed, two
+    if record[19] == UNRELATED:
+        return -1, False
+    x, y, z = point[0] / DIAGONAL, point[1] / DIAGONAL, point[2] / DIAGONAL
+    away = abs(record[0] * x + record[1] * y + record[2] * z - record[12])
+    inside = (
+        record[3] * x + record[4] * y + record[5] * z - record[13],
+        record[6] * x + record[7] * y + record[8] * z - record[14],
+        record[9] * x + record[10] * y + record[11] * z - record[15],
+    )
+    least = min(inside[0], min(inside[1], inside[2]))
+    off = not (away <= ON * solids.reach and least >= -ON * solids.reach)
+    if record[19] != SOLID or not (away <= OFF * solids.reach and least > 0.0):
+        return -1, off
+    beside, first = face, solids.starts[face]
+    for group in range(4):
+        last = solids.ends[face, group]
+        if beside >= 0 and last > first and (group == 0 or inside[group - 1] <= record[15 + group]):
+            beside = face_beside((x, y, z), face, beside, solids.corners, solids.others, first, last, solids.reach)
+        first = last
+    return beside, off

@@ -149,7 +149,7 @@ def search_chunk(  # type: ignore[no-untyped-def]
         if not space.undecided[packet]:
             continue
         index = space.left[chunk * CHUNK + packet]
-        space.undecided[packet] &= ~space.decided[index]
+        space.undecided[packet] &= ~np.int64(space.decided[index])
         hidden = space.undecided[packet]
         if n_listed > 0:
             hidden = search_packet(

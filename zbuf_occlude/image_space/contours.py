@@ -40,6 +40,7 @@ TWICE = np.float32(2.0)
 class Contours(NamedTuple):
     """A thread's workspace for up to n contours in up to 8 n cells altogether."""
 
+    edges: IntArray  # (n,) of `Surface`
     ends: Float32  # (n, 6) where they begin and end, scene space
     images: Float32  # (n, 4) x and y of both ends
     boxes: Float32  # (n, 4) lowest x, highest x, lowest y, highest y, widened by PAD
@@ -48,13 +49,14 @@ class Contours(NamedTuple):
     following: IntArray  # (8 n,) next entry of its cell, -1 for none
     met: IntArray  # (n,) the cluster that met the contour last
     grid: Float32  # (4,) x and y of the first cell's corner, cells per unit along x and y
-    n_listed: NDArray[np.int64]  # (1,)
+    totals: NDArray[np.int64]  # (2,) how many contours, and entries, there are
 
 
 @njit
 def make_contours(n):  # type: ignore[no-untyped-def]
     """Allocate for n contours."""
     return Contours(
+        np.empty(n, dtype=np.int32),
         np.empty((n, 6), dtype=np.float32),
         np.empty((n, 4), dtype=np.float32),
         np.empty((n, 4), dtype=np.float32),
@@ -63,7 +65,7 @@ def make_contours(n):  # type: ignore[no-untyped-def]
         np.empty(8 * n, dtype=np.int32),
         np.empty(n, dtype=np.int32),
         np.empty(4, dtype=np.float32),
-        np.zeros(1, dtype=np.int64),
+        np.zeros(2, dtype=np.int64),
     )
 
 
@@ -88,7 +90,7 @@ def find_contours(surface, front, back, frame, contours):  # type: ignore[no-unt
             continue
         if n == len(contours.met):
             return False
-        contours.met[n] = -1
+        contours.edges[n], contours.met[n] = edge, -1
         for i in range(2):
             px, py, pz = surface.ends[edge, i, 0], surface.ends[edge, i, 1], surface.ends[edge, i, 2]
             x, y, _ = image_of(px, py, pz, frame)
@@ -103,7 +105,7 @@ def find_contours(surface, front, back, frame, contours):  # type: ignore[no-unt
     contours.grid[0], contours.grid[1] = x0, y0
     contours.grid[2], contours.grid[3] = side / max(x1 - x0, PAD), side / max(y1 - y0, PAD)
     contours.heads[:] = -1
-    contours.n_listed[0] = 0
+    contours.totals[0], contours.totals[1] = n, 0
     fits = True
     for i in range(n):
         fits = fits and _list_contour(contours, i)
@@ -123,7 +125,7 @@ def _list_contour(contours, i):  # type: ignore[no-untyped-def]
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     first, last = _cell(contours.boxes[i, 2], contours, 1), _cell(contours.boxes[i, 3], contours, 1)
-    to, height = contours.n_listed[0], ONE / contours.grid[3]
+    to, height = contours.totals[1], ONE / contours.grid[3]
     beside = max(np.float32(0.1) * height, TWICE * PAD)
     for row in range(first, last + 1):
         x0, x1 = contours.boxes[i, 0], contours.boxes[i, 1]
@@ -141,7 +143,7 @@ def _list_contour(contours, i):  # type: ignore[no-untyped-def]
             contours.listed[to], contours.following[to] = i, contours.heads[at]
             contours.heads[at] = to
             to += 1
-    contours.n_listed[0] = to
+    contours.totals[1] = to
     return True
 
 

@@ -39,6 +39,9 @@ from zbuf_occlude.lanes import absolute, first_lane, greater, maximum, minimum, 
 NOWHERE, UNKNOWN, TOUCHED = -1, -2, -3
 """Numbers of a face that belongs to no region, of one not yet numbered, and of the first that contours touch."""
 
+BLIND = -2
+"""In place of a corner's region: a contour ends there, which is between it and everything."""
+
 OPEN, VISIBLE, HIDDEN, MIXED, TURNED, PARTLY = 0, 1, 2, 3, 4, 5
 """What is known of a face: nothing; what is of its region (which ought not to be mixed); that it is turned away; what
 can be spread over it."""
@@ -66,11 +69,12 @@ class Regions(NamedTuple):
     stack: IntArray  # (16 m,)
     known: IntArray  # (16 m,) of each region
     asked: IntArray  # (16 m,) of each region a row that has points
-    vertices: IntArray  # (n vertices,) region of a face around each, NOWHERE where there is none
+    vertices: IntArray  # (n vertices,) region of a face around each, NOWHERE where there is none, or BLIND
     rows: IntArray  # (8 m,) of the faces that contours touch; NOWHERE where these were too many
     images: Float32  # (8 m, 6) x and y of their corners
     segments: Float32  # (8 m, MOST, 5) x and y of both ends of contours and barriers, and how far these reach
     counts: IntArray  # (8 m,) how many
+    corners: NDArray[np.int8]  # (8 m,) bits 0 to 2 for corners known to be seen, 3 to 5 for those known to be hidden
     met: IntArray  # (MET,) contours about the current cluster
     masks: IntArray  # (MET,) of the faces that they touch
 
@@ -92,19 +96,20 @@ def make_regions(n_clusters, n_vertices, following):  # type: ignore[no-untyped-
         np.empty((t, 6), dtype=np.float32),
         np.empty((t, MOST, 5), dtype=np.float32),
         np.empty(t, dtype=np.int32),
+        np.empty(t, dtype=np.int8),
         np.empty(MET, dtype=np.int32),
         np.empty(MET, dtype=np.int32),
     )
 
 
 @njit(_nrt=False)
-def find_regions(scene, surface, first_packets, rectangles, eye, frame, contours, regions):  # type: ignore[no-untyped-def]
+def find_regions(scene, surface, row_starts, rectangles, eye, frame, contours, regions):  # type: ignore[no-untyped-def]
     """Number the regions that an eye outside sees; return how many.
 
     Parameters
     ----------
     scene, surface : Scene and Surface
-    first_packets : (16 m,) int32
+    row_starts : (16 m,) int32
         As in `Packets`.
     rectangles : (6, ...) float32
         Of the clusters, see `projection.project_boxes`.
@@ -153,8 +158,11 @@ def find_regions(scene, surface, first_packets, rectangles, eye, frame, contours
     n = 0
     for seed in range(len(numbers)):
         if numbers[seed] == UNKNOWN:
-            worth, n_touched = _flood(surface, first_packets, seed, n, n_touched, regions)
+            worth, n_touched = _flood(surface, row_starts, seed, n, n_touched, regions)
             n += worth
+    for i in range(contours.totals[0]):
+        edge = contours.edges[i]
+        regions.vertices[surface.edge_vertices[edge, 0]] = regions.vertices[surface.edge_vertices[edge, 1]] = BLIND
     for i in range(n_touched):
         row = max(regions.rows[i], 0)
         cluster, lane = row // 16, row & 15
@@ -190,7 +198,7 @@ def _note(regions, row, n_touched, px, py, qx, qy, pad):  # type: ignore[no-unty
 
 
 @njit(_nrt=False, forceinline=True)
-def _flood(surface, first_packets, seed, number, n_touched, regions):  # type: ignore[no-untyped-def]
+def _flood(surface, row_starts, seed, number, n_touched, regions):  # type: ignore[no-untyped-def]
     """Give a face's region its number, if it is worth one (1, else 0); its faces count as touched, if not."""
     numbers, stack = regions.numbers, regions.stack
     numbers[seed], stack[0] = number, seed
@@ -198,7 +206,7 @@ def _flood(surface, first_packets, seed, number, n_touched, regions):  # type: i
     while done < n:
         row = stack[done]
         done += 1
-        if asked < 0 and first_packets[row] >= 0:
+        if asked < 0 and row_starts[row + 1] > row_starts[row]:
             asked = row
         front = has(regions.front, row)
         for i in range(3):
@@ -230,27 +238,44 @@ def _reach_corners(surface, regions, touched):  # type: ignore[no-untyped-def]
     row = regions.rows[touched]
     if row == NOWHERE:
         return
+    unknown = np.int64(0)
+    for other in range(3):
+        unknown |= np.int64(regions.vertices[surface.vertices[row, other]] == NOWHERE) << other
+    if not unknown:
+        return
     images = regions.images[touched]
     x = select(1, splat(images[0]), select(2, splat(images[2]), splat(images[4])))
     y = select(1, splat(images[1]), select(2, splat(images[3]), splat(images[5])))
     for known in range(3):
-        region, unknown = regions.vertices[surface.vertices[row, known]], np.int64(0)
-        for other in range(3):
-            unknown |= np.int64(regions.vertices[surface.vertices[row, other]] < 0) << other
+        region = regions.vertices[surface.vertices[row, known]]
         if region >= 0 and unknown:
             free = _unobstructed(regions, touched, known, x, y, unknown)
+            unknown &= ~free
             for other in range(3):
                 if (free >> other) & 1:
                     regions.vertices[surface.vertices[row, other]] = region
 
 
 @njit(_nrt=False, forceinline=True)
-def spread(surface, regions, touched, x, y, mask):  # type: ignore[no-untyped-def]
+def find_corners(surface, regions, touched):  # type: ignore[no-untyped-def]
+    """Look up which corners of a face that contours touch are known to be seen or hidden; return whether any."""
+    corners, row = np.int64(0), regions.rows[touched]
+    for i in range(3):
+        region = regions.vertices[surface.vertices[row, i]]
+        if region >= 0:
+            known = regions.known[region]
+            corners |= (np.int64(known == VISIBLE) << i) | (np.int64(known == HIDDEN) << (3 + i))
+    regions.corners[touched] = corners
+    return corners != 0
+
+
+@njit(_nrt=False, forceinline=True)
+def spread(regions, touched, x, y, mask):  # type: ignore[no-untyped-def]
     """Answer for points of a face that contours touch, where none is between them and a corner known to be seen or not.
 
     Parameters
     ----------
-    surface, regions : Surface and Regions
+    regions : Regions
     touched : int
         Which of the faces in ``regions.rows``.
     x, y : vectors
@@ -263,17 +288,15 @@ def spread(surface, regions, touched, x, y, mask):  # type: ignore[no-untyped-de
     visible, hidden : int
         Masks of those that are known now.
     """
-    visible, hidden, row = 0, 0, regions.rows[touched]
+    visible, hidden, corners = 0, 0, np.int64(regions.corners[touched])
     for i in range(3):
-        region = regions.vertices[surface.vertices[row, i]]
-        free = mask & ~(visible | hidden)
-        if region < 0 or regions.known[region] == MIXED or not free:
-            continue
-        free = _unobstructed(regions, touched, i, x, y, free)
-        if regions.known[region] == VISIBLE:
-            visible |= free
-        else:
-            hidden |= free
+        seen, unseen, free = (corners >> i) & 1, (corners >> (3 + i)) & 1, mask & ~(visible | hidden)
+        if free and (seen | unseen):
+            free = _unobstructed(regions, touched, i, x, y, free)
+            if seen:
+                visible |= free
+            else:
+                hidden |= free
     return visible, hidden
 
 

@@ -49,15 +49,15 @@ def find_visible(
     answer : (k, n) bool
         Receives the answers, True = visible; all True before if there are several blocks.
     """
-    n_eyes = len(frames.matrices)
-    n_groups = -(-points.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
+    n_eyes, n_packets = len(frames.matrices), points.coordinates.shape[1] // PACKET
+    n_groups = -(-n_packets // (GROUP * CHUNK))
     n_faces = len(scene.world_corners)
     few = points.n_points < FEW_POINTS * n_faces
     for worker in prange(n_workers):
-        space = make_workspace(scene, len(points.backed))
+        space = make_workspace(scene, n_packets)
         regions = make_regions(len(scene.used), surface.n_vertices, following)
         contours = make_contours(len(surface.edges) // 4 + 256 if following else 0)
-        n_tiled = points.coordinates.shape[1] if few else (points.coordinates.shape[1] // 2 if following else 0)
+        n_tiled = PACKET * (n_packets if few else (n_packets // 2 if following else 0))
         tiles = make_tiles(n_tiled, len(scene.used) if n_tiled else 0)
         epoch = 0
         for task in range(worker, n_eyes * n_blocks, n_workers):
@@ -76,7 +76,7 @@ def find_visible(
                     frames.eyes[view],
                     face if frames.n_frames[view] > 1 else -1,
                     begin * GROUP * CHUNK,
-                    min(end * GROUP * CHUNK, len(points.backed)),
+                    min(end * GROUP * CHUNK, n_packets),
                     space,
                     regions,
                     contours,
@@ -128,18 +128,17 @@ def search_frame(  # type: ignore[no-untyped-def]
         if points.on_faces:
             drop_turned(scene, surface, regions.back, space.rectangles)
         if len(regions.numbers) and find_contours(surface, regions.front, regions.back, frame, contours):
-            n_regions = find_regions(
-                scene, surface, points.first_packets, space.rectangles, eye, frame, contours, regions
-            )
+            n_regions = find_regions(scene, surface, points.row_starts, space.rectangles, eye, frame, contours, regions)
             ask_regions(scene, points, n_regions, frame, window, eye, world_eye, space, regions, epoch, answer)
     if n_regions or (points.some_backed and not inside):
         find_states(scene, surface, n_regions, regions)
-        n_left, n_undecided = settle(surface, points, first, last, frame, space, regions, answer)
+        n_left, n_undecided = settle(points, first, last, frame, space, regions, answer)
     else:
         n_left, n_undecided = leave_all(points, first, last, space)
     if n_left == 0:
         return
-    if not inside and n_undecided < FEW_POINTS * len(scene.world_corners) and n_left * PACKET <= len(tiles.tile_ids):
+    few = n_undecided < FEW_POINTS * len(scene.world_corners) and n_left * PACKET <= len(tiles.tile_ids)
+    if few and not inside:
         search_tiles(scene, points, n_left, frame, window, eye, world_eye, space, tiles, epoch, answer)
         return
     search_chunks(scene, points, n_left, frame, window, eye, world_eye, reach, inside, space, epoch, answer)

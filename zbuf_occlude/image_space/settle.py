@@ -4,9 +4,8 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.image_space.chunks import search_chunks
-from zbuf_occlude.image_space.packet_search import write
-from zbuf_occlude.image_space.packets import PACKET
-from zbuf_occlude.image_space.projection import ONE, ZERO, project_packet
+from zbuf_occlude.image_space.packets import PACKET, WORD
+from zbuf_occlude.image_space.projection import ONE, project_packet
 from zbuf_occlude.image_space.regions import (
     HIDDEN,
     MIXED,
@@ -15,9 +14,13 @@ from zbuf_occlude.image_space.regions import (
     TOUCHED,
     TURNED,
     VISIBLE,
+    find_corners,
     spread,
 )
 from zbuf_occlude.lanes import ALL, count_lanes, divide, first_lane, splat
+
+EVERY = np.int64(-1)
+"""All bits of a word."""
 
 
 @njit(_nrt=False)
@@ -27,17 +30,16 @@ def ask_regions(  # type: ignore[no-untyped-def]
     """Learn of each region whether an eye outside sees it, by searching for the first points of one of its faces."""
     n_asked = 0
     for region in range(n_regions):
-        space.decided[points.first_packets[regions.asked[region]]] = ALL
+        space.decided[_first_packet(points, regions.asked[region])] = ALL
     for region in range(n_regions):
-        packet = points.first_packets[regions.asked[region]]
+        packet = _first_packet(points, regions.asked[region])
         if space.decided[packet] == ALL:
             space.left[n_asked] = packet
             n_asked += 1
-        space.decided[packet] &= ~_points_of(points, packet, regions.asked[region])
+        space.decided[packet] &= ~_first_points(points, regions.asked[region])
     search_chunks(scene, points, n_asked, frame, window, eye, world_eye, ONE, False, space, epoch, answer)
     for region in range(n_regions):
-        packet = points.first_packets[regions.asked[region]]
-        asked = _points_of(points, packet, regions.asked[region])
+        packet, asked = _first_packet(points, regions.asked[region]), _first_points(points, regions.asked[region])
         visible, hidden = False, False
         while asked:
             seen = answer[points.order[packet * PACKET + first_lane(asked)]]
@@ -48,13 +50,17 @@ def ask_regions(  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False, forceinline=True)
-def _points_of(points, packet, row):  # type: ignore[no-untyped-def]
-    """Mask of a packet's points on a face."""
-    found = np.int64(0)
-    for run in range(points.run_starts[packet], points.run_starts[packet + 1]):
-        if points.run_rows[run] == row:
-            found |= np.int64(points.run_masks[run])
-    return found
+def _first_packet(points, row):  # type: ignore[no-untyped-def]
+    """The first packet that has a point of a face."""
+    return points.row_starts[row] // PACKET
+
+
+@njit(_nrt=False, forceinline=True)
+def _first_points(points, row):  # type: ignore[no-untyped-def]
+    """Mask of this packet's points on the face."""
+    first = points.row_starts[row] % PACKET
+    last = min(first + points.row_starts[row + 1] - points.row_starts[row], PACKET)
+    return (1 << last) - (1 << first)
 
 
 @njit(_nrt=False)
@@ -70,17 +76,17 @@ def find_states(scene, surface, n_regions, regions):  # type: ignore[no-untyped-
             number = regions.numbers[row]
             if number >= 0:
                 states[row] = regions.known[number]
-            elif number <= TOUCHED:
+            elif number <= TOUCHED and find_corners(surface, regions, TOUCHED - number):
                 states[row] = PARTLY
 
 
 @njit(_nrt=False)
-def settle(surface, points, first, last, frame, space, regions, answer):  # type: ignore[no-untyped-def]
+def settle(points, first, last, frame, space, regions, answer):  # type: ignore[no-untyped-def]
     """Decide what can be of the packets first to last; list the others.
 
     Parameters
     ----------
-    surface, points : Surface and Packets
+    points : Packets
     first, last : int
     frame : (12,) float32
     space : Workspace
@@ -94,43 +100,113 @@ def settle(surface, points, first, last, frame, space, regions, answer):  # type
     n_left, n_undecided : int
         How many packets are left, and how many points in them.
     """
+    begin, end = first * PACKET, min(last * PACKET, points.n_points)
+    if begin >= end:
+        return 0, 0
+    n_words = -(-end // WORD)
+    for word in range(begin // WORD, n_words):
+        space.decided_words[word] = space.hidden_words[word] = 0
+    for i in range(_place(points.taken, points.own[begin]), _place(points.taken, points.own[end - 1] + 1)):
+        row = points.taken[i]
+        state = regions.states[row]
+        if state == OPEN:
+            continue
+        first_point, last_point = max(points.row_starts[row], begin), min(points.row_starts[row + 1], end)
+        if state == PARTLY:
+            _spread_over(points, row, first_point, last_point, frame, space, regions)
+        else:
+            _mark(points, state, first_point, last_point, space, regions)
     n_left, n_undecided = 0, 0
-    for packet in range(first, last):
-        there = min(points.n_points - packet * PACKET, PACKET)
-        if there <= 0:
-            break
-        turned, hidden, visible, projected = np.int64(0), np.int64(0), np.int64(0), False
-        x, y = splat(ZERO), splat(ZERO)
-        for run in range(points.run_starts[packet], points.run_starts[packet + 1]):
-            row, mask = points.run_rows[run], np.int64(points.run_masks[run])
-            state = regions.states[row] if row >= 0 else OPEN
-            if state == TURNED:
-                turned |= mask
-            elif state == HIDDEN:
-                hidden |= mask
-            elif state == VISIBLE:
-                visible |= mask
-            elif state == PARTLY:
-                if not projected:
-                    x, y, w = project_packet(points, packet * PACKET, frame)
-                    inverse = divide(splat(ONE), w)
-                    x, y, projected = x * inverse, y * inverse, True
-                seen, unseen = spread(surface, regions, TOUCHED - regions.numbers[row], x, y, mask)
-                visible |= seen
-                hidden |= unseen
-        turned &= points.backed[packet]
-        if turned and points.beside[packet] >= 0:
-            turned = _turned_beside(points, packet, turned, regions)
-        hidden |= turned
-        space.decided[packet] = hidden | visible
-        if hidden:
-            write(points, packet * PACKET, hidden, answer)
-        undecided = ((1 << there) - 1) & ~(hidden | visible)
+    for word in range(begin // WORD, n_words):
+        _write_word(points, word, space.hidden_words[word], answer)
+        undecided = ~space.decided_words[word]
+        if WORD * word + WORD > end:
+            undecided &= (1 << (end - WORD * word)) - 1
         if undecided:
-            space.left[n_left] = packet
-            n_left += 1
             n_undecided += count_lanes(undecided)
+            for i in range(WORD // PACKET):
+                if (undecided >> (PACKET * i)) & ALL:
+                    space.left[n_left] = word * (WORD // PACKET) + i
+                    n_left += 1
     return n_left, n_undecided
+
+
+@njit(_nrt=False)
+def _place(ascending, value):  # type: ignore[no-untyped-def]
+    """How many numbers of an ascending array are less than a value."""
+    low, high = 0, len(ascending)
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(_nrt=False, forceinline=True)
+def _mark(points, state, first, last, space, regions):  # type: ignore[no-untyped-def]
+    """Note what is known of the points first to last, all on a face of this state."""
+    for word in range(first // WORD, -(-last // WORD)):
+        mask = EVERY
+        if word == first // WORD:
+            mask <<= first % WORD
+        if word == (last - 1) // WORD:
+            mask &= ~((EVERY << 1) << ((last - 1) % WORD))
+        if state == TURNED:
+            mask &= points.backed[word]
+            twofold = mask & points.twofold[word]
+            if twofold:
+                mask &= ~_facing_beside(points, word, twofold, regions)
+        space.decided_words[word] |= mask
+        if state != VISIBLE:
+            space.hidden_words[word] |= mask
+
+
+@njit(_nrt=False)
+def _facing_beside(points, word, twofold, regions):  # type: ignore[no-untyped-def]
+    """Of a word's points, those for which the face beside their own is not turned away."""
+    found = 0
+    while twofold:
+        bit = first_lane(twofold)
+        twofold &= twofold - 1
+        row = points.beside_rows[word * WORD + bit]
+        if row < 0 or regions.states[row] != TURNED:
+            found |= 1 << bit
+    return found
+
+
+@njit(_nrt=False)
+def _spread_over(points, row, first, last, frame, space, regions):  # type: ignore[no-untyped-def]
+    """Spread what is known of a face's corners over its points, which are those from first to last."""
+    for base in range(first, last, PACKET):
+        start = min(base, len(points.own) - PACKET)
+        x, y, w = project_packet(points, start, frame)
+        inverse = divide(splat(ONE), w)
+        meant = ((1 << min(last - base, PACKET)) - 1) << (base - start)
+        seen, unseen = spread(regions, TOUCHED - regions.numbers[row], x * inverse, y * inverse, meant)
+        _enter(space.decided_words, start, seen | unseen)
+        _enter(space.hidden_words, start, unseen)
+
+
+@njit(_nrt=False, forceinline=True)
+def _enter(words, start, mask):  # type: ignore[no-untyped-def]
+    """Set the bits of a mask of 16 from some point on."""
+    words[start // WORD] |= mask << (start % WORD)
+    if start % WORD > WORD - PACKET:
+        words[start // WORD + 1] |= mask >> (WORD - start % WORD)
+
+
+@njit(_nrt=False, forceinline=True)
+def _write_word(points, word, hidden, answer):  # type: ignore[no-untyped-def]
+    """Enter a word's hidden points into the caller's order."""
+    if hidden == EVERY:
+        for i in range(word * WORD, (word + 1) * WORD):
+            answer[points.order[i]] = False
+        return
+    while hidden:
+        answer[points.order[word * WORD + first_lane(hidden)]] = False
+        hidden &= hidden - 1
 
 
 @njit(_nrt=False)
@@ -142,16 +218,3 @@ def leave_all(points, first, last, space):  # type: ignore[no-untyped-def]
             space.left[n_left], space.decided[packet] = packet, 0
             n_left += 1
     return n_left, min(last * PACKET, points.n_points) - first * PACKET
-
-
-@njit(_nrt=False)
-def _turned_beside(points, packet, turned, regions):  # type: ignore[no-untyped-def]
-    """Of a mask of points, those for which the face beside their own is turned away, too."""
-    found, rest = 0, turned
-    while rest:
-        lane = first_lane(rest)
-        rest &= rest - 1
-        row = points.beside_rows[points.beside[packet] + lane]
-        if row >= 0 and regions.states[row] == TURNED:
-            found |= 1 << lane
-    return found

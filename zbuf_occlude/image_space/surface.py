@@ -33,6 +33,8 @@ class Surface(NamedTuple):
         The faces across the edges that exactly two share; -1 where there is none.
     edges : (n, 2) int32
         The edges of the faces that block anything: the two that share it, -1 for the second where not exactly two do.
+    edge_vertices : (n, 2) int32
+        Numbers of their ends, as in `vertices`.
     ends : (n, 2, 3) float32
         Where the edges begin and end, scene space.
     records : (16 m, 20) float64
@@ -50,6 +52,7 @@ class Surface(NamedTuple):
     n_vertices: int
     neighbours: IntArray
     edges: IntArray
+    edge_vertices: IntArray
     ends: Float32
     records: FloatArray
 
@@ -68,6 +71,7 @@ def no_surface(scene: Scene) -> Surface:
         no_rows,
         0,
         no_rows,
+        np.zeros((0, 2), dtype=np.int32),
         np.zeros((0, 2), dtype=np.int32),
         np.zeros((0, 2, 3), dtype=np.float32),
         np.zeros((0, 20)),
@@ -98,6 +102,7 @@ def make_surface(scene: Scene, rows: IntArray, solids: Solids) -> Surface:
         int(solids.vertices.max()) + 1,
         np.where(there.reshape(-1, 1), across[of_row], -1).astype(np.int32),
         np.stack([rows[half // 3], across.reshape(-1)[half]], axis=1).astype(np.int32),
+        np.stack([solids.vertices[half // 3, half % 3], solids.vertices[half // 3, (half + 1) % 3]], axis=1),
         np.stack([corners[half // 3, half % 3], corners[half // 3, (half + 1) % 3]], axis=1).astype(np.float32),
         solids.records[of_row],
     )

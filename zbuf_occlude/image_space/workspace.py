@@ -18,7 +18,7 @@ GROUP = 16
 
 
 class Workspace(NamedTuple):
-    """Up to 4 MB of set-ups, about 5 bytes a face, and 12 a packet.
+    """Up to 4 MB of set-ups, about 5 bytes a face, and 8 a packet.
 
     A chunk here is 16 of the packets in `left`.
     """
@@ -41,8 +41,10 @@ class Workspace(NamedTuple):
     image: Float32  # (2, CHUNK x PACKET) x / w and y / w of the chunk's points
     packets: Float32  # (CHUNK, 9) see `projection.project_points`
     undecided: NDArray[np.int64]  # (CHUNK,)
-    decided: NDArray[np.int64]  # (packets,) masks of the points that need no search
-    left: IntArray  # (packets,) those with other points
+    decided: NDArray[np.uint16]  # (packets,) masks of the points that need no search
+    decided_words: NDArray[np.int64]  # (packets / 4,) the same ones
+    hidden_words: NDArray[np.int64]  # (packets / 4,) of these, the hidden ones
+    left: IntArray  # (packets,) packets with other points
     buckets: NDArray[np.int64]  # (BUCKETS + 1,)
 
 
@@ -50,6 +52,7 @@ class Workspace(NamedTuple):
 def make_workspace(scene, n_packets):  # type: ignore[no-untyped-def]
     """Allocate a thread's workspace."""
     n_clusters = len(scene.used)
+    decided = np.zeros(n_packets, dtype=np.uint16)
     n_slots = 1
     while n_slots < min(n_clusters, SLOTS):
         n_slots *= 2
@@ -72,7 +75,9 @@ def make_workspace(scene, n_packets):  # type: ignore[no-untyped-def]
         np.zeros((2, CHUNK * PACKET), dtype=np.float32),
         np.zeros((CHUNK, 9), dtype=np.float32),
         np.zeros(CHUNK, dtype=np.int64),
-        np.zeros(n_packets, dtype=np.int64),
+        decided,
+        decided.view(np.int64),
+        np.zeros(n_packets // 4, dtype=np.int64),
         np.zeros(n_packets, dtype=np.int32),
         np.zeros(BUCKETS + 1, dtype=np.int64),
     )

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.predicates import cross, dot, minus
@@ -15,6 +16,9 @@ FLAT = 1e-12
 
 NEEDLE = 1e-8
 """Square of twice a triangle's area over the square of its longest edge squared, for what counts as a needle."""
+
+UNBOUNDED, APART = 0, 4
+"""The first and the last group of a face's others; see `edge_margins`."""
 
 
 @threaded
@@ -45,7 +49,7 @@ def face_frames(corners: FloatArray) -> FloatArray:
 @threaded
 def edge_margins(
     corners: FloatArray, starts: IntArray, others: IntArray, frames: FloatArray, reach: float
-) -> tuple[FloatArray, IntArray, IntArray]:
+) -> tuple[FloatArray, IntArray, NDArray[np.int64]]:
     """Margins along the edges of faces: a point of a face beyond all three is clear of most that is near the face.
 
     Parameters
@@ -63,13 +67,14 @@ def edge_margins(
         For the edges from corner 0 to 1, 1 to 2, 2 to 0, in diagonals: a point of the face farther than this from all
         three lines keeps at least `reach` from every other face of its closed surface but the unbounded ones.
     others : (2 x pairs,) int32
-        The same as before, the unbounded ones of each face first: those that neither keep `reach` from its plane,
-        nor lie beyond an edge, nor have all of it to one side of their plane.
-    n_unbounded : (f,) int32
-        How many of a face's others are unbounded.
+        The same as before, in five groups for each face: the unbounded ones, that neither keep `reach` from its plane,
+        nor lie beyond an edge, nor have all of it to one side of their plane; those that the margins along edges 0, 1
+        and 2 keep it clear of; those that keep `reach` from its plane.
+    ends : (f, 4) int64
+        Where in `others` the first four groups end.
     """
-    margins, ordered = np.full((len(corners), 3), reach), others.copy()
-    n_unbounded = np.zeros(len(corners), dtype=np.int32)
+    margins, ordered = np.full((len(corners), 3), reach), np.empty_like(others)
+    ends, groups = np.zeros((len(corners), 4), dtype=np.int64), np.full(len(others), APART, dtype=np.int8)
     for i in prange(len(corners)):
         for k in range(starts[i], starts[i + 1]):
             j = others[k]
@@ -87,13 +92,19 @@ def edge_margins(
                 wedge, over_edge = _wedge_margin(corners[i], frames[i], corners[j], frames[j], reach)
                 if wedge < margin:
                     margin, edge = wedge, over_edge
+            groups[k] = UNBOUNDED
             if margin < math.inf:
                 margins[i, edge] = max(margins[i, edge], margin)
-            else:
-                first = starts[i] + n_unbounded[i]
-                ordered[k], ordered[first] = ordered[first], j
-                n_unbounded[i] += 1
-    return margins, ordered, n_unbounded
+                groups[k] = edge + 1
+        to = starts[i]
+        for group in range(APART + 1):
+            for k in range(starts[i], starts[i + 1]):
+                if groups[k] == group:
+                    ordered[to] = others[k]
+                    to += 1
+            if group < APART:
+                ends[i, group] = to
+    return margins, ordered, ends
 
 
 @njit
@@ -160,15 +171,14 @@ def squared_distance(point, g):  # type: ignore[no-untyped-def]
 
 
 @njit(_nrt=False)
-def face_beside(point, own, corners, others, first, last, reach):  # type: ignore[no-untyped-def]
+def face_beside(point, own, found, corners, others, first, last, reach):  # type: ignore[no-untyped-def]
     """Which of the other faces first to last a point of a face, a tuple, comes as near as `reach` to.
 
     Returns
     -------
     int
-        `own` where none is so near, -1 where several are.
+        `found` where none is so near, which is `own` or one found before; -1 where there are several.
     """
-    found = own
     for k in range(first, last):
         other = others[k]
         g = corners[other]

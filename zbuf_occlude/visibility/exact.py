@@ -5,7 +5,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.image_space.backs import Solids, followed_area, make_solids
+from zbuf_occlude.image_space.backs import followed_area, make_solids, no_solids
 from zbuf_occlude.image_space.frames import make_frames
 from zbuf_occlude.image_space.packets import CHUNK, PACKET, make_packets
 from zbuf_occlude.image_space.scene import make_scene
@@ -38,7 +38,7 @@ class Exact(Occluder):
     def __init__(self, mesh: Mesh, contact: float) -> None:
         super().__init__(mesh)
         self._contact, self._n_asked = contact, 0
-        self._solids: Solids | None = None
+        self._solids, self._looked = no_solids(), False
         self._scene = make_scene(mesh, contact * mesh.diagonal)
         self._surface, self._worth_following = no_surface(self._scene), False
         face_ids = self._scene.face_ids.reshape(-1)
@@ -51,8 +51,8 @@ class Exact(Occluder):
         if len(scene.used) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
         self._n_asked += len(points) * len(eyes)
-        if self._solids is None and self._n_asked >= WORTH * len(self.mesh.faces):
-            self._solids = make_solids(self.mesh, self._contact)
+        if not self._looked and self._n_asked >= WORTH * len(self.mesh.faces):
+            self._solids, self._looked = make_solids(self.mesh, self._contact), True
             self._surface = make_surface(scene, self._rows, self._solids)
             self._worth_following = followed_area(self.mesh, self._solids) >= LEAST_FOLLOWED
         packets = make_packets(points, scene, self._rows, self._solids, self._surface.records)
