@@ -10,6 +10,9 @@ them from its outer to its inner side comes out again through a face that is not
 that one hides the point, too; unless it is the point's own face, which it cannot be when the point lies on it. (What
 float64 makes of a line in the plane of a face, to the last digit, holds for neither.)
 
+Points inside another solid are hidden from every eye outside (`solids.buried`), by the face of that solid at which the
+line from the eye enters it. Nor do buried faces hide anything that this face does not.
+
 Half of all points of a closed mesh are decided so. What is uncertain (a surface that crosses itself, points with more
 than one other face within the tolerance or not on their face, faces seen at a grazing angle) is left to the search.
 """
@@ -22,7 +25,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.solids import find_clearance, find_solids
+from zbuf_occlude.solids import find_buried, find_clearance, find_solids
+from zbuf_occlude.solids.buried import WHOLE, is_buried
 from zbuf_occlude.solids.clearance import edge_margins, face_beside, face_frames
 
 OFF = 5e-4
@@ -66,6 +70,8 @@ class Solids(NamedTuple):
     records : (f, 20) float64
         What decides of most points where they are on a face: unit normal, unit vectors inwards across the three edges,
         the offsets of these four, the margins, and one of `UNRELATED`, `FOLLOWED`, `SOLID`. In diagonals.
+    buried : (f,) int8
+        `solids.find_buried`.
     reach : float
         The contact tolerance and a little more, diagonals.
     """
@@ -83,6 +89,7 @@ class Solids(NamedTuple):
     others: IntArray
     ends: NDArray[np.int64]
     records: FloatArray
+    buried: NDArray[np.int8]
     reach: float
 
 
@@ -108,6 +115,7 @@ def make_solids(mesh: Mesh, contact: float) -> Solids:
         others,
         ends,
         np.concatenate([frames.reshape(-1, 12), offsets, margins, kinds[:, None]], axis=1),
+        find_buried(near.corners, closed, clearance),
         reach,
     )
 
@@ -130,6 +138,7 @@ def no_solids() -> Solids:
         no_ids,
         no_places.reshape(0, 4),
         no_numbers.reshape(0, 20),
+        none,
         0.0,
     )
 
@@ -160,9 +169,11 @@ def back_of(point, face, record, solids):  # type: ignore[no-untyped-def]
         where the solid says nothing.
     off : bool
         Whether the face is clear, or has barriers, or is of a solid, and the point does not lie on it.
+    buried : bool
+        Whether it is inside another solid, so that no eye outside sees it.
     """
     if record[19] == UNRELATED:
-        return -1, False
+        return -1, False, False
     x, y, z = point[0] / DIAGONAL, point[1] / DIAGONAL, point[2] / DIAGONAL
     away = abs(record[0] * x + record[1] * y + record[2] * z - record[12])
     inside = (
@@ -172,12 +183,31 @@ def back_of(point, face, record, solids):  # type: ignore[no-untyped-def]
     )
     least = min(inside[0], min(inside[1], inside[2]))
     off = not (away <= ON * solids.reach and least >= -ON * solids.reach)
-    if record[19] != SOLID or not (away <= OFF * solids.reach and least > 0.0):
-        return -1, off
+    buried = not off and _is_buried((x, y, z), face, record, solids)
+    if buried or record[19] != SOLID or not (away <= OFF * solids.reach and least > 0.0):
+        return -1, off, buried
     beside, first = face, solids.starts[face]
     for group in range(4):
         last = solids.ends[face, group]
         if beside >= 0 and last > first and (group == 0 or inside[group - 1] <= record[15 + group]):
             beside = face_beside((x, y, z), face, beside, solids.corners, solids.others, first, last, solids.reach)
         first = last
-    return beside, off
+    return beside, off, False
+
+
+@njit(_nrt=False, forceinline=True)
+def _is_buried(point, face, record, solids):  # type: ignore[no-untyped-def]
+    """Whether a point of a face is inside another solid."""
+    corners = solids.buried[face]
+    if corners == 0 or corners == WHOLE:
+        return corners == WHOLE
+    return is_buried(
+        point,
+        (record[0], record[1], record[2]),
+        solids.corners[face],
+        corners,
+        solids.barrier_ends,
+        solids.barrier_radii,
+        solids.barrier_starts[face],
+        solids.barrier_starts[face + 1],
+    )

@@ -49,8 +49,10 @@ class Packets(NamedTuple):
         them for which a face beside their own must be turned away, too.
     beside_rows : (n',) int32
         That face, where there is one.
-    some_backed : bool
-        Whether any points are backed.
+    buried : (n' / 64,) int64
+        Bits of the points inside a solid, that no eye outside sees.
+    some_known : bool
+        Whether any points are backed or buried.
     identity : (n',) int32
         0, 1, 2, ...: for kernels that take points in yet another order.
     on_faces : bool
@@ -71,7 +73,8 @@ class Packets(NamedTuple):
     backed: NDArray[np.int64]
     twofold: NDArray[np.int64]
     beside_rows: IntArray
-    some_backed: bool
+    buried: NDArray[np.int64]
+    some_known: bool
     identity: IntArray
     on_faces: bool
 
@@ -89,7 +92,7 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: So
     order, row_starts = sort_points(points.positions, points.face_ids, rows, n_rows, scene.centre, scene.scale)
     order = np.pad(order, (0, -n % (PACKET * CHUNK)), mode="edge")
     gathered = _gather(points.positions, points.face_ids, rows, order, scene.centre, scene.scale, solids, records)
-    coordinates, own, boxes, reach, backed, twofold, beside_rows, n_off = gathered
+    coordinates, own, boxes, reach, backed, twofold, beside_rows, buried, n_off = gathered
     return Packets(
         n,
         order,
@@ -104,7 +107,8 @@ def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: So
         backed,
         twofold,
         beside_rows,
-        bool(backed.any()),
+        buried,
+        bool(backed.any() or buried.any()),
         np.arange(len(order), dtype=np.int32),
         len(records) > 0 and n_off == 0,
     )
@@ -120,7 +124,7 @@ def _gather(
     scale: float,
     solids: Solids,
     records: FloatArray,
-) -> tuple[Float32, IntArray, Float32, Float32, NDArray[np.int64], NDArray[np.int64], IntArray, int]:
+) -> tuple[Float32, IntArray, Float32, Float32, NDArray[np.int64], NDArray[np.int64], IntArray, NDArray[np.int64], int]:
     """Coordinates, own rows, boxes and reaches of the packets, and what solids say of their points."""
     n, n_off = len(order), 0
     coordinates = np.empty((3, n), dtype=np.float32)
@@ -128,6 +132,7 @@ def _gather(
     boxes = np.empty((6, n // PACKET), dtype=np.float32)
     reach = np.ones(n // PACKET, dtype=np.float32)
     backed, twofold = np.zeros(n // WORD, dtype=np.int64), np.zeros(n // WORD, dtype=np.int64)
+    buried = np.zeros(n // WORD, dtype=np.int64)
     for word in prange(n // WORD):
         for packet in range(word * (WORD // PACKET), (word + 1) * (WORD // PACKET)):
             n_off += _gather_packet(
@@ -147,8 +152,9 @@ def _gather(
                 backed,
                 twofold,
                 beside_rows,
+                buried,
             )
-    return coordinates, own, boxes, reach, backed, twofold, beside_rows, n_off
+    return coordinates, own, boxes, reach, backed, twofold, beside_rows, buried, n_off
 
 
 @njit(_nrt=False)
@@ -169,6 +175,7 @@ def _gather_packet(  # type: ignore[no-untyped-def]
     backed,
     twofold,
     beside_rows,
+    buried,
 ):
     """Fill in what there is of a packet; return how many of its points do not lie on their faces."""
     n_off, farthest = 0, 0.0
@@ -190,8 +197,9 @@ def _gather_packet(  # type: ignore[no-untyped-def]
             boxes[axis, packet] = min(boxes[axis, packet], value)
             boxes[3 + axis, packet] = max(boxes[3 + axis, packet], value)
         if len(records) and own[i] >= 0:
-            beside, off = back_of(local, face, records[own[i]], solids)
+            beside, off, inside = back_of(local, face, records[own[i]], solids)
             n_off += off
+            buried[i // WORD] |= np.int64(inside) << (i % WORD)
             if beside >= 0:
                 backed[i // WORD] |= 1 << (i % WORD)
                 twofold[i // WORD] |= np.int64(beside != face) << (i % WORD)

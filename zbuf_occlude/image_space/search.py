@@ -130,7 +130,7 @@ def search_frame(  # type: ignore[no-untyped-def]
         if len(regions.numbers) and find_contours(surface, regions.front, regions.back, frame, contours):
             n_regions = find_regions(scene, surface, points.row_starts, space.rectangles, eye, frame, contours, regions)
             ask_regions(scene, points, n_regions, frame, window, eye, world_eye, space, regions, epoch, answer)
-    if n_regions or (points.some_backed and not inside):
+    if n_regions or (points.some_known and not inside):
         find_states(scene, surface, n_regions, regions)
         n_left, n_undecided = settle(points, first, last, frame, space, regions, answer)
     else:

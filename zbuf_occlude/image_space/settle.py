@@ -105,7 +105,7 @@ def settle(points, first, last, frame, space, regions, answer):  # type: ignore[
         return 0, 0
     n_words = -(-end // WORD)
     for word in range(begin // WORD, n_words):
-        space.decided_words[word] = space.hidden_words[word] = 0
+        space.decided_words[word] = space.hidden_words[word] = points.buried[word]
     for i in range(_place(points.taken, points.own[begin]), _place(points.taken, points.own[end - 1] + 1)):
         row = points.taken[i]
         state = regions.states[row]

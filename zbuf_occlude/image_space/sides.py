@@ -33,9 +33,10 @@ def find_sides(scene, surface, eye, front, back):  # type: ignore[no-untyped-def
 
 @njit(_nrt=False)
 def drop_turned(scene, surface, back, rectangles):  # type: ignore[no-untyped-def]
-    """Empty the rectangles of clusters of solids that are turned away from an eye outside; see `backs`."""
+    """Empty the rectangles of clusters that are turned away from an eye outside, or buried; see `backs`."""
     for cluster in range(len(scene.used)):
-        if back[cluster] & surface.solid[cluster] == scene.used[cluster]:
+        unneeded = (back[cluster] & surface.solid[cluster]) | surface.buried[cluster]
+        if unneeded & scene.used[cluster] == scene.used[cluster]:
             rectangles[0, cluster], rectangles[1, cluster] = FAR, -FAR
 
 

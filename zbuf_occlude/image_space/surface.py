@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.backs import Solids
 from zbuf_occlude.image_space.scene import Float32, Scene, masks
+from zbuf_occlude.solids.buried import WHOLE
 
 
 class Surface(NamedTuple):
@@ -20,8 +21,10 @@ class Surface(NamedTuple):
         it has one side only, or the face is `Scene.weak`. Outer is outside where the surface bounds a solid.
     solid : (m,) int64
         Masks of the faces that bound solids.
+    buried : (m,) int64
+        Masks of the faces inside other solids.
     clear, fenced : (m,) int64
-        Masks of the faces that visibility may be followed over, without and with barriers; see `regions`.
+        Masks of those that are not, and that visibility may be followed over, without and with barriers; see `regions`.
     barrier_starts : (16 m + 1,) int32
         Those of a row are the barriers from one number here to the next.
     barriers : (b, 7) float32
@@ -32,7 +35,8 @@ class Surface(NamedTuple):
     neighbours : (16 m, 3) int32
         The faces across the edges that exactly two share; -1 where there is none.
     edges : (n, 2) int32
-        The edges of the faces that block anything: the two that share it, -1 for the second where not exactly two do.
+        The edges of the faces that block anything, but for those of buried ones alone: the two that share it, -1 for
+        the second where not exactly two do.
     edge_vertices : (n, 2) int32
         Numbers of their ends, as in `vertices`.
     ends : (n, 2, 3) float32
@@ -44,6 +48,7 @@ class Surface(NamedTuple):
     outer: NDArray[np.int64]
     inner: NDArray[np.int64]
     solid: NDArray[np.int64]
+    buried: NDArray[np.int64]
     clear: NDArray[np.int64]
     fenced: NDArray[np.int64]
     barrier_starts: IntArray
@@ -61,6 +66,7 @@ def no_surface(scene: Scene) -> Surface:
     """Return what is known before solids are looked for: nothing."""
     none, no_rows = np.zeros(len(scene.used), dtype=np.int64), np.zeros((0, 3), dtype=np.int32)
     return Surface(
+        none,
         none,
         none,
         none,
@@ -89,12 +95,16 @@ def make_surface(scene: Scene, rows: IntArray, solids: Solids) -> Surface:
     # of each pair of half-edges one, and all whose twin is none, or of a face that blocks nothing and so has no row
     half = np.flatnonzero((solids.twins < np.arange(len(solids.twins))) | (across.reshape(-1) < 0))
     half = half[rows[half // 3] >= 0]
+    buried = solids.buried == WHOLE
+    beside = solids.twins[half] // 3
+    half = half[~(buried[half // 3] & ((solids.twins[half] < 0) | buried[beside]))]
     corners = (scene.world_corners - scene.centre) * scene.scale
     return Surface(
         masks(sides > 0) & strong,
         masks(sides < 0) & strong,
         masks(there & (solids.outward[scene.face_ids] != 0)),
-        masks(there & solids.clear[scene.face_ids]) & strong,
+        masks(there & buried[scene.face_ids]),
+        masks(there & solids.clear[scene.face_ids] & ~buried[scene.face_ids]) & strong,
         masks(n_barriers > 0) & strong,
         np.concatenate([[0], np.cumsum(n_barriers)]).astype(np.int32),
         barriers,
