@@ -168,6 +168,26 @@ def test_points_off_their_faces_are_not_followed(monkeypatch: pytest.MonkeyPatch
     assert asked == [True, False]
 
 
+@pytest.mark.parametrize("contact", [0.0, 1e-7, 1e-3, 0.05])
+def test_small_and_large_contact_tolerances_are_not_followed_and_are_answered(
+    contact: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = sample_surface(BALL, n_points=20_000, seed=1)
+    corners = BALL.corners[points.face_ids[::50]]  # some on edges, where the faces next to them decide
+    positions = points.positions.copy()
+    positions[::50] = (corners[:, 0] + corners[:, 1]) / 2.0
+    on_edges = SurfacePoints(positions, points.face_ids, points.normals)
+    asked, find_visible = [], exact.find_visible
+    monkeypatch.setattr(
+        exact, "find_visible", lambda *arguments: asked.append(arguments[4]) or find_visible(*arguments)
+    )
+    some = np.arange(0, 20_000, 10)
+    with prepare(BALL, "exact", contact=contact) as occluder, prepare(BALL, "oracle", contact=contact) as oracle:
+        found, chosen = occluder.visible(on_edges, EYES)[:, some], on_edges.select(some)
+        assert not ((found != oracle.visible(chosen, EYES)) & oracle.decided(chosen, EYES)).any()
+    assert asked == [False]
+
+
 def test_few_points_or_little_clear_area_are_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact, "FOLLOWED", 4)
     monkeypatch.setattr(exact, "LEAST_FOLLOWED", 0.3)

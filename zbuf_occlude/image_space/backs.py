@@ -10,8 +10,10 @@ them from its outer to its inner side comes out again through a face that is not
 that one hides the point, too; unless it is the point's own face, which it cannot be when the point lies on it. (What
 float64 makes of a line in the plane of a face, to the last digit, holds for neither.)
 
-Points inside another solid are hidden from every eye outside (`solids.buried`), by the face of that solid at which the
-line from the eye enters it. Nor do buried faces hide anything that this face does not.
+Points inside another solid, farther from its surface than the tolerance, are hidden from every eye outside
+(`solids.buried`): by the face at which the line from the eye enters it. So what a face inside hides, that one hides,
+too. The first face of any solid that a line from an eye outside meets is neither turned away nor inside of one, so both
+kinds can be left out at once.
 
 Half of all points of a closed mesh are decided so. What is uncertain (a surface that crosses itself, points with more
 than one other face within the tolerance or not on their face, faces seen at a grazing angle) is left to the search.

@@ -25,6 +25,10 @@ FOLLOWED = 8
 LEAST_FOLLOWED = 0.3
 """Nor where visibility can be followed over a smaller part of the mesh's area."""
 
+FOLLOWED_CONTACTS = (1e-6, 1e-4)
+"""Nor with contact tolerances beside these: with none, float64 hides points on edges behind the faces next to them;
+with larger ones, faces hide parts of those that they are joined to."""
+
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
     """Make a mesh ready; `contact` is the contact tolerance as a fraction of the mesh's diagonal."""
@@ -54,7 +58,8 @@ class Exact(Occluder):
         if not self._looked and self._n_asked >= WORTH * len(self.mesh.faces):
             self._solids, self._looked = make_solids(self.mesh, self._contact), True
             self._surface = make_surface(scene, self._rows, self._solids)
-            self._worth_following = followed_area(self.mesh, self._solids) >= LEAST_FOLLOWED
+            near = FOLLOWED_CONTACTS[0] <= self._contact <= FOLLOWED_CONTACTS[1]
+            self._worth_following = near and followed_area(self.mesh, self._solids) >= LEAST_FOLLOWED
         packets = make_packets(points, scene, self._rows, self._solids, self._surface.records)
         frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
