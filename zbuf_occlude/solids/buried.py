@@ -48,7 +48,7 @@ def find_buried(corners: FloatArray, closed: ClosedSurfaces, clearance: Clearanc
 
     Notes
     -----
-    At most `MOST_ASKED` times 10 nanoseconds a face.
+    At most `MOST_ASKED` times 10 nanoseconds a face, for each direction asked.
     """
     buried = np.zeros(len(corners), dtype=np.int8)
     in_order = np.argsort(np.where(closed.outward != 0, closed.surfaces, -1), kind="stable")
