@@ -172,6 +172,8 @@ def is_buried(point, normal, corners, buried, ends, radii, first, last):  # type
         Bits of the corners.
     ends, radii
         As in `Barriers`.
+    first, last : int
+        Which of them are the face's.
     """
     for i in range(3):
         if not (buried >> i) & 1:
