@@ -68,6 +68,13 @@ def unshared(mesh: zo.Mesh) -> zo.Mesh:
     return zo.Mesh(mesh.corners.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), mesh.name)
 
 
+def together(*meshes: zo.Mesh) -> zo.Mesh:
+    """One mesh of several."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return zo.Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
 def soup(n_faces: int, size: float = 0.1, seed: int = 0) -> zo.Mesh:
     """Random triangles in the unit cube: everything crosses everything."""
     rng = np.random.default_rng(seed)

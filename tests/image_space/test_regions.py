@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.scenes import together
 from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.image_space import search
 from zbuf_occlude.meshes import shapes
@@ -18,12 +19,6 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact, "WORTH", 0)
     monkeypatch.setattr(exact, "FOLLOWED", 0)
     monkeypatch.setattr(exact, "LEAST_FOLLOWED", 0)
-
-
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def bowl() -> Mesh:

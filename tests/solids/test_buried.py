@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.scenes import box
+from tests.scenes import box, together
 from zbuf_occlude import Mesh, SurfacePoints, prepare, sample_surface, views
 from zbuf_occlude.image_space.backs import make_solids
 from zbuf_occlude.image_space.packets import make_packets
@@ -18,12 +18,6 @@ SMALL = BALL.transformed(0.3, [0.1, 0.0, 0.2])
 ROD = shapes.refined(box((0.4, 0.4, 4.0)), 600)
 CUBE = box((2.0, 2.0, 1.9))
 EYES = views.fibonacci(12, distance=9.0).eyes
-
-
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def turned(mesh: Mesh) -> Mesh:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.scenes import together
 from zbuf_occlude import Mesh, sample_surface
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.solids import Clearance, closed_surfaces, find_clearance
@@ -11,12 +12,6 @@ from zbuf_occlude.solids.clear import find_fans
 
 REACH = 1e-4
 BALL = shapes.solids.icosphere(2)
-
-
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 CROSSING = together(BALL, BALL.transformed(0.7, [0.8, 0.1, 0.05]))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.scenes import together
 from zbuf_occlude import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.solids.closed import closed_surfaces
@@ -23,12 +24,6 @@ def turned(mesh: Mesh, seed: int = 0) -> tuple[Mesh, np.ndarray]:
 def soup(mesh: Mesh) -> Mesh:
     """Give each face vertices of its own."""
     return Mesh(mesh.corners.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
-
-
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 @pytest.mark.parametrize("mesh", [BALL, BOX], ids=["ball", "box"])

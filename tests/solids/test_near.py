@@ -3,19 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.scenes import box
+from tests.scenes import box, together
 from zbuf_occlude import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.solids import closed_surfaces, near, near_faces
 
 BALLS = [shapes.solids.icosphere(2).transformed(1.0, [0.5 * i, 0.0, 0.0]) for i in range(3)]
 OPEN = Mesh(BALLS[0].vertices, BALLS[0].faces[3:])
-
-
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def pairs_by_brute_force(mesh: Mesh, reach: float) -> set[tuple[int, int]]:
