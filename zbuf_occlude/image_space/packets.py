@@ -1,4 +1,4 @@
-"""Points in packets of 16 that are near each other: sorted by own face, then in Morton order, once for all eyes."""
+"""Points in packets of 16, sorted by own face, with what is known of them once for all eyes."""
 
 from typing import NamedTuple
 
@@ -82,7 +82,7 @@ class Packets(NamedTuple):
 def make_packets(points: SurfacePoints, scene: Scene, rows: IntArray, solids: Solids, records: FloatArray) -> Packets:
     """Sort points; `rows` (f + 1,) leads from a face to 16 x cluster + lane, from -1 to -1.
 
-    `records` are those of the surface's rows, none where solids are not known: then no point is backed.
+    `records` are those of the surface's rows, none where solids are not known: then no point is backed or buried.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""What needs no search of its own: points that turn their back, and points of regions that one search answers for."""
+"""What needs no search of its own: points in solids or turned away, and those that a region answers for."""
 
 import numpy as np
 from numba import njit
