@@ -26,8 +26,8 @@ LEAST_FOLLOWED = 0.3
 """Nor where visibility can be followed over a smaller part of the mesh's area."""
 
 FOLLOWED_CONTACTS = (1e-6, 1e-4)
-"""Nor with contact tolerances beside these: with none, and from 0.01 on, random scenes with points on and near edges found
-wrong answers of regions; why is not known for certain."""
+"""Nor with contact tolerances beside these: with none, and from 0.01 on, regions gave wrong answers in random scenes
+with points on and near edges; why is not known for certain."""
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
