@@ -1,6 +1,8 @@
-"""What a wrong answer costs: pure functions of a method's mask, the judge's and where the pairs lie."""
+"""What a wrong answer costs: a table of pure functions of a method's mask, the judge's and where pairs lie."""
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,10 +14,41 @@ SILHOUETTE_EDGES = (0.125, 0.25, 0.5, 1.0, 2.0)
 INCIDENCE_EDGES = (15.0, 30.0, 45.0, 60.0, 75.0, 85.0, 90.0)
 """Upper ends of the bins of the angle of incidence, in degrees."""
 FOOTPRINTS = 512
-"""So many footprints are a diagonal: one is what a pixel of a 512 x 512 image around the mesh covers at the target."""
+"""Footprints per diagonal: one is what a pixel of a 512 x 512 image around the mesh covers at the target."""
 
 TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
 """The four outcomes of a pair of view and point, as stored for the worst views."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of view and point that a method and the judge both answered.
+
+    Parameters
+    ----------
+    answer, truth : (k, n) bool
+        The method's mask and the judge's, True = visible.
+    decided : (k, n) bool
+        False in the boundary band.
+    silhouette : (k, n) float
+        Distance from the nearest silhouette in footprints.
+    incidence : (k, n) float
+        Angle between line of sight and normal, degrees.
+    positions : (n, 3) float
+        World space, in longest sides of the mesh.
+    """
+
+    answer: BoolArray
+    truth: BoolArray
+    decided: BoolArray
+    silhouette: FloatArray
+    incidence: FloatArray
+    positions: FloatArray
+
+    def view(self, i: int) -> "Pairs":
+        """Return the pairs of the i-th view alone."""
+        rows = ("answer", "truth", "decided", "silhouette", "incidence")
+        return replace(self, **{name: getattr(self, name)[i : i + 1] for name in rows})
 
 
 def outcomes(answer: BoolArray, truth: BoolArray) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -121,6 +154,13 @@ def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float
     return float(extra + lost)
 
 
+def mean_chamfer(pairs: Pairs) -> float | None:
+    """Return the mean over views of `chamfer`, in longest sides; None where a cloud is empty in all of them."""
+    distances = [chamfer(pairs.positions, a, t) for a, t in zip(pairs.answer, pairs.truth, strict=True)]
+    known = [distance for distance in distances if distance is not None]
+    return float(np.mean(known)) if known else None
+
+
 def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
     """Distance of each position to the nearest point of a cloud; blocks keep the memory small."""
     nearest = np.empty(len(positions))
@@ -129,3 +169,35 @@ def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
         squared = ((block[:, None] - cloud[None]) ** 2).sum(axis=2)
         nearest[start : start + 256] = np.sqrt(squared.min(axis=1))
     return nearest
+
+
+def _overall(name: str) -> Callable[[Pairs], float]:
+    return lambda pairs: as_fractions(count_errors(pairs.answer, pairs.truth))[name]
+
+
+class Metric(NamedTuple):
+    """One row of the table: what a report can say about an answer."""
+
+    name: str
+    """Its key in a row of `rows.jsonl`."""
+    measure: Callable[[Pairs], Any]
+    """Anything that JSON can hold."""
+    per_view: bool = False
+    """Whether it is taken for each view too."""
+
+
+METRICS = (
+    Metric("n", _overall("n"), per_view=True),
+    Metric("agreement", _overall("agreement"), per_view=True),
+    Metric("false_visible", _overall("false_visible"), per_view=True),
+    Metric("false_hidden", _overall("false_hidden"), per_view=True),
+    Metric("outside", lambda p: as_fractions(count_errors(p.answer, p.truth, p.decided)), per_view=True),
+    Metric("band", lambda p: float((~p.decided).mean()), per_view=True),
+    Metric("visible", lambda p: float(p.answer.mean()), per_view=True),
+    Metric("visible_judge", lambda p: float(p.truth.mean()), per_view=True),
+    Metric("by_silhouette", lambda p: count_by_bin(p.answer, p.truth, p.silhouette, SILHOUETTE_EDGES)),
+    Metric("by_incidence", lambda p: count_by_bin(p.answer, p.truth, p.incidence, INCIDENCE_EDGES)),
+    Metric("chamfer", mean_chamfer),
+)
+"""Fractions of all pairs; `outside`: the same outside the boundary band; `band`: the share of pairs in
+it; `visible`, `visible_judge`: visible fractions; counts by bin; the clouds' Chamfer distance. A new one is one row."""

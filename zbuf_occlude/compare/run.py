@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.compare import metrics
 from zbuf_occlude.compare.bench import Bench, SubjectFailed
 from zbuf_occlude.compare.judge import Judge, Verdict
@@ -184,44 +183,32 @@ def compare_masks(measurement: Measurement, verdict: Verdict, question: Question
     Returns
     -------
     dict
-        n_views, n_points: of the pairs judged. n, agreement, false_visible, false_hidden: over all pairs, as
-        fractions. outside: the same outside the boundary band. band: fraction of pairs in the band.
-        by_silhouette, by_incidence: counts by bin. views: the same measures for each view, with its angles in degrees.
-        visible, visible_judge: visible fraction. chamfer: mean over views, in longest sides (null where a cloud is
-        empty).
+        n_views, n_points: of the pairs judged. Every measure of `metrics.METRICS` over all of them. views: for each
+        view its angles in degrees and the measures that are taken per view.
     """
     ids = measurement.view_ids
     n = min(measurement.mask.shape[1], verdict.truth.shape[1])
-    answer = measurement.mask[:, :n]
-    truth, decided = verdict.truth[ids, :n], verdict.decided[ids, :n]
-    positions = question.points.positions[:n] / question.mesh.longest_side
-    distances = [metrics.chamfer(positions, a, t) for a, t in zip(answer, truth, strict=True)]
-    known = [d for d in distances if d is not None]
+    pairs = metrics.Pairs(
+        answer=measurement.mask[:, :n],
+        truth=verdict.truth[ids, :n],
+        decided=verdict.decided[ids, :n],
+        silhouette=verdict.silhouette[ids, :n],
+        incidence=verdict.incidence[ids, :n],
+        positions=question.points.positions[:n] / question.mesh.longest_side,
+    )
+    per_view = [metric for metric in metrics.METRICS if metric.per_view]
     return {
         "n_views": len(ids),
         "n_points": n,
-        **_shares(answer, truth, decided),
-        "by_silhouette": metrics.count_by_bin(answer, truth, verdict.silhouette[ids, :n], metrics.SILHOUETTE_EDGES),
-        "by_incidence": metrics.count_by_bin(answer, truth, verdict.incidence[ids, :n], metrics.INCIDENCE_EDGES),
+        **{metric.name: metric.measure(pairs) for metric in metrics.METRICS},
         "views": [
             {
                 "azimuth": float(np.degrees(question.views.azimuth[view])),
                 "elevation": float(np.degrees(question.views.elevation[view])),
-                **_shares(answer[i : i + 1], truth[i : i + 1], decided[i : i + 1]),
+                **{metric.name: metric.measure(pairs.view(i)) for metric in per_view},
             }
             for i, view in enumerate(ids)
         ],
-        "chamfer": float(np.mean(known)) if known else None,
-    }
-
-
-def _shares(answer: BoolArray, truth: BoolArray, decided: BoolArray) -> dict[str, Any]:
-    return {
-        **metrics.as_fractions(metrics.count_errors(answer, truth)),
-        "outside": metrics.as_fractions(metrics.count_errors(answer, truth, decided)),
-        "band": float((~decided).mean()),
-        "visible": float(answer.mean()),
-        "visible_judge": float(truth.mean()),
     }
 
 
