@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,8 @@ from zbuf_occlude.compare.question import Question, row_key
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.errors import OccludeError
+from zbuf_occlude.versions import versions
 from zbuf_occlude.visibility import find_method
-
-PACKAGES = ("zbuf-occlude", "numpy", "numba", "moderngl", "pyrender", "embreex", "open3d")
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,15 +220,3 @@ def machine() -> str:
     except OSError:
         pass
     return f"{name}, {len(os.sched_getaffinity(0))} cores"
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that answers and times depend on."""
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found

@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import view_matrices
-from zbuf_occlude.dataset.plan import Recipe, seed_of
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 
 

@@ -1,25 +1,11 @@
 """manifest.json: what was made, how, by what, how long it took, what failed, and how wrong it is."""
 
-import platform
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
-
-PACKAGES = ("zbuf-occlude", "numpy", "numba", "moderngl", "trimesh", "h5py", "pyrender", "embreex", "open3d")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that can change a number in the dataset."""
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # an extra that is not installed
-            continue
-    return found
+from zbuf_occlude.versions import versions
 
 
 def summed_up(

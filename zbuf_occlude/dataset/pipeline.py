@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset.plan import Recipe, seed_of
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.image_space.ordering import morton_codes
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 

@@ -178,12 +178,3 @@ class Plan:
 
 def _not_loadable(key: str) -> Mesh:
     raise MeshError(f"{key} must be loaded from where it came; a plan read back only knows its name.")
-
-
-def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:
-    """Return the seed of a mesh's draws, from its key: never from worker, shard or order.
-
-    `path` tells the draws of a mesh apart: (variation,) for its points, (variation, view) for a cloud's subset.
-    """
-    digest = hashlib.sha256(key.encode()).digest()
-    return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little"), *path])

@@ -8,9 +8,9 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset.clouds import draw, fit
-from zbuf_occlude.dataset.plan import seed_of
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.seeds import seed_of
 
 CLASSES = (
     "4wd", "building", "bus", "car", "pedestrian", "pillar", "pole", "traffic_lights", "traffic_sign", "tree", "truck",

@@ -15,7 +15,6 @@ import torch
 
 from zbuf_occlude.compare.run import machine
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.manifest import versions
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.farm.worker import die_with_parent
 from zbuf_occlude.learn.checkpoint import Epoch, Trained
@@ -27,6 +26,7 @@ from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import path_of, read_result
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.train import train
+from zbuf_occlude.versions import versions
 
 CLASSIFIERS = "classifiers"
 """Folder of a study: the trained model of each trial."""
