@@ -1,4 +1,4 @@
-"""THE definition of "blocked": does a face block the line of sight between an eye and a point?
+"""THE definition of "blocked" and of "hit": does a face block a line of sight, and where does a ray meet it?
 
 Signed volumes, in float64. `exact_hsr` (the paper's perpendicular planes) must not import this file:
 the two formulations check each other.
@@ -66,3 +66,35 @@ def blocks(eye, point, a, b, c, contact):  # type: ignore[no-untyped-def]
         return False
     fraction = dot(minus(point, a), n) / slope
     return fraction * math.sqrt(dot(d, d)) > contact and fraction < 1.0
+
+
+@njit
+def meeting(origin, direction, a, b, c):  # type: ignore[no-untyped-def]
+    """Where the closed triangle abc meets the open ray from an origin.
+
+    Parameters
+    ----------
+    origin, direction, a, b, c : tuples or arrays of 3 float64, world space; the direction of any length but 0
+
+    Returns
+    -------
+    float
+        How many times `direction` away the meeting point is, positive; infinity for a ray that misses.
+
+    Notes
+    -----
+    The same signed volumes as in `blocks`, with the ray's origin as theirs: edges shared by two faces do not leak.
+    A ray within the face's plane misses it, and so does one that starts on it and does not come back.
+    """
+    a_, b_, c_ = minus(a, origin), minus(b, origin), minus(c, origin)
+    u = dot(direction, cross(b_, c_))
+    v = dot(direction, cross(c_, a_))
+    w = dot(direction, cross(a_, b_))
+    if not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
+        return math.inf
+    n = cross(minus(b, a), minus(c, a))
+    slope = dot(direction, n)
+    if slope == 0.0 or u + v + w == 0.0:
+        return math.inf
+    fraction = dot(a_, n) / slope
+    return fraction if fraction > 0.0 else math.inf

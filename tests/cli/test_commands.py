@@ -45,7 +45,7 @@ def test_methods_lists_the_table(run: Run) -> None:
     rows = json.loads(run("methods", "--json").out)
     assert [row["name"] for row in rows] == [method.name for method in METHODS]
     text = run("methods").out
-    assert "oracle  [exact]" in text
+    assert "oracle  [exact, first hits]" in text
     assert "--set contact=1e-05" in text
 
 

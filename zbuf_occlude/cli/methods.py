@@ -30,6 +30,7 @@ def command(as_json: bool) -> None:
                 "needs_gl": method.needs_gl,
                 "extra": method.extra,
                 "missing": method.missing(),
+                "no_first_hits": method.no_first_hits,
                 "options": options,
             }
         )
@@ -37,7 +38,8 @@ def command(as_json: bool) -> None:
         click.echo(json.dumps(rows, indent=2))
         return
     for row in rows:
-        tags = ", ".join(tag for tag, on in (("exact", row["exact"]), ("GL", row["needs_gl"])) if on)
+        flags = (("exact", row["exact"]), ("GL", row["needs_gl"]), ("first hits", not row["no_first_hits"]))
+        tags = ", ".join(tag for tag, on in flags if on)
         click.echo(f"{row['name']}{f'  [{tags}]' if tags else ''}\n    {row['summary']}")
         if row["options"]:
             click.echo("    --set " + " ".join(f"{name}={default}" for name, default in row["options"].items()))

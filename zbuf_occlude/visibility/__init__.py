@@ -12,12 +12,14 @@ METHODS: tuple[Method, ...] = (
         "the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU",
         "zbuf_occlude.visibility.depth_buffer:prepare",
         needs_gl=True,
+        no_first_hits="its pictures are of points' eyes so far, not of a sensor's rays",
     ),
     Method(
         "exact",
         "image space made exact on the CPU: the oracle's answers, and nearly always faster than a ray caster",
         "zbuf_occlude.visibility.exact:prepare",
         exact=True,
+        no_first_hits="its search is of points so far",
     ),
     Method(
         "oracle",
@@ -31,6 +33,7 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.exact_gl:prepare",
         exact=True,
         needs_gl=True,
+        no_first_hits="its entries are sample points; rays have none",
     ),
     Method(
         "embree",
@@ -45,27 +48,32 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.pyrender:prepare",
         requires="pyrender",
         check="zbuf_occlude.visibility.pyrender:missing",
+        no_first_hits="its pixels lie where its camera has them, not where the rays go",
     ),
     Method(
         "vertex_hsr",
         "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
         "zbuf_occlude.visibility.vertex_hsr:prepare",
+        no_first_hits="it keeps or drops whole faces, and looks at no ray",
     ),
     Method(
         "vertex_hsr_culled",
         "the same with far faces excluded by distance: first or second suggestion of paper 3.6",
         "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
+        no_first_hits="it keeps or drops whole faces, and looks at no ray",
     ),
     Method(
         "exact_hsr",
         "paper 3.5: every point against all faces by planes and perpendicular planes",
         "zbuf_occlude.visibility.exact_hsr:prepare",
         exact=True,
+        no_first_hits="the paper asks whether a point is hidden, not what hides it first",
     ),
     Method(
         "occupancy_grid",
         "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
         "zbuf_occlude.visibility.occupancy_grid:prepare",
+        no_first_hits="its cells name no face",
     ),
     Method(
         "hidden_point_removal",
@@ -74,6 +82,7 @@ METHODS: tuple[Method, ...] = (
         extra="open3d",
         requires="open3d",
         check="zbuf_occlude.visibility.hidden_point_removal:missing",
+        no_first_hits="it knows points and no faces",
     ),
 )
 

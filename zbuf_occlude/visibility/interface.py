@@ -1,4 +1,4 @@
-"""What every method of hidden-surface removal is: made ready for one mesh, then asked with points and eyes."""
+"""What every method is: made ready for one mesh, then asked what eyes see, or what rays meet first."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, Protocol, Self, final
+from typing import Any, NamedTuple, Protocol, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -30,10 +30,22 @@ class Closable(Protocol):
         """Release what it holds."""
 
 
+class FirstHits(NamedTuple):
+    """What n rays meet first.
+
+    face_ids : (n,) int32, index into ``mesh.faces``; -1 where a ray meets nothing
+    distances : (n,) float64, eye distance from the ray's origin, world units; infinity where it meets nothing
+    """
+
+    face_ids: IntArray
+    distances: FloatArray
+
+
 class Occluder(ABC):
     """A mesh made ready to answer line-of-sight questions. Use it as a context manager, or call `close`.
 
-    A method subclasses this, implements `_visible` and, when it holds resources, `_release`.
+    A method subclasses this, implements `_visible`, `_first_hits` if it can cast rays (its row in the table says why
+    where it cannot) and, when it holds resources, `_release`.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -70,8 +82,7 @@ class Occluder(ABC):
         ArgumentError
             Arrays of the wrong shape or type, not finite, or face ids that the mesh does not have.
         """
-        if self._closed:
-            raise ArgumentError("the occluder must be open; it was closed. Prepare the mesh again.")
+        self._check_open()
         if not isinstance(points, SurfacePoints):
             raise ArgumentError(
                 f"points must be SurfacePoints; got {type(points).__name__}. "
@@ -90,6 +101,54 @@ class Occluder(ABC):
     @abstractmethod
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         """Answer for checked arguments with at least one point and one eye; (k, n) bool."""
+
+    @final
+    def first_hits(self, origins: ArrayLike, directions: ArrayLike) -> FirstHits:
+        """Answer which face each ray meets first, and how far away.
+
+        Parameters
+        ----------
+        origins : (n, 3) or (1, 3) float
+            World space, anywhere; one origin serves all rays.
+        directions : (n, 3) float
+            World space, of any length but 0.
+
+        Returns
+        -------
+        FirstHits
+            The nearest face that meets the open ray, the lowest face id of those equally near. Faces are closed and
+            two-sided; one whose plane contains the ray does not meet it (docs/conventions.md).
+
+        Raises
+        ------
+        ArgumentError
+            Arrays of the wrong shape or type, not finite, of different lengths, or a direction of no length.
+        UnavailableError
+            The method casts no rays.
+        """
+        self._check_open()
+        origins, directions = as_vectors(origins, "origins"), as_vectors(directions, "directions")
+        if len(origins) not in (1, len(directions)):
+            raise ArgumentError(
+                f"origins must be one, or one per direction ({len(directions)}); got {len(origins)}. Repeat them."
+            )
+        none = ~directions.any(axis=1)
+        if none.any():
+            raise ArgumentError(f"directions must have a length; row {int(none.argmax())} is zero. Leave it out.")
+        if len(directions) == 0:
+            return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
+        return self._first_hits(origins, directions)
+
+    def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
+        """Answer for checked arguments with at least one ray; `origins` is (n, 3), or (1, 3) for all rays."""
+        raise UnavailableError(
+            f"first_hits must be asked of a method that casts rays; {type(self).__name__} does not. "
+            "`zbuf-occlude methods` lists those that do."
+        )
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ArgumentError("the occluder must be open; it was closed. Prepare the mesh again.")
 
     @final
     def close(self) -> None:
@@ -131,6 +190,8 @@ class Method:
     requires : str
     check : str
         ``"package.module:function"``, light to import; the function says in words what else the method lacks here.
+    no_first_hits : str
+        In words, why it cannot answer `Occluder.first_hits`; "" for a method that can.
     """
 
     name: str
@@ -141,6 +202,7 @@ class Method:
     extra: str = ""
     requires: str = ""
     check: str = ""
+    no_first_hits: str = ""
 
     def missing(self) -> str:
         """Say in words why the method cannot run here; empty when nothing is known to be missing.

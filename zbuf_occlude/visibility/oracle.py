@@ -1,4 +1,6 @@
-"""`oracle`: the judge. Every point against every face, in float64, by the definition itself."""
+"""`oracle`: the judge. Every point and every ray against every face, in float64, by the definition itself."""
+
+import math
 
 import numpy as np
 from numba import prange
@@ -6,10 +8,10 @@ from numba import prange
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import blocks
+from zbuf_occlude.predicates import blocks, meeting
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import threaded
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 SLANT = 5.0
 """A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
@@ -41,6 +43,46 @@ class Oracle(Occluder):
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
         return _visible(self.mesh.corners, points.face_ids, targets, eyes, self.contact)
+
+    def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
+        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
+        face_ids, fractions, _ = _nearest(self.mesh.corners, origins, directions)
+        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1))
+
+    def decided_hits(self, origins: FloatArray, directions: FloatArray, width: float = BAND) -> BoolArray:
+        """Say which rays' first hits do not hang on a hair; those that do are the boundary band of rays.
+
+        Parameters
+        ----------
+        origins : (n, 3) or (1, 3) float
+            World space.
+        directions : (n, 3) float
+            World space.
+        width : float
+            As a fraction of the mesh's diagonal.
+
+        Returns
+        -------
+        (n,) bool
+            True where the face named stays the same with the whole ray moved by `width` in eight directions across it
+            and its origin by the contact tolerance along it, either way, and no other face meets the ray within the
+            contact tolerance of it.
+        """
+        directions = np.asarray(directions, dtype=np.float64)
+        origins = np.ascontiguousarray(np.broadcast_to(np.asarray(origins, dtype=np.float64), directions.shape))
+        lengths = np.linalg.norm(directions, axis=1)
+        first, nearest, second = _nearest(self.mesh.corners, origins, directions)
+        with np.errstate(invalid="ignore"):  # no hit at all: infinity less infinity
+            still = ~((second - nearest) * lengths <= self.contact)
+        across, upwards = _perpendiculars(directions)
+        shifts = [
+            width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
+            for angle in np.arange(8) * (np.pi / 4.0)
+        ]
+        shifts += [sign * self.contact * directions / lengths[:, None] for sign in (1.0, -1.0)]
+        for shift in shifts:
+            still &= _nearest(self.mesh.corners, origins + shift, directions)[0] == first
+        return still
 
     def decided(self, points: SurfacePoints, eyes: FloatArray, width: float = BAND) -> BoolArray:
         """Say where the answer does not hang on a hair; what is not decided is the boundary band.
@@ -146,3 +188,24 @@ def _visible(corners: FloatArray, own: IntArray, targets: FloatArray, eyes: Floa
                     answer[j, i] = False
                     break
     return answer
+
+
+@threaded
+def _nearest(
+    corners: FloatArray, origins: FloatArray, directions: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Of each ray the face met first, how many times its direction away, and the same of the next face."""
+    n = len(directions)
+    first, nearest, second = np.full(n, -1, dtype=np.int32), np.full(n, math.inf), np.full(n, math.inf)
+    for i in prange(n):
+        origin = (origins[i, 0], origins[i, 1], origins[i, 2])
+        direction = (directions[i, 0], directions[i, 1], directions[i, 2])
+        for face in range(len(corners)):
+            t = corners[face]
+            a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+            found = meeting(origin, direction, a, b, c)
+            if found < nearest[i]:
+                first[i], nearest[i], second[i] = face, found, nearest[i]
+            elif found < second[i]:
+                second[i] = found
+    return first, nearest, second

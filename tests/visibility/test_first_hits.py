@@ -1,0 +1,268 @@
+"""The second question's contract: one suite that every method that casts rays goes through."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import SQUARE, box, stacked
+from tests.visibility.test_contract import SCENE
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility import METHODS, oracle
+from zbuf_occlude.visibility.interface import FirstHits, Method, Occluder
+
+Prepare = Callable[..., Occluder]
+
+AGREEMENT = {"embree": 0.9995, "depth_buffer": 0.97}
+"""Least fraction of rays for which a method that is not exact names the oracle's face, or one within the contact
+tolerance of it."""
+
+PLATES = stacked(SQUARE - [0.5, 0.5, 0.0], SQUARE - [0.5, 0.5, 1.0], SQUARE - [0.5, 0.5, 1.0])
+"""Unit squares at z = 0 (faces 0, 1) and twice at z = -1 (2, 3 and their copies 4, 5)."""
+
+
+def random_rays(n: int, seed: int = 0, about: zo.Mesh = SCENE) -> tuple[np.ndarray, np.ndarray]:
+    """Origins in and around a mesh, each ray towards a point in its box; directions of many lengths."""
+    rng = np.random.default_rng(seed)
+    origins = about.centre + rng.normal(size=(n, 3)) * about.longest_side
+    targets = about.centre + rng.uniform(-0.6, 0.6, (n, 3)) * about.longest_side
+    return origins, (targets - origins) * 10.0 ** rng.uniform(-3, 3, (n, 1))
+
+
+ORIGINS, DIRECTIONS = random_rays(3000)
+
+
+def casting() -> list[Method]:
+    return [method for method in METHODS if not method.no_first_hits]
+
+
+@pytest.fixture(scope="module", params=casting(), ids=lambda method: method.name)
+def method(request: pytest.FixtureRequest) -> Method:
+    row: Method = request.param
+    if reason := row.missing():
+        pytest.skip(f"{row.name} {reason}")
+    return row
+
+
+@pytest.fixture(scope="module")
+def prepare(method: Method, request: pytest.FixtureRequest) -> Prepare:
+    """`zo.prepare` by this method, with the session's GL context where it needs one."""
+    shared = {"gl": request.getfixturevalue("gl")} if method.needs_gl else {}
+    return lambda mesh, **options: zo.prepare(mesh, method.name, **shared, **options)
+
+
+def wrong(method: Method, mesh: zo.Mesh, found: FirstHits, origins: np.ndarray, directions: np.ndarray) -> float:
+    """Fraction of rays with another answer than the oracle's: for an exact method of those outside the band, any
+    difference; for another, a face more than the contact tolerance nearer or farther."""
+    judge = oracle.prepare(mesh)
+    truth = judge.first_hits(origins, directions)
+    with np.errstate(invalid="ignore"):
+        apart = np.where(found.distances == truth.distances, 0.0, np.abs(found.distances - truth.distances))
+    if method.exact:
+        differs = (found.face_ids != truth.face_ids) | (apart > 1e-9 * mesh.diagonal)
+        return float((differs & judge.decided_hits(origins, directions)).mean())
+    return float((apart > judge.contact).mean())
+
+
+def allowed(method: Method) -> float:
+    return 0.0 if method.exact else 1.0 - AGREEMENT[method.name]
+
+
+def test_a_method_without_first_hits_says_why() -> None:
+    for row in METHODS:
+        if row.no_first_hits and not row.missing() and not row.needs_gl:
+            with zo.prepare(box(), row.name) as occluder, pytest.raises(UnavailableError, match="must be asked of a"):
+                occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
+
+
+def test_the_answer(prepare: Prepare) -> None:
+    with prepare(SCENE) as occluder:
+        face_ids, distances = occluder.first_hits(ORIGINS, DIRECTIONS)
+    assert face_ids.shape == distances.shape == (len(DIRECTIONS),)
+    assert (face_ids.dtype, distances.dtype) == (np.int32, np.float64)
+    assert ((face_ids == -1) == np.isinf(distances)).all()
+    assert 0.1 < (face_ids >= 0).mean() < 0.95
+    assert (distances > 0).all()
+
+
+def test_agreement_with_the_oracle(method: Method, prepare: Prepare) -> None:
+    with prepare(SCENE) as occluder:
+        found = occluder.first_hits(ORIGINS, DIRECTIONS)
+        assert wrong(method, SCENE, found, ORIGINS, DIRECTIONS) <= allowed(method)
+        within = occluder.first_hits([[0.1, 0.05, 0.1]], DIRECTIONS)  # in the ball: one origin for all rays
+    assert wrong(method, SCENE, within, np.array([[0.1, 0.05, 0.1]]), DIRECTIONS) <= allowed(method)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_scale_does_not_matter(method: Method, prepare: Prepare, scale: float) -> None:
+    mesh = SCENE.transformed(scale)
+    with prepare(mesh) as occluder:
+        found = occluder.first_hits(ORIGINS * scale, DIRECTIONS)
+    assert wrong(method, mesh, found, ORIGINS * scale, DIRECTIONS) <= allowed(method)
+
+
+def test_distances_are_of_the_ray_whatever_the_length_of_its_direction(prepare: Prepare) -> None:
+    with prepare(PLATES) as occluder:
+        found = occluder.first_hits([[0.1, 0.2, 2.0]], [[0, 0, -1.0], [0, 0, -1e-6], [0, 0, -1e6], [0.0, 0.0, 1.0]])
+    assert found.face_ids.tolist()[3] == -1
+    assert np.allclose(found.distances, [2.0, 2.0, 2.0, np.inf], rtol=1e-12)
+
+
+def test_ties_go_to_the_lowest_face(method: Method, prepare: Prepare) -> None:
+    """The shared diagonal of a square, a copied sheet, a corner of two plates' edge: exact in small numbers."""
+    with prepare(PLATES) as occluder:
+        diagonal = occluder.first_hits([[0.25, 0.25, 2.0]], [[0.0, 0.0, -1.0]])
+        copies = occluder.first_hits([[0.25, -0.125, -3.0]], [[0.0, 0.0, 1.0]])
+        shared = occluder.first_hits([[0.25, 0.25, -3.0]], [[0.0, 0.0, 1.0]])
+    assert diagonal.distances.item() == pytest.approx(2.0)
+    assert copies.distances.item() == shared.distances.item() == pytest.approx(2.0)
+    if method.exact:
+        assert (diagonal.face_ids.item(), copies.face_ids.item(), shared.face_ids.item()) == (0, 2, 2)
+
+
+def test_edges_and_corners_are_part_of_a_face(method: Method, prepare: Prepare) -> None:
+    on_the_edge = [[0.5, 0.25, 2.0], [0.5, 0.5, 2.0], [-0.5, 0.0, 2.0]]
+    outside = [[0.5 + 1e-4, 0.25, 2.0], [0.5 + 1e-4, 0.5, 2.0], [-0.5 - 1e-4, 0.0, 2.0]]
+    with prepare(PLATES) as occluder:
+        if method.exact:
+            assert (occluder.first_hits(on_the_edge, [[0, 0, -1.0]] * 3).distances == 2.0).all()
+        assert (occluder.first_hits(outside, [[0, 0, -1.0]] * 3).face_ids == -1).all()
+
+
+def test_edges_that_faces_share_do_not_leak(method: Method, prepare: Prepare) -> None:
+    """Rays from a ball's middle to points of its edges meet something, always."""
+    ball = solids.icosphere(3)
+    a, b = ball.corners[:, 0], ball.corners[:, 1]
+    targets = np.concatenate([a + s * (b - a) for s in (0.1, 0.3, 0.7)])
+    with prepare(ball) as occluder:
+        found = occluder.first_hits([[0.01, 0.02, 0.03]], targets - [0.01, 0.02, 0.03])
+    assert (found.face_ids >= 0).mean() >= 1.0 - allowed(method)
+    met = found.face_ids >= 0
+    assert np.allclose(found.distances[met], np.linalg.norm(targets - [0.01, 0.02, 0.03], axis=1)[met], rtol=1e-4)
+
+
+def test_rays_within_a_faces_plane_miss_it(prepare: Prepare) -> None:
+    with prepare(PLATES) as occluder:
+        found = occluder.first_hits([[-2.0, 0.125, 0.0], [-2.0, 0.125, 1.0]], [[1.0, 0, 0], [2.0, 0, -1.0]])
+    assert found.face_ids.tolist()[0] == -1
+    assert found.distances[1] == pytest.approx(np.sqrt(5.0), rel=1e-6)  # tilted, it meets the upper plate
+
+
+def test_rays_that_start_on_a_face_leave_it(prepare: Prepare) -> None:
+    """The ray is open at its origin: a face met there is not met."""
+    with prepare(PLATES) as occluder:
+        found = occluder.first_hits([[0.125, 0.25, 0.0]] * 3, [[0, 0, -1.0], [0, 0, 1.0], [0.1, 0.0, -1.0]])
+    assert found.face_ids.tolist()[1] == -1
+    assert found.distances[[0, 2]] == pytest.approx([1.0, np.sqrt(1.01)])
+
+
+def test_rays_that_start_inside(prepare: Prepare) -> None:
+    with prepare(box((2.0, 2.0, 2.0))) as occluder:
+        directions = np.concatenate([np.eye(3), -np.eye(3)])
+        found = occluder.first_hits([[0.25, 0.5, -0.125]], directions)
+    assert (found.face_ids // 2).tolist() == [1, 3, 5, 0, 2, 4]
+    assert found.distances == pytest.approx([0.75, 0.5, 1.125, 1.25, 1.5, 0.875])
+
+
+def test_far_origins(method: Method, prepare: Prepare) -> None:
+    origins = SCENE.centre + (ORIGINS - SCENE.centre) * 300.0
+    targets = ORIGINS + DIRECTIONS * 0.0 + np.random.default_rng(5).uniform(-0.3, 0.3, ORIGINS.shape)
+    directions = SCENE.centre + (targets - ORIGINS) - origins
+    with prepare(SCENE) as occluder:
+        found = occluder.first_hits(origins, directions)
+    assert (found.face_ids >= 0).mean() > 0.3
+    assert wrong(method, SCENE, found, origins, directions) <= allowed(method)
+
+
+def test_no_rays_and_one_ray(prepare: Prepare) -> None:
+    with prepare(SCENE) as occluder:
+        none = occluder.first_hits(np.empty((0, 3)), np.empty((0, 3)))
+        assert none.face_ids.shape == none.distances.shape == (0,)
+        all_of_them = occluder.first_hits(ORIGINS, DIRECTIONS)
+        for i in (0, 7, 2999):
+            one = occluder.first_hits(ORIGINS[i : i + 1], DIRECTIONS[i : i + 1])
+            assert one.face_ids.item() == all_of_them.face_ids[i]
+
+
+def test_what_is_given_is_not_changed(prepare: Prepare) -> None:
+    origins, directions = ORIGINS.copy(), DIRECTIONS.copy()
+    with prepare(SCENE) as occluder:
+        first = occluder.first_hits(origins, directions)
+        again = occluder.first_hits(origins.tolist(), np.asfortranarray(directions))
+    assert (origins == ORIGINS).all()
+    assert (directions == DIRECTIONS).all()
+    assert (first.face_ids == again.face_ids).all()
+    assert (first.distances == again.distances).all()
+
+
+@pytest.mark.parametrize(
+    ("origins", "directions", "message"),
+    [
+        ([[0, 0, 0]] * 2, [[0, 0, 1]] * 3, r"origins must be one, or one per direction \(3\); got 2\. Repeat them\."),
+        ([[0, 0, 0]], [[0, 0, 1], [0, 0, 0]], r"directions must have a length; row 1 is zero\. Leave it out\."),
+        ([[0, 0, 0]], [[0, 0, np.inf]], "directions must be finite; row 0 is"),
+        ([0, 0, 0], [[0, 0, 1]], r"origins must be \(n, 3\) float; got \(3,\) int64\. Add a leading axis"),
+        ([[0, 0, 0]], [[0, 1]], r"directions must be \(n, 3\) float; got \(1, 2\)"),
+    ],
+    ids=["lengths", "zero", "infinite", "one flat", "two numbers"],
+)
+def test_bad_arguments(prepare: Prepare, origins: list[float], directions: list[float], message: str) -> None:
+    with prepare(SCENE) as occluder, pytest.raises(zo.ArgumentError, match=message):
+        occluder.first_hits(origins, directions)
+
+
+def test_closing(prepare: Prepare) -> None:
+    with prepare(SCENE) as occluder:
+        pass
+    with pytest.raises(zo.ArgumentError, match="it was closed"):
+        occluder.first_hits([[0, 0, 3]], [[0, 0, -1]])
+
+
+def test_the_band_is_thin_and_is_where_it_should_be() -> None:
+    judge = oracle.prepare(SCENE)
+    assert judge.decided_hits(ORIGINS, DIRECTIONS).mean() > 0.85  # SCENE has a copied sheet
+    plates = oracle.prepare(PLATES)
+    down = np.array([[0.0, 0.0, -1.0]] * 4)
+    starts = np.array([[0.1, 0.2, 2.0], [0.5, 0.1, 2.0], [0.1, 0.2, -0.5], [3.0, 3.0, 1.0]])
+    # the middle of a face; its edge; a sheet that is there twice; nothing far and wide
+    assert plates.decided_hits(starts, down).tolist() == [True, False, False, True]
+
+
+def test_rational_truth_on_small_integers() -> None:
+    """Every ray between lattice points through a triangle with lattice corners, against exact arithmetic."""
+    from fractions import Fraction
+
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        corners = rng.integers(-3, 4, (4, 3, 3))
+        origin, direction = rng.integers(-4, 5, 3), rng.integers(-3, 4, 3)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        if not direction.any() or not normals.any(axis=1).all():
+            continue
+        best: tuple[Fraction, int] | None = None
+        for face, ((a, b, c), n) in enumerate(zip(corners, normals, strict=True)):
+            slope = int(n @ direction)
+            if slope == 0:
+                continue
+            t = Fraction(int(n @ (a - origin)), slope)
+            at = [Fraction(int(o)) + t * int(d) for o, d in zip(origin, direction, strict=True)]
+            sides = []
+            for p, q in ((a, b), (b, c), (c, a)):
+                edge, to = [int(x) for x in q - p], [x - int(y) for x, y in zip(at, p, strict=True)]
+                turned = (
+                    edge[1] * to[2] - edge[2] * to[1],
+                    edge[2] * to[0] - edge[0] * to[2],
+                    edge[0] * to[1] - edge[1] * to[0],
+                )
+                sides.append(sum(int(x) * y for x, y in zip(n, turned, strict=True)))
+            if t > 0 and min(sides) >= 0 and (best is None or t < best[0]):
+                best = (t, face)
+        mesh = zo.Mesh(corners.reshape(-1, 3), np.arange(12).reshape(4, 3))
+        found = oracle.prepare(mesh).first_hits([origin.tolist()], [direction.tolist()])
+        if best is None:
+            assert found.face_ids.item() == -1
+        else:
+            assert found.face_ids.item() == best[1]
+            assert found.distances.item() == pytest.approx(float(best[0]) * np.linalg.norm(direction), rel=1e-12)
