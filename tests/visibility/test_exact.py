@@ -84,6 +84,26 @@ def test_axis_aligned_eyes_see_faces_edge_on() -> None:
     assert disagreements(mesh, points, np.concatenate([eyes, eyes * 0.7, eyes + np.array([0.5, 0, 0])])) == 0
 
 
+def sheet(n: int, rng: np.random.Generator) -> tuple[Mesh, np.ndarray]:
+    """A flat square of 2 n^2 faces somewhere in space, and its plane's two directions and a point of it, (3, 3)."""
+    frame = np.concatenate([np.linalg.qr(rng.normal(size=(3, 3)))[0][:2], 3.0 * rng.normal(size=(1, 3))])
+    u, v = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
+    first = ((n + 1) * np.arange(n)[:, None] + np.arange(n)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, n + 1], first[:, None] + [1, n + 2, n + 1]])
+    return Mesh(np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3) @ frame, faces), frame
+
+
+@pytest.mark.parametrize("distance", [(1.5, 2.1), (2.2, 8.0)])  # six frames, and one
+def test_eyes_in_the_plane_of_the_faces(distance: tuple[float, float]) -> None:
+    rng = RNG(3)
+    for _ in range(10):
+        mesh, frame = sheet(2, rng)
+        angles, radii = rng.uniform(0.0, 2.0 * np.pi, (20, 1)), rng.uniform(*distance, (20, 1))
+        eyes = np.concatenate([radii * np.cos(angles), radii * np.sin(angles), np.ones((20, 1))], axis=1) @ frame
+        points = sample_surface(mesh, n_points=100, seed=rng)
+        assert disagreements(mesh, points, eyes) == 0
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_scale_and_place_do_not_matter(scale: float) -> None:
     mesh = soup(300, 0.2, 7)

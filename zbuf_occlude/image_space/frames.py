@@ -29,20 +29,26 @@ class Frames(NamedTuple):
     windows : (k,) float32
         Only what has |x|, |y| <= window x w belongs to a frame.
     eyes : (k, 3) float64, scene space
+    world_eyes : (k, 3) float64
+        The caller's own, for float64: an eye that went through scene space and back has been rounded, and is on the
+        other side of planes that it lies in.
     """
 
     matrices: NDArray[np.float32]
     n_frames: NDArray[np.int64]
     windows: NDArray[np.float32]
     eyes: FloatArray
+    world_eyes: FloatArray
 
 
-def make_frames(eyes: FloatArray, radius: float) -> Frames:
+def make_frames(world_eyes: FloatArray, centre: FloatArray, scale: float, radius: float) -> Frames:
     """Place a frame, or the six faces of a cube, before each eye.
 
     Parameters
     ----------
-    eyes : (k, 3) float64, scene space
+    world_eyes : (k, 3) float64
+    centre, scale : (3,) float64 and float
+        The scene's.
     radius : float
         Of a sphere about the scene's centre that holds the mesh and all points, scene units.
 
@@ -52,6 +58,7 @@ def make_frames(eyes: FloatArray, radius: float) -> Frames:
     scene equally well from any distance. From inside coordinates are about the eye; the cube's faces are those of
     the axes.
     """
+    eyes = (world_eyes - centre) * scale
     distances = np.linalg.norm(eyes, axis=1)
     outside = distances > OUTSIDE * radius
     matrices = np.zeros((len(eyes), 6, 3, 4))
@@ -62,6 +69,7 @@ def make_frames(eyes: FloatArray, radius: float) -> Frames:
         np.where(outside, 1, 6).astype(np.int64),
         np.where(outside, NO_WINDOW, GUARD).astype(np.float32),
         eyes,
+        world_eyes,
     )
 
 

@@ -74,6 +74,7 @@ def find_visible(
                     frames.matrices[view, face],
                     frames.windows[view],
                     frames.eyes[view],
+                    frames.world_eyes[view],
                     face if frames.n_frames[view] > 1 else -1,
                     begin * GROUP * CHUNK,
                     min(end * GROUP * CHUNK, n_packets),
@@ -97,7 +98,7 @@ def fill(answer, view):  # type: ignore[no-untyped-def]
 
 @njit(_nrt=False)
 def search_frame(  # type: ignore[no-untyped-def]
-    scene, surface, points, frame, window, e, face, first, last, space, regions, contours, tiles, epoch, answer
+    scene, surface, points, frame, window, e, world_e, face, first, last, space, regions, contours, tiles, epoch, answer
 ):
     """Answer for the packets first to last in one frame of an eye; writes False where a point is hidden.
 
@@ -105,11 +106,7 @@ def search_frame(  # type: ignore[no-untyped-def]
     """
     inside = face >= 0
     eye = (np.float32(e[0]), np.float32(e[1]), np.float32(e[2]))
-    world_eye = (
-        e[0] / scene.scale + scene.centre[0],
-        e[1] / scene.scale + scene.centre[1],
-        e[2] / scene.scale + scene.centre[2],
-    )
+    world_eye = (world_e[0], world_e[1], world_e[2])
     reach = ONE
     if inside:
         reach = max(ONE, np.float32(1.001 * np.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2])))

@@ -61,7 +61,7 @@ class Exact(Occluder):
             near = FOLLOWED_CONTACTS[0] <= self._contact <= FOLLOWED_CONTACTS[1]
             self._worth_following = near and followed_area(self.mesh, self._solids) >= LEAST_FOLLOWED
         packets = make_packets(points, scene, self._rows, self._solids, self._surface.records)
-        frames = make_frames((eyes - scene.centre) * scene.scale, float(packets.farthest))
+        frames = make_frames(eyes, scene.centre, scene.scale, float(packets.farthest))
         n_threads = numba.get_num_threads()
         n_groups = -(-packets.coordinates.shape[1] // (GROUP * CHUNK * PACKET))
         n_blocks = 1 if len(eyes) >= 4 * n_threads else min(n_groups, 4 * n_threads)
