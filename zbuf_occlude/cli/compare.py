@@ -1,11 +1,12 @@
 """`zbuf-occlude compare`: how wrong, how fast, when to use which; rows.jsonl and a report."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
-from zbuf_occlude.cli.options import AUTO_ELSEWHERE, OutFolder, collect, parse_settings, up_option
+from zbuf_occlude.cli.options import AUTO_ELSEWHERE, OutFolder, choice_options, collect, parse_settings, up_option
 from zbuf_occlude.cli.report import summary
 from zbuf_occlude.compare.presets import PRESETS, of_meshes, preset
 from zbuf_occlude.compare.question import MOST_VIEWS
@@ -68,6 +69,7 @@ SOME_FAILED = 3
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @up_option
+@choice_options
 def command(
     meshes: tuple[Path, ...],
     out: Path,
@@ -82,6 +84,7 @@ def command(
     seed: int,
     limit: int | None,
     up: str | None,
+    **choice: Any,
 ) -> None:
     """Compare methods of hidden-surface removal with the exact judge and with each other.
 
@@ -104,7 +107,7 @@ def command(
     subjects = [parse_subject(text) for text in methods] or default_subjects()
     cases: list[Case] = []
     if meshes or not presets:
-        collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES)
+        collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
         parsed = parse_views(views, seed=seed)
         cases += of_meshes(collection, subjects, parsed, n_points=points, seed=seed, most_views=most_views)
     for name in presets:

@@ -13,7 +13,8 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.options import OutFolder, collect, method_options, parse_settings, up_option
+from zbuf_occlude.cli.options import OutFolder, choice_options, collect, method_options, parse_settings, up_option
+from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
 from zbuf_occlude.dataset.auto import AUTO, resolve
 from zbuf_occlude.dataset.clouds import record_type
@@ -83,6 +84,7 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
 )
 @up_option
+@choice_options
 @click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one a core]")
 @click.option(
     "--engine", type=click.Choice(["local", "ray"]), default="local", show_default=True, help="Where to work."
@@ -115,6 +117,9 @@ def command(
     format: str,
     limit: int | None,
     up: str | None,
+    labels: Path | None,
+    classes: list[str] | None,
+    splits: list[str] | None,
     workers: int | None,
     engine: str,
     ray_address: str | None,
@@ -129,8 +134,9 @@ def command(
 ) -> None:
     """Make a dataset of occluded point clouds.
 
-    MESH_OR_DIR: mesh files (OFF, OBJ, PLY, STL, glTF), folders of them, class folders, or ModelNet's
-    CLASS/{train,test}/*.off. Without any, the built-in shapes: eight classes of 75 objects.
+    MESH_OR_DIR: mesh files (OFF, OBJ, PLY, STL, glTF), class folders, or folders and ZIP archives as published of
+    ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K. What was understood, classes and splits, is shown
+    before it begins. Without any, the built-in shapes: eight classes of 75 objects.
 
     \b
     Writes into --out:
@@ -154,8 +160,10 @@ def command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    choose = MeshCollection.interleaved if preset is None else find_preset(preset).choose
-    collection = collect(meshes, up, limit, out=out, choose=choose)
+    wanted = None if preset is None else find_preset(preset)
+    choose = MeshCollection.interleaved if wanted is None else wanted.choose
+    collection = collect(meshes, up, limit, out=out, choose=choose, labels=labels, classes=classes, splits=splits)
+    click.echo(overview(collection, wanted), err=True)
     made = Recipe(
         method=method,
         method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
@@ -169,7 +177,7 @@ def command(
             f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
         )
     plans = [(plan, out)]
-    if preset is not None and find_preset(preset).original:
+    if wanted is not None and wanted.original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     part = parse_shard(shard) if shard is not None else from_environment(os.environ)
     limits = Limits(mesh_seconds, mesh_gigabytes)

@@ -12,6 +12,7 @@ import click
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.labels import FORMS
 from zbuf_occlude.visibility import METHODS, find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -98,6 +99,28 @@ up_option = click.option(
 )
 
 
+class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """Words between commas."""
+
+    name = "NAME,..."
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[str]:
+        """Return the words."""
+        return value if isinstance(value, list) else [word.strip() for word in value.split(",") if word.strip()]
+
+
+def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """--labels, --classes, --splits: which of the meshes found, and what they are of."""
+    function = click.option("--splits", type=Words(), help="Only meshes of these splits: train, val, test.")(function)
+    function = click.option("--classes", type=Words(), help="Only meshes of these classes.")(function)
+    return click.option(
+        "--labels",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help=f"Which mesh is of which class and split: {FORMS}. Meshes not named there are left out.",
+    )(function)
+
+
 def collect(
     paths: tuple[Path, ...],
     up: str | None,
@@ -105,23 +128,28 @@ def collect(
     *,
     out: Path | None = None,
     choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved,
+    labels: Path | None = None,
+    classes: list[str] | None = None,
+    splits: list[str] | None = None,
 ) -> MeshCollection:
     """Return the meshes that a person named, or the built-in shapes; chosen and ordered, and at most `limit` of them.
 
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
     if paths:
-        meshes = MeshCollection.from_paths(paths, up=up)
+        meshes = MeshCollection.from_paths(paths, up=up, labels=labels)
         if out is not None:
             own = Path(os.path.realpath(out))
-            meshes = MeshCollection(e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
+            outside = (e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)
+            meshes = MeshCollection(outside, meshes.remarks)
         if not meshes:
             raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
         from zbuf_occlude.meshes import shapes  # late: only needed without files
 
         meshes = shapes.collection()
-    meshes = choose(meshes)
+        meshes = meshes if labels is None else meshes.labelled(labels)
+    meshes = choose(meshes.select(classes=classes, splits=splits))
     return meshes if limit is None else meshes.limit(limit)
 
 

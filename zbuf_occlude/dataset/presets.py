@@ -61,6 +61,8 @@ class Preset:
         What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     choose : callable
         Picks the meshes out of all there are.
+    n_objects : int
+        As many as its paper has.
     original : bool
         Whether a complete cloud of each object is wanted too, as a dataset in the folder `folder.ORIGINAL`.
     """
@@ -69,6 +71,7 @@ class Preset:
     summary: str
     options: Mapping[str, Any]
     choose: Callable[[MeshCollection], MeshCollection]
+    n_objects: int
     original: bool = False
 
 
@@ -80,12 +83,14 @@ PRESETS: tuple[Preset, ...] = (
             {"views": "paper100", "variations": 10, "points": 8_000, "format": "packed", "method": "exact"}
         ),
         two_hundred,
+        200,
     ),
     Preset(
         "paper-modelnet8",
         "section 4.3: 8 classes x 75 objects x 25 views, and a complete cloud of each object",
         MappingProxyType({"views": "modelnet8", "method": "exact"}),
         seventy_five_each,
+        600,
         original=True,
     ),
 )

@@ -3,23 +3,22 @@
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import overload
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.files import SUFFIXES, UP, load_mesh
+from zbuf_occlude.meshes.files import UP, load_mesh
+from zbuf_occlude.meshes.labels import match, read_labels
+from zbuf_occlude.meshes.layouts import recognise
+from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
 
 SPLITS = ("train", "val", "test")
-_SPLIT_FOLDERS = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
-_ALL = "*"
-"""Stands for the meshes of a folder that cannot be read."""
-_UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -59,6 +58,8 @@ class MeshCollection(Sequence[MeshEntry]):
     Parameters
     ----------
     entries : iterable of MeshEntry
+    remarks : iterable of str
+        Lines to be shown: which layout was recognised, and where classes and splits come from.
 
     Raises
     ------
@@ -66,8 +67,9 @@ class MeshCollection(Sequence[MeshEntry]):
         Two entries have the same key.
     """
 
-    def __init__(self, entries: Iterable[MeshEntry]) -> None:
+    def __init__(self, entries: Iterable[MeshEntry], remarks: Iterable[str] = ()) -> None:
         self._entries = tuple(entries)
+        self.remarks = tuple(remarks)
         keys: set[str] = set()
         for entry in self._entries:
             if entry.key in keys:
@@ -86,7 +88,7 @@ class MeshCollection(Sequence[MeshEntry]):
     def __getitem__(self, index: slice) -> "MeshCollection": ...
     def __getitem__(self, index: int | slice) -> "MeshEntry | MeshCollection":
         """Return an entry, or for a slice a collection."""
-        return MeshCollection(self._entries[index]) if isinstance(index, slice) else self._entries[index]
+        return self._with(self._entries[index]) if isinstance(index, slice) else self._entries[index]
 
     @property
     def classes(self) -> list[str]:
@@ -94,40 +96,40 @@ class MeshCollection(Sequence[MeshEntry]):
         return sorted({entry.label for entry in self}, key=_natural)
 
     @classmethod
-    def from_paths(cls, paths: Paths, *, up: str | None = None) -> "MeshCollection":
-        """Find the meshes in files and folders; nothing is read yet.
+    def from_paths(
+        cls, paths: Paths, *, up: str | None = None, labels: str | os.PathLike[str] | None = None
+    ) -> "MeshCollection":
+        """Find the meshes in files, folders and ZIP archives; no mesh is read yet.
 
         Parameters
         ----------
         paths : path-like or iterable of path-like
-            Any of: a mesh file; a folder of mesh files; a folder of class folders, ``CLASS/FILE``, ModelNet's
-            ``CLASS/{train,val,test}/FILE`` or ``{train,val,test}/CLASS/FILE``; one class of those.
+            Any of: a mesh file; a folder or a ZIP archive in one of the layouts of `zbuf_occlude.meshes.layouts`
+            (ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K, plain class folders), or a part of one.
         up : {"z", "y"}, optional
-            As in `load_mesh`, for all of them.
+            As in `load_mesh`, for all of them; by default what the layout says, or else the format.
+        labels : path-like, optional
+            A file that says which mesh is of which class and split (`zbuf_occlude.meshes.labels`). What it does not
+            name is left out.
 
         Returns
         -------
         MeshCollection
-            In natural order of the keys (``chair_2`` before ``chair_10``).
+            In natural order of the keys (``chair_2`` before ``chair_10``). `remarks` say what was recognised.
 
         Raises
         ------
         MeshError
             A path does not exist or cannot be read, a file is of a format not read here, or a folder has no mesh.
         OptionError
-            `up` is unknown.
+            `up` is unknown; the labels cannot be read, or are of none of the meshes.
 
         Notes
         -----
-        The label is the first folder below the path given, ``train``, ``val`` (``valid``, ``validation``) and
-        ``test`` apart, which are splits; the folder itself when its files lie right in it; for a single file the
-        class folder of its split folder, or else its name without its ending and number, ``chair`` for
-        ``chair_0003.off``. Without a split folder the split is "train".
-
-        The key is the path from the class folder on (else from the path given), with forward slashes and the ending.
-        A key that another path given earlier has taken already gets ``~2``, ``~3``... A file met twice is taken once.
-        In keys and labels, which are lines of text files, line breaks, control characters and bytes that are not UTF-8
-        are written as in Python, ``\\n``, ``\\xff``.
+        The layout decides key, label and split from names alone, so that they are the same on every machine and for a
+        part of a collection as for the whole. A key that another path given earlier has taken already gets ``~2``,
+        ``~3``... A file met twice is taken once. In keys and labels, which are lines of text files, line breaks,
+        control characters and bytes that are not UTF-8 are written as in Python, ``\\n``, ``\\xff``.
         Files of other formats and hidden ones are ignored, linked folders followed. A folder below the path given that
         cannot be read is one entry, ``FOLDER/*``, which fails when it is loaded.
         """
@@ -137,21 +139,51 @@ class MeshCollection(Sequence[MeshEntry]):
         if not given:
             raise MeshError("at least one mesh file or folder must be given; got none.")
         entries: dict[str, MeshEntry] = {}
+        remarks: list[str] = []
         met: set[str] = set()
         for path in map(Path, given):
-            for file, labelled in _found(path):
+            tree = plant(path)
+            layout, (places, said) = recognise(tree)
+            if not tree.single:
+                remarks.append("; ".join([f"{_printable(str(path))}: layout {layout.name}", *said]))
+            for place in places:
+                file = tree.base / place.file
                 absolute = os.path.abspath(file)
                 if absolute in met:
                     continue
                 met.add(absolute)
-                key = _free(labelled.key, entries)
+                key = _free(_printable(place.key), entries)
                 load = (
                     partial(_unreadable, file.parent)
-                    if file.name == _ALL
-                    else partial(load_mesh, file, up=up, name=key)
+                    if file.name == ALL
+                    else partial(load_mesh, file, up=up or layout.up, name=key)
                 )
-                entries[key] = MeshEntry(key, labelled.label, labelled.split, load, file)
-        return cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)))
+                entries[key] = MeshEntry(key, _printable(place.label), place.split, load, file)
+        found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
+        return found if labels is None else found.labelled(labels)
+
+    def labelled(self, path: str | os.PathLike[str]) -> "MeshCollection":
+        """Return the entries that a file of labels names, with the classes and splits that it says.
+
+        Raises
+        ------
+        OptionError
+            The file cannot be read, names no mesh of the collection, or names one so that several could be meant.
+        """
+        labels = read_labels(Path(path))
+        found, n_unknown = match({entry.key: entry for entry in self}, labels)
+        if not found:
+            raise OptionError(
+                f"{path} must label meshes that were found; none of its {len(labels):,} labels is of one, "
+                f"its first is {labels[0].key!r}, the first mesh {self[0].key!r}."
+            )
+        entries = [
+            replace(e, label=_printable(label.label or e.label), split=label.split or e.split) for e, label in found
+        ]
+        said = f"{_printable(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
+        if n_unknown:
+            said += f"; {n_unknown:,} of its labels are of no mesh"
+        return MeshCollection(entries, (*self.remarks, said))
 
     def select(self, *, classes: Iterable[str] | None = None, splits: Iterable[str] | None = None) -> "MeshCollection":
         """Return the entries of some classes and splits, in their order.
@@ -169,7 +201,7 @@ class MeshCollection(Sequence[MeshEntry]):
             chosen[what] = set(known) if names is None else {names} if isinstance(names, str) else set(names)
             for name in sorted(chosen[what]):
                 check_word(what, name, known)
-        return MeshCollection(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
+        return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":
         """Return the first `n` entries, all of them when there are fewer.
@@ -197,51 +229,14 @@ class MeshCollection(Sequence[MeshEntry]):
             splits = [split for split in SPLITS if split in queues[label]]
             first = number % len(splits)  # each class begins with another split
             turns.append(list(_in_turn([queues[label][split] for split in splits[first:] + splits[:first]])))
-        return MeshCollection(_in_turn(turns))
+        return self._with(_in_turn(turns))
+
+    def _with(self, entries: Iterable[MeshEntry]) -> "MeshCollection":
+        return MeshCollection(entries, self.remarks)
 
 
-@dataclass(frozen=True)
-class _Labelled:
-    key: str
-    label: str
-    split: str
-
-    def __post_init__(self) -> None:
-        for name in ("key", "label"):
-            object.__setattr__(self, name, _NOT_PRINTABLE.sub(_escaped, getattr(self, name)))
-
-
-def _found(path: Path) -> Iterator[tuple[Path, _Labelled]]:
-    """Mesh files at a path that a person gave, each with its key, label and split."""
-    absolute = Path(os.path.abspath(path))  # not resolved: the names that count are those that a person sees
-    if os.path.isdir(path):
-        files = list(_walk(str(path)))
-        if not files:
-            raise MeshError(f"{path}: a folder must have meshes in it ({', '.join(SUFFIXES)}); it has none.")
-        root = absolute
-        while root.name.lower() in _SPLIT_FOLDERS:
-            root = root.parent
-        for file in files:
-            relative = PurePosixPath(Path(os.path.abspath(file)).relative_to(root).as_posix())
-            if not _class_folders(relative):  # the folder is the class
-                relative = PurePosixPath(root.name) / relative
-            yield file, _labelled(relative)
-    elif not os.path.exists(path):
-        raise MeshError(f"{path}: there is no such file or folder. Check the path.")
-    elif path.suffix.lower() not in SUFFIXES:
-        raise MeshError(f"{path}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it.")
-    else:
-        above = absolute.parent
-        if above.name.lower() in _SPLIT_FOLDERS and above.parent.name:
-            yield path, _labelled(PurePosixPath(above.parent.name, above.name, path.name))
-        else:
-            yield path, _Labelled(path.name, re.sub(r"[\W_]*\d+$", "", path.stem) or path.stem, "train")
-
-
-def _labelled(relative: PurePosixPath) -> _Labelled:
-    folders = _class_folders(relative)
-    splits = [_SPLIT_FOLDERS[part.lower()] for part in relative.parts[:-1] if part.lower() in _SPLIT_FOLDERS]
-    return _Labelled(str(relative), folders[0] if folders else relative.stem, splits[0] if splits else "train")
+def _printable(name: str) -> str:
+    return _NOT_PRINTABLE.sub(_escaped, name)
 
 
 def _escaped(match: re.Match[str]) -> str:
@@ -251,37 +246,9 @@ def _escaped(match: re.Match[str]) -> str:
     return character.encode("unicode_escape").decode()
 
 
-def _class_folders(relative: PurePosixPath) -> list[str]:
-    return [part for part in relative.parts[:-1] if part.lower() not in _SPLIT_FOLDERS]
-
-
-def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
-    """Mesh files anywhere below a folder; links are followed, but not back to a folder that they lie in."""
-    real = os.path.realpath(folder)
-    if real in above:
-        return
-    try:
-        items = sorted(os.scandir(folder), key=lambda item: item.name)
-    except OSError:
-        if not above:
-            _unreadable(Path(folder))
-        yield Path(folder, _ALL)
-        return
-    for item in items:
-        if item.name.startswith(".") or item.name == _UNPACKERS_RUBBISH:
-            continue
-        if os.path.isdir(item.path):  # a link to itself is none
-            yield from _walk(item.path, (*above, real))
-        elif Path(item.name).suffix.lower() in SUFFIXES:
-            yield Path(item.path)
-
-
 def _unreadable(folder: Path) -> Mesh:
     """Raise MeshError that says why a folder cannot be read."""
-    try:
-        os.scandir(folder).close()
-    except OSError as error:
-        raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
+    check_readable(folder)
     raise MeshError(f"{folder}: a folder must be readable; it was not when meshes were looked for. Start again.")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.archives import read_bytes
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.obj import read_obj
 from zbuf_occlude.meshes.off import read_off
@@ -44,6 +45,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
     Parameters
     ----------
     path : path-like
+        Of a file, or of one in a ZIP archive: ``ModelNet40.zip/chair/train/chair_0001.off``.
     up : {"z", "y"}, optional
         Which way is up in the file. Here z is: a file with y up is turned, (x, y, z) to (x, -z, y).
         By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
@@ -83,7 +85,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
             raise MeshError(
                 f"a mesh file must end in one of {', '.join(SUFFIXES)}; this ends in {suffix!r}. Convert it."
             )
-        data = _read_bytes(path)
+        data = read_bytes(path)
         try:
             polygons = read_gltf(data, path.parent) if suffix in _GLTF else _READERS[suffix](data)
             return _finished(polygons, path.stem if name is None else name, up or ("y" if suffix in _GLTF else "z"))
@@ -91,22 +93,6 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        if path.is_dir():
-            raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
-        if not path.exists():
-            raise MeshError("there is no such file. Check the path.")
-        if not path.is_file():
-            raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
-        data = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
-    if not data:
-        raise MeshError("it must hold a mesh; it is empty, 0 bytes. Copy it again.")
-    return data
 
 
 def _finished(polygons: Polygons, name: str, up: str) -> Mesh:

@@ -1,0 +1,78 @@
+"""What `generate` says of the meshes before it begins: layout, classes x splits, warnings; and what selects them."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude.cli.overview import MOST_ROWS, overview
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+def plant(root: Path, *names: str) -> Path:
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(TRIANGLE)
+    return root
+
+
+def table(err: str) -> list[list[str]]:
+    return [line.split() for line in err.splitlines()]
+
+
+def test_the_table_comes_before_the_work(run: Run, modelnet: Path) -> None:
+    outcome = run("generate", modelnet.parent, "--dry-run")
+    assert outcome.code == 0, outcome.err
+    assert f"{modelnet.parent}: layout ModelNet" in outcome.err
+    rows = table(outcome.err)
+    begin = rows.index(["class", "train", "test"])
+    assert rows[begin + 1 :] == [["ball", "2", "2"], ["brick", "2", "2"], ["2", "classes", "4", "4"]]
+    assert "warning" not in outcome.err
+    assert "8 meshes x 25 views" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("names", "warning"),
+    [
+        (
+            ("all/chair/a.off", "all/bed/b.off"),
+            "warning: one class, 'all': nothing to tell apart. If that folder holds",
+        ),
+        (("a/x.off", "b/x.off", "c/x.off"), "warning: one object per class"),
+    ],
+)
+def test_what_looks_wrong_is_said(run: Run, tmp_path: Path, names: tuple[str, ...], warning: str) -> None:
+    outcome = run("generate", plant(tmp_path / "m", *names), "--dry-run")
+    assert (outcome.code, warning in outcome.err) == (0, True), outcome.err
+
+
+def test_a_preset_with_fewer_objects_than_its_paper_says_so(run: Run, modelnet: Path) -> None:
+    outcome = run("generate", modelnet, "--preset", "paper-modelnet40", "--dry-run")
+    assert "warning: paper-modelnet40 has 200 objects in its paper; here are 8." in outcome.err
+
+
+def test_labels_classes_and_splits(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    (tmp_path / "labels.csv").write_text("file,class,split\nball_0,sphere,test\nball_1.off,sphere,val\n")
+    some = run("generate", modelnet, "--dry-run", "--classes", "ball", "--splits", "test")
+    assert "2 meshes x" in some.out
+    none = run("generate", modelnet, "--dry-run", "--classes", "bowl")
+    assert (none.code, "class must be one of ball, brick; got 'bowl'" in none.err) == (2, True)
+    refused = run("generate", modelnet, "--dry-run", "--labels", tmp_path / "labels.csv")
+    assert (refused.code, "a label must be of one mesh; 'ball_0' may be ball/test/ball_0.off" in refused.err) == (
+        2,
+        True,
+    )
+    outcome = run("generate", modelnet / "ball" / "train", "--dry-run", "--labels", tmp_path / "labels.csv")
+    assert table(outcome.err)[-3:-1] == [["class", "val", "test"], ["sphere", "1", "1"]]
+
+
+def test_many_classes_are_cut_short_and_counted() -> None:
+    entries = [
+        MeshEntry(f"{i}/{j}", f"class{i:03}", "train", lambda: None) for i in range(100) for j in range(2 + i // 50)
+    ]  # type: ignore[arg-type,return-value]
+    rows = table(overview(MeshCollection(entries)))
+    assert len(rows) == MOST_ROWS + 3
+    assert rows[-2] == ["40", "more", "80"]
+    assert rows[-1] == ["100", "classes", "250"]

@@ -1,0 +1,243 @@
+"""The layouts of published collections: keys, classes, splits and remarks; files of labels; archives read in place."""
+
+import gzip
+import json
+import os
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from zbuf_occlude import MeshCollection, MeshError, OptionError, load_mesh
+from zbuf_occlude.meshes.collection import MeshEntry
+from zbuf_occlude.meshes.labels import read_labels
+from zbuf_occlude.meshes.layouts import LAYOUTS
+from zbuf_occlude.meshes.layouts.shapenet import NAMES
+
+DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+FURNITURE = DATA / "furniture"
+TRIANGLES = {
+    ".off": "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    ".obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    ".stl": "",
+    ".glb": "",
+}
+UID = "0123456789abcdef0123456789abcd{:02x}"
+ABC = "00000050_80d90bfdd2e74e709956122a_trimesh_000"
+MODEL = "1a04e3eab45ca15dd86060f189eb1{:02d}"
+
+
+def plant(root: Path, *names: str) -> Path:
+    for name in names:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(TRIANGLES[path.suffix.lower()])
+    return root
+
+
+def facts(meshes: Iterable[MeshEntry]) -> list[tuple[str, str, str]]:
+    return [(entry.key, entry.label, entry.split) for entry in meshes]
+
+
+MODELNET = ("chair/train/chair_0002.off", "chair/test/chair_0890.off", "night_stand/train/night_stand_0001.off")
+
+
+@pytest.mark.parametrize("wrapper", ["", "ModelNet40/", "a/ModelNet10/"])
+def test_modelnet_below_wrappers(tmp_path: Path, wrapper: str) -> None:
+    meshes = MeshCollection.from_paths(plant(tmp_path / "data", *(wrapper + name for name in MODELNET)))
+    assert facts(meshes) == [
+        ("chair/test/chair_0890.off", "chair", "test"),
+        ("chair/train/chair_0002.off", "chair", "train"),
+        ("night_stand/train/night_stand_0001.off", "night_stand", "train"),
+    ]
+    assert meshes.remarks == (f"{tmp_path / 'data'}: layout ModelNet",)
+
+
+@pytest.mark.parametrize("ending", ["/models/model_normalized.obj", "/model.obj", ".glb"])
+@pytest.mark.parametrize("wrapper", ["", "ShapeNetCore.v2/"])
+def test_shapenet(tmp_path: Path, ending: str, wrapper: str) -> None:
+    names = [f"02691156/{MODEL.format(0)}", f"02691156/{MODEL.format(1)}", f"03001627/{MODEL.format(2)}"]
+    root = plant(tmp_path, *(wrapper + name + ending for name in names))
+    meshes = MeshCollection.from_paths(root)
+    assert facts(meshes) == [
+        (names[0], "airplane", "train"), (names[1], "airplane", "train"), (names[2], "chair", "train"),
+    ]  # fmt: skip
+    assert "layout ShapeNetCore; class names from the published list; no all.csv or PCN.json" in meshes.remarks[0]
+    part = MeshCollection.from_paths(root / wrapper / "03001627")
+    assert facts(part) == facts(meshes)[2:], "a part of it has the keys of the whole"
+
+
+def test_shapenets_splits_and_names_come_from_its_own_files(tmp_path: Path) -> None:
+    names = [f"02691156/{MODEL.format(i)}" for i in range(4)]
+    plant(tmp_path, *(f"{name}/models/model_normalized.obj" for name in names))
+    (tmp_path / "taxonomy.json").write_text(json.dumps([{"synsetId": "02691156", "name": "plane,jet", "children": []}]))
+    rows = [f"{i},02691156,02690373,{MODEL.format(i)},{split}" for i, split in enumerate(["train", "val", "test"])]
+    (tmp_path / "all.csv").write_text("\n".join(["id,synsetId,subSynsetId,modelId,split", *rows]))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert [(e.label, e.split) for e in meshes] == [("plane", s) for s in ("train", "val", "test", "train")]
+    assert "class names from taxonomy.json; splits from all.csv; 1 not listed there are in train" in meshes.remarks[0]
+    pcn = [{"taxonomy_id": "02691156", "taxonomy_name": "airplane", "train": [], "val": [], "test": [MODEL.format(0)]}]
+    (tmp_path / "PCN.json").write_text(json.dumps(pcn))
+    assert MeshCollection.from_paths(tmp_path)[0].split == "test"
+
+
+def test_shapenet_has_y_up(tmp_path: Path) -> None:
+    plant(tmp_path, f"02691156/{MODEL.format(0)}/model.obj")
+    (entry,) = MeshCollection.from_paths(tmp_path)
+    assert entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 0, 1]]
+    (entry,) = MeshCollection.from_paths(tmp_path, up="z")
+    assert entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+def test_the_published_classes_are_the_55_of_v2_and_two_of_v1() -> None:
+    assert len(NAMES) == 57
+    assert len(set(NAMES.values())) == 57
+    assert all(len(synset) == 8 and synset.isdecimal() for synset in NAMES)
+
+
+def test_3d_future(tmp_path: Path) -> None:
+    ids = ["0a5a346b-cc3b-4280-b358-ccd1c4d8a865", "0b2d1ffc-3c06-4f08-9e2e-e1b7b1c1a3b5"]
+    plant(tmp_path, *(f"{i}/{name}_model.obj" for i in ids for name in ("raw", "normalized")))
+    info = [{"model_id": ids[0], "super-category": "Sofa", "category": "Lazy Sofa"}]
+    (tmp_path / "model_info.json").write_text(json.dumps(info))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert facts(meshes) == [(ids[0], "Lazy Sofa", "train"), (ids[1], "unknown", "train")]
+    assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
+    assert "layout 3D-FUTURE; classes from model_info.json; it has no splits" in meshes.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("layout", "name", "key"),
+    [
+        ("Objaverse", f"glbs/000-023/{UID.format(1)}.glb", UID.format(1)),
+        ("ABC", f"00000050/{ABC}.obj", ABC),
+        ("Thingi10K", "Thingi10K/raw_meshes/32770.stl", "32770"),
+    ],
+)
+def test_collections_without_classes_say_so(tmp_path: Path, layout: str, name: str, key: str) -> None:
+    meshes = MeshCollection.from_paths(plant(tmp_path / "there", name))
+    assert facts(meshes) == [(key, layout.lower(), "train")]
+    assert f"layout {layout}; it has no classes; --labels FILE gives some" in meshes.remarks[0]
+
+
+def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path) -> None:
+    plant(tmp_path, *(f"glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
+    lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2), UID.format(99)]}).encode()
+    (tmp_path / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
+    assert "classes from lvis-annotations.json.gz; 1 objects that it has not are left out" in meshes.remarks[0]
+
+
+@pytest.mark.skipif(not FURNITURE.is_dir(), reason=f"{FURNITURE} is not there; set ZBUF_OCCLUDE_DATA")
+def test_a_real_flat_folder_has_no_classes() -> None:
+    meshes = MeshCollection.from_paths(FURNITURE)
+    assert len(meshes) == 175
+    assert meshes.classes == ["furniture"]
+    assert meshes.remarks[0].endswith("it has no classes: its files lie in one folder; --labels FILE gives some")
+
+
+def test_every_layout_has_a_row_that_loads() -> None:
+    names = [layout.name for layout in LAYOUTS]
+    assert len(set(names)) == len(names)
+    assert names[-1] == "plain", "which takes every tree"
+
+
+PCN = [
+    {"taxonomy_id": "1", "taxonomy_name": "cup", "train": ["z"], "val": [], "test": ["a"]},
+    {"taxonomy_id": "2", "taxonomy_name": "plate", "train": [], "val": ["c"], "test": []},
+]
+LABELS = {
+    "labels.csv": b"uid, class, split\na, cup, test\nc.off,plate,val\nz,cup,train\n",
+    "simple.json": b'{"a": "cup", "c": "plate", "z": "cup"}',
+    "lvis.json": b'{"cup": ["a", "z"], "plate": ["c"]}',
+    "lvis.json.gz": gzip.compress(b'{"cup": ["a", "z"], "plate": ["c"]}'),
+    "PCN.json": json.dumps(PCN).encode(),
+}
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_labels(tmp_path: Path, name: str) -> None:
+    plant(tmp_path / "m", "a.off", "b.off", "c.off")
+    (tmp_path / name).write_bytes(LABELS[name])
+    meshes = MeshCollection.from_paths(tmp_path / "m", labels=tmp_path / name)
+    assert [(entry.key, entry.label) for entry in meshes] == [("m/a.off", "cup"), ("m/c.off", "plate")]
+    splits = ["train", "train"] if name.startswith(("simple", "lvis")) else ["test", "val"]
+    assert [entry.split for entry in meshes] == splits
+    assert meshes.remarks[-1].endswith(
+        "2 of 3 meshes are named there, the others left out; 1 of its labels are of no mesh"
+    )
+    assert MeshCollection.from_paths(tmp_path / "m")[0].key == meshes[0].key, "labels change no key, so no draw"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "must be CSV with the columns key,class.*found: no rows"),
+        ("uid,colour\na,red\n", "found: uid, colour"),
+        ("uid,class,split\na,cup,dev\n", "must name the splits train, val or test; it has 'dev'"),
+        ("uid,class\n", "must be CSV"),
+        ("[1, 2]", "cannot be read: AttributeError"),
+        ('{"a": ', "cannot be read: JSONDecodeError"),
+        ("{}", "it holds none"),
+        (
+            "uid,class\nnone,cup\n",
+            "must label meshes that were found; none of its 1 labels is of one, its first is 'no",
+        ),
+        ("uid,class\ntwice,cup\n", "a label must be of one mesh; 'twice' may be x/twice.off, y/twice.off. Write"),
+    ],
+)
+def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) -> None:
+    plant(tmp_path / "m", "x/twice.off", "y/twice.off")
+    (tmp_path / "labels").write_text(content)
+    with pytest.raises(OptionError, match=message):
+        MeshCollection.from_paths(tmp_path / "m", labels=tmp_path / "labels")
+    with pytest.raises(OptionError, match="labels must be a readable file"):
+        read_labels(tmp_path / "nowhere.csv")
+
+
+def archive(path: Path, root: Path, prefix: str = "") -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as opened:
+        for file in sorted(root.rglob("*")):
+            opened.write(file, prefix + file.relative_to(root).as_posix())
+        opened.writestr("__MACOSX/chair/train/._chair_0002.off", "rubbish")
+    return path
+
+
+@pytest.mark.parametrize("prefix", ["", "ModelNet40/"])
+def test_archives_are_read_in_place(tmp_path: Path, prefix: str) -> None:
+    root = plant(tmp_path / "unpacked", *MODELNET)
+    packed = archive(tmp_path / "ModelNet40.zip", root, prefix)
+    meshes = MeshCollection.from_paths(packed)
+    assert facts(meshes) == facts(MeshCollection.from_paths(root))
+    assert meshes[0].load().vertices.tobytes() == MeshCollection.from_paths(root)[0].load().vertices.tobytes()
+    assert load_mesh(packed / f"{prefix}chair/train/chair_0002.off").name == "chair_0002"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ModelNet40.zip", "unpacked"], "nothing was unpacked"
+
+
+def test_a_plain_archive_of_a_folder_of_its_name(tmp_path: Path) -> None:
+    packed = archive(tmp_path / "things.zip", plant(tmp_path / "m", "cup/a.off", "jar/b.off"), "things/")
+    assert facts(MeshCollection.from_paths(packed)) == [("cup/a.off", "cup", "train"), ("jar/b.off", "jar", "train")]
+
+
+def test_archives_that_cannot_be_used(tmp_path: Path) -> None:
+    (tmp_path / "bad.zip").write_bytes(b"PK nonsense")
+    with pytest.raises(MeshError, match=r"bad\.zip: it must be a ZIP archive; reading says"):
+        MeshCollection.from_paths(tmp_path / "bad.zip")
+    plant(tmp_path / "m", "a.off")
+    packed = archive(tmp_path / "good.zip", tmp_path / "m")
+    with pytest.raises(MeshError, match=r"there is no such file in good\.zip"):
+        load_mesh(packed / "b.off")
+    data = bytearray(packed.read_bytes())
+    data[40:44] = b"\xff" * 4
+    packed.write_bytes(data)
+    (entry,) = MeshCollection.from_paths(packed)
+    with pytest.raises(
+        MeshError, match=r"good\.zip/a\.off: it must be readable in good\.zip; reading says: .* damaged"
+    ):
+        entry.load()
+    with zipfile.ZipFile(tmp_path / "empty.zip", "w") as opened:
+        opened.writestr("readme.txt", "none")
+    with pytest.raises(MeshError, match="an archive must have meshes in it"):
+        MeshCollection.from_paths(tmp_path / "empty.zip")

@@ -1,0 +1,78 @@
+"""Mesh files by name, in folders or inside ZIP archives, which are read in place: ModelNet40.zip/chair/train/a.off."""
+
+import os
+import zipfile
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+
+from zbuf_occlude.errors import MeshError
+
+SUFFIX = ".zip"
+
+
+def archive_of(path: Path) -> tuple[Path, str] | None:
+    """Return the archive that a path leads into and the member's name; None for a path outside archives."""
+    for archive in path.parents:
+        if archive.suffix.lower() == SUFFIX and archive.is_file():
+            return archive, path.relative_to(archive).as_posix()
+    return None
+
+
+def members(archive: Path) -> list[PurePosixPath]:
+    """Return the names of an archive's files.
+
+    Raises
+    ------
+    MeshError
+        The archive cannot be read.
+    """
+    return [PurePosixPath(name) for name in _opened(archive).namelist() if not name.endswith("/")]
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file, in a folder or in an archive.
+
+    Raises
+    ------
+    MeshError
+        It is missing, no file, not readable, or empty.
+    """
+    if (place := archive_of(path)) is not None:
+        data = _member(*place)
+    else:
+        try:
+            if path.is_dir():
+                raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
+            if not path.exists():
+                raise MeshError("there is no such file. Check the path.")
+            if not path.is_file():
+                raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
+            data = path.read_bytes()
+        except OSError as error:
+            raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
+    if not data:
+        raise MeshError("it must hold a mesh; it is empty, 0 bytes. Copy it again.")
+    return data
+
+
+def _member(archive: Path, name: str) -> bytes:
+    try:
+        return _opened(archive).read(name)
+    except KeyError:
+        raise MeshError(f"there is no such file in {archive.name}. Check the path.") from None
+    except Exception as error:  # what zipfile and its decompressors raise on damaged bytes is not ours to list
+        said = " ".join(str(error).split())[:100] or type(error).__name__
+        raise MeshError(f"it must be readable in {archive.name}; reading says: {said}. Is it damaged?") from None
+
+
+def _opened(archive: Path) -> zipfile.ZipFile:
+    return _cached(archive, os.getpid())
+
+
+@lru_cache(maxsize=4)
+def _cached(archive: Path, process: int) -> zipfile.ZipFile:
+    """Open an archive once per process: a file opened before a fork would be read at the other's position."""
+    try:
+        return zipfile.ZipFile(archive)
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise MeshError(f"{archive}: it must be a ZIP archive; reading says: {error}. Is it damaged?") from None

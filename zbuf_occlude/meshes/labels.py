@@ -1,0 +1,158 @@
+"""Files that say which object is of which class and split: CSV, or JSON as PCN and LVIS have it."""
+
+import csv
+import gzip
+import io
+import json
+import zlib
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+from zbuf_occlude.errors import OptionError
+
+FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
+_KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")
+_CLASSES = ("class", "label", "category", "taxonomy_name", "synsetid")
+_SPLITS = ("split", "subset")
+SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a file says of one object; None: it does not say.
+
+    Parameters
+    ----------
+    key : str
+        The mesh's key, or the end of it that tells it from all others: SYNSET/MODEL, MODEL, a uid, a file's name.
+    label : str or None
+        Its class.
+    split : {"train", "val", "test"} or None
+    """
+
+    key: str
+    label: str | None
+    split: str | None = None
+
+
+def read_labels(path: Path) -> list[Label]:
+    """Read a file of labels.
+
+    Raises
+    ------
+    OptionError
+        It cannot be read, is of no form known, or names a split that there is not.
+    """
+    try:
+        data = path.read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            data = gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise OptionError(f"labels must be a readable file; {path}: {error}.") from None
+    is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
+    labels = parse_json(data, path.name) if is_json else parse_csv(data, path.name)
+    if not labels:
+        raise OptionError(f"{path} must hold labels ({FORMS}); it holds none.")
+    return labels
+
+
+def parse_csv(data: bytes, name: str) -> list[Label]:
+    """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
+    try:
+        rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig")), skipinitialspace=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise OptionError(f"{name} must be {FORMS}; it cannot be read: {error}.") from None
+    columns = {str(column).strip().lower(): column for column in (rows[0] if rows else {})}
+    key, label, split = (
+        next((columns[c] for c in known if c in columns), None) for known in (_KEYS, _CLASSES, _SPLITS)
+    )
+    if key is None or (label is None and split is None):
+        found = ", ".join(map(str, columns)) or "no rows"
+        raise OptionError(f"{name} must be {FORMS}; found: {found}.")
+    synset = columns.get("synsetid")
+    labels = []
+    for row in rows:
+        whole = f"{row[synset].zfill(8)}/{row[key]}" if synset and row[synset] else row[key]
+        if row[key]:
+            own = (row[label] or None) if label is not None and label != synset else None
+            labels.append(Label(whole.strip(), own, _split(row[split] or None, name) if split else None))
+    return labels
+
+
+def parse_json(data: bytes, name: str) -> list[Label]:
+    """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
+    try:
+        document = json.loads(data)
+        if isinstance(document, list):
+            return [
+                Label(f"{row['taxonomy_id']}/{key}", str(row["taxonomy_name"]), _split(split, name))
+                for row in document
+                for split in ("train", "val", "test")
+                for key in row.get(split, [])
+            ]
+        if all(isinstance(keys, list) for keys in document.values()):
+            return [Label(str(key), label) for label, keys in document.items() for key in keys]
+        return [Label(key, str(label)) for key, label in document.items()]
+    except OptionError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise OptionError(f"{name} must be {FORMS}; it cannot be read: {type(error).__name__}: {error}.") from None
+
+
+def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tuple[Item, Label]], int]:
+    """Find the objects that labels are of.
+
+    Parameters
+    ----------
+    items : mapping of key to object
+    labels : iterable of Label
+
+    Returns
+    -------
+    found : list of (object, label)
+        In the order of the objects; the last label of an object holds.
+    n_unknown : int
+        Labels of no object.
+
+    Raises
+    ------
+    OptionError
+        A label could be of several objects.
+    """
+    short: defaultdict[str, list[str]] = defaultdict(list)
+    for key in items:
+        path = PurePosixPath(key)
+        for name in {str(path.with_suffix("")), path.name, path.stem} - {key}:
+            short[name].append(key)
+    chosen: dict[str, Label] = {}
+    n_unknown = 0
+    for label in labels:
+        keys: Sequence[str] = [label.key] if label.key in items else short.get(label.key, [])
+        keys = keys or _alone(label.key, items, short)
+        if len(keys) > 1:
+            raise OptionError(
+                f"a label must be of one mesh; {label.key!r} may be {', '.join(keys[:3])}. Write the whole key."
+            )
+        if keys:
+            chosen[keys[0]] = label
+        n_unknown += not keys
+    return [(items[key], chosen[key]) for key in items if key in chosen], n_unknown
+
+
+def _alone(key: str, items: Mapping[str, Item], short: Mapping[str, list[str]]) -> Sequence[str]:
+    """Look for the name at the end of SYNSET/MODEL where there are no synsets."""
+    name = PurePosixPath(key).name
+    return [name] if name in items else short.get(name, [])
+
+
+def _split(word: str | None, name: str) -> str | None:
+    if word is None:
+        return None
+    if (split := SPLIT_WORDS.get(word.strip().lower())) is None:
+        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r}.")
+    return split

@@ -1,0 +1,135 @@
+"""Tree: the mesh files of a folder, an archive or a single path, by name; and the small files next to them."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes import archives
+from zbuf_occlude.meshes.files import SUFFIXES
+
+ALL = "*"
+"""Stands for the meshes of a folder that cannot be read."""
+_UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
+
+
+class Place(NamedTuple):
+    """Where a mesh file stands in a dataset.
+
+    Parameters
+    ----------
+    file : PurePosixPath
+        Below the tree's root.
+    key, label, split : str
+        As of `MeshEntry`.
+    """
+
+    file: PurePosixPath
+    key: str
+    label: str
+    split: str = "train"
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The mesh files that a person gave by one path.
+
+    Parameters
+    ----------
+    root : Path
+        Absolute, not resolved: the names that count are those that a person sees. An archive's is without its ending.
+    base : Path
+        What the files are read below: the folder, or the archive.
+    files : tuple of PurePosixPath
+        Below root.
+    single : bool
+        Whether a file was given and not a folder.
+    """
+
+    root: Path
+    base: Path
+    files: tuple[PurePosixPath, ...]
+    single: bool = False
+
+    def read(self, path: PurePosixPath) -> bytes | None:
+        """Return the content of a file by its absolute name, None where there is none."""
+        inside = path.is_relative_to(PurePosixPath(self.root))
+        real = self.base / path.relative_to(PurePosixPath(self.root)) if inside else Path(path)
+        try:
+            return archives.read_bytes(real)
+        except MeshError:
+            return None
+
+    def named(self, file: PurePosixPath) -> PurePosixPath:
+        """Return the absolute name of one of the files."""
+        return PurePosixPath(self.root) / file
+
+
+def plant(path: Path) -> Tree:
+    """Find the mesh files at a path that a person gave.
+
+    Raises
+    ------
+    MeshError
+        There is nothing, it cannot be read, it is of a format not read here, or it holds no mesh.
+    """
+    absolute = Path(os.path.abspath(path))
+    is_archive = path.suffix.lower() == archives.SUFFIX and path.is_file()
+    if os.path.isdir(path):
+        files = tuple(PurePosixPath(file.relative_to(path).as_posix()) for file in _walk(str(path)))
+        tree = Tree(absolute, path, files)
+    elif is_archive:
+        files = tuple(sorted(name for name in archives.members(path) if _is_mesh(name.parts)))
+        tree = Tree(absolute.with_suffix(""), path, files)
+        wrapper = tree.root.name  # as programs pack a folder
+        if files and all(len(file.parts) > 1 and file.parts[0] == wrapper for file in files):
+            tree = Tree(tree.root / wrapper, path / wrapper, tuple(PurePosixPath(*file.parts[1:]) for file in files))
+    elif not os.path.exists(path) and archives.archive_of(path) is None:
+        raise MeshError(f"{path}: there is no such file or folder. Check the path.")
+    elif path.suffix.lower() not in SUFFIXES:
+        raise MeshError(f"{path}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it.")
+    else:
+        return Tree(absolute.parent, path.parent, (PurePosixPath(path.name),), single=True)
+    if not files:
+        what = "an archive" if is_archive else "a folder"
+        raise MeshError(f"{path}: {what} must have meshes in it ({', '.join(SUFFIXES)}); it has none.")
+    return tree
+
+
+def check_readable(folder: Path) -> None:
+    """Raise MeshError that says why a folder cannot be read."""
+    try:
+        os.scandir(folder).close()
+    except OSError as error:
+        raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
+
+
+def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
+    """Mesh files anywhere below a folder; links are followed, but not back to a folder that they lie in."""
+    real = os.path.realpath(folder)
+    if real in above:
+        return
+    try:
+        items = sorted(os.scandir(folder), key=lambda item: item.name)
+    except OSError:
+        if not above:
+            check_readable(Path(folder))
+        yield Path(folder, ALL)
+        return
+    for item in items:
+        if _is_hidden(item.name):
+            continue
+        if os.path.isdir(item.path):  # a link to itself is none
+            yield from _walk(item.path, (*above, real))
+        elif _is_mesh((item.name,)):
+            yield Path(item.path)
+
+
+def _is_mesh(parts: Sequence[str]) -> bool:
+    return PurePosixPath(parts[-1]).suffix.lower() in SUFFIXES and not any(map(_is_hidden, parts))
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") or name == _UNPACKERS_RUBBISH
