@@ -20,6 +20,8 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"sampling": set(), "views": set(), "meshes": set()},
     {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another
     {"visibility": set()},
+    {"scenes": set()},
+    {"sensors": set()},
     {FACE: set(), "drawing": set(), "viewer": set()},
     {"dataset": set(), "farm": {"dataset"}, "compare": {"dataset"}},
     {"learn": set()},

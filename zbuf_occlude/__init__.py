@@ -5,7 +5,7 @@
 Importing this package touches no GPU and imports no optional dependency.
 """
 
-from zbuf_occlude import numba_cache, views
+from zbuf_occlude import numba_cache, scenes, sensors, views
 from zbuf_occlude.errors import (
     ArgumentError,
     DatasetError,
@@ -19,6 +19,8 @@ from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.scenes import Scene
+from zbuf_occlude.sensors import scan
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS, prepare
 
@@ -36,11 +38,15 @@ __all__ = [
     "MeshError",
     "OccludeError",
     "OptionError",
+    "Scene",
     "SurfacePoints",
     "UnavailableError",
     "Views",
     "load_mesh",
     "prepare",
     "sample_surface",
+    "scan",
+    "scenes",
+    "sensors",
     "views",
 ]

@@ -7,6 +7,7 @@ import click
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
+    "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact judge and each other: rows, report, the paper's Table 1.",
     "report": "Write the report of a comparison again from its rows.",

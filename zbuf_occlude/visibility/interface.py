@@ -233,6 +233,14 @@ class Method:
         parameters = inspect.signature(self.load()).parameters.values()
         return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 
+    def check_first_hits(self) -> None:
+        """Raise OptionError, in words, when the method cannot answer `Occluder.first_hits`."""
+        if self.no_first_hits:
+            raise OptionError(
+                f"the method must cast rays; {self.name} does not: {self.no_first_hits}. "
+                "`zbuf-occlude methods` lists those that do."
+            )
+
     def check_options(self, options: dict[str, Any]) -> None:
         """Raise OptionError for an option the method does not have, or a value of another kind than its default."""
         known = self.options()

@@ -1,0 +1,171 @@
+"""Where the rays go: closed forms of each kind, the table, a user's own files."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import DATA
+from zbuf_occlude.sensors import SENSORS, Imperfections, make
+from zbuf_occlude.sensors.rays import KINDS, Rays
+
+ASKED_FOR = (
+    *("vlp-16", "hdl-32e", "vlp-32c", "hdl-64e", "os1-64", "vls-128", "mid-40", "kinect-v1", "azure-kinect-nfov"),
+    *("realsense-d435", "pcn", "modelnet40-c", "pinhole"),
+)
+LASERS = DATA / "lidar" / "lasers.tsv"
+
+
+def angles(rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuth and elevation in degrees."""
+    x, y, z = rays.directions.T
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_every_sensor_of_the_table(name: str) -> None:
+    sensor = make(name)
+    rays = sensor.rays()
+    assert np.allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
+    assert len(rays) == len(rays.rings) == len(rays.columns) > 1000
+    assert len({(r, c) for r, c in zip(rays.rings.tolist(), rays.columns.tolist(), strict=True)}) == len(rays)
+    for number in sensor.numbers():
+        assert sensor.sources[number], f"{name}: {number} must have a source"
+
+
+def test_the_sensors_asked_for_are_there() -> None:
+    assert set(ASKED_FOR) <= set(SENSORS)
+    assert {sensor.kind for sensor in SENSORS.values()} | {"list"} == set(KINDS)
+
+
+@pytest.mark.skipif(not LASERS.exists(), reason=f"{LASERS} is not there; set ZBUF_OCCLUDE_DATA")
+@pytest.mark.parametrize("name", ["vlp-16", "hdl-32e", "vlp-32c", "hdl-64e", "vls-128"])
+def test_lasers_are_those_of_the_calibration_files(name: str) -> None:
+    rows = [line.split("\t") for line in LASERS.read_text().splitlines()[1:]]
+    expected = sorted((float(e), float(a)) for sensor, _, e, a in rows if sensor == name)
+    assert np.allclose(make(name).pattern["lasers"], expected, atol=5e-4)
+
+
+def test_a_spinning_sensor() -> None:
+    rays = make("vlp-16", columns=360).rays()
+    azimuth, elevation = angles(rays)
+    assert len(rays) == 16 * 360
+    assert np.allclose(np.unique(elevation.round(6)), np.arange(-15, 16, 2))
+    assert np.allclose(elevation, -15 + 2 * rays.rings)
+    assert np.allclose((azimuth - (rays.columns - 180.0) + 180) % 360, 180)
+
+
+def test_a_pinhole_camera() -> None:
+    rays = make("pinhole:width=4,height=2,fov=90").rays()
+    at_depth_1 = rays.directions / rays.directions[:, :1]
+    assert np.allclose(at_depth_1[:, 1].reshape(2, 4), [[0.75, 0.25, -0.25, -0.75]] * 2)  # y is to the left
+    assert np.allclose(at_depth_1[:, 2].reshape(2, 4), [[0.25] * 4, [-0.25] * 4])  # row 0 is the uppermost
+    assert rays.rings.tolist() == [0] * 4 + [1] * 4
+    assert rays.columns.tolist() == [0, 1, 2, 3] * 2
+
+
+def test_a_risley_sensor_fills_a_cone() -> None:
+    """The Mid-40's field of view is a circle of 38.4 degrees (its data sheet), which the two prisms must give."""
+    rays = make("mid-40", seconds=0.5).rays()
+    off_axis = np.degrees(np.arccos(rays.directions[:, 0]))
+    assert off_axis.max() == pytest.approx(19.2, abs=0.05)
+    assert off_axis.min() < 0.1
+    azimuth, elevation = angles(rays)
+    cells = np.histogram2d(azimuth, elevation, bins=12, range=[[-13, 13], [-13, 13]])[0]
+    assert (cells > 0).all()  # no hole anywhere
+
+
+def test_a_list_of_directions(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("azimuth,elevation,ring\n0,0,3\n90,0,4\n0,-90,5\n")
+    rays = make(str(path)).rays()
+    assert np.allclose(rays.directions, [[1, 0, 0], [0, 1, 0], [0, 0, -1]], atol=1e-12)
+    assert rays.rings.tolist() == [3, 4, 5]
+    path.write_text("x,y,z\n0,0,-2\n")
+    assert np.allclose(make(str(path)).rays().directions, [[0, 0, -1]])
+
+
+def test_docs_show_in_ten_lines_how_to_add_a_sensor(tmp_path: Path) -> None:
+    """The YAML on the page is a sensor, and it scans."""
+    page = (Path(__file__).parents[2] / "docs" / "sensors.md").read_text(encoding="utf-8")
+    found = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
+    assert found is not None
+    assert len(found[1].splitlines()) <= 10
+    path = tmp_path / "my-lidar.yaml"
+    path.write_text(found[1])
+    sensor = make(str(path), noise=0)
+    wall = zo.Mesh([[5, -9, -9], [5, 9, -9], [5, 9, 9], [5, -9, 9]], [[0, 1, 2], [0, 2, 3]])
+    scan = zo.scan(wall, sensor, method="oracle")
+    assert len(scan) > 100
+    assert np.allclose(scan.positions[:, 0], 5.0)
+    assert sensor.sources["columns"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("kind: spinning\nlasers: [1, 2]\ncolums: 3\n", r"must hold the numbers of a spinning sensor; .*colums.*docs/"),
+        ("kind: spinning\ncolumns: 3\n", r"of kind spinning must have lasers; it has not\."),
+        ("kind: rotating\n", r"kind in .* must be one of pinhole, spinning, risley, list; got 'rotating'\."),
+        ("lasers: [1, 2]\n", r"must have a line `kind:`"),
+        ("kind: [", "must be YAML; "),
+        ("kind: spinning\nlasers: [a, b]\ncolumns: 3\n", "lasers must be"),
+        ("kind: spinning\nlasers: [1]\ncolumns: 3\nsigma: -1\n", r"sigma of a sensor must be a number or .*; got -1\."),
+        ("kind: pinhole\nwidth: 3\nheight: 3\n", "a pinhole must be given fov or f, and not both"),
+    ],
+)
+def test_a_wrong_yaml(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(zo.OptionError, match=message):
+        make(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "azimuth,elevatoin\n1,2\n",
+            r"must have the columns azimuth,elevation or x,y,z\[,ring\] .*found: azimuth, elev",
+        ),
+        ("azimuth,elevation\n1,north\n", "must hold numbers, angles in degrees"),
+        ("x,y,z\n0,0,0\n", "directions must have a length; row 0 is zero"),
+        ("", "found: no rows"),
+    ],
+)
+def test_a_wrong_csv(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "wrong.csv"
+    path.write_text(text)
+    with pytest.raises(zo.OptionError, match=message):
+        make(str(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "message"),
+    [
+        ("vlp-17", {}, r"sensor must be one of vlp-16, .*; got 'vlp-17'\."),
+        ("vlp-16", {"colums": 3}, r"a number of the sensor vlp-16 must be one of .*columns.*; got 'colums'\."),
+        ("vlp-16", {"columns": 0}, r"columns must be a positive int; got 0\."),
+        ("vlp-16", {"drop": 1.5}, r"drop of a sensor must be a share, at most 1; got 1\.5\."),
+        ("vlp-16", {"returns": "best"}, r"returns must be one of first, strongest, last; got 'best'\."),
+        ("vlp-16", {"range_min": 200}, r"range_min must be less than range_max; got 200 and 100\.0\."),
+        ("pinhole:width", {}, r"a sensor's numbers must be given name=value; got 'width'\."),
+        ("pinhole:width=wide", {}, r"width of a sensor must be a number; got 'wide'\."),
+        ("pinhole", {"fov": 200.0}, r"fov must lie between 0 and 180 degrees; got 200\.0\."),
+        ("vls-128", {"columns": 10**6}, r"a sensor must have at most 20,000,000 rays; this has 128,000,000\."),
+    ],
+)
+def test_wrong_numbers(name: str, numbers: dict[str, object], message: str) -> None:
+    with pytest.raises(zo.OptionError, match=message):
+        make(name, **numbers).rays()
+
+
+def test_numbers_can_be_changed_and_the_table_stays() -> None:
+    changed = make("vlp-32c", columns=900, sigma=0.5)
+    assert (changed.pattern["columns"], changed.imperfections.sigma) == (900, 0.5)
+    assert changed.sources["columns"] == "given by the user"
+    assert make("vlp-32c").pattern["columns"] == 1800
+    assert make("pinhole", f=500.0).pixels == 500.0
+    assert Imperfections().sigma == 0.0

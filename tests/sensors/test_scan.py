@@ -1,0 +1,204 @@
+"""Scans: closed forms, and each imperfection alone."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import box, stacked
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors import Ball, Scan, look_at, make
+from zbuf_occlude.sensors import imperfections as faults_of
+
+ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
+"""A square across the x axis, side 2."""
+
+
+def wall(distance: float, half: float = 1.0) -> zo.Mesh:
+    return stacked(ACROSS * half + [distance, 0.0, 0.0])
+
+
+def flat(distance: float, **numbers: Any) -> tuple[Scan, zo.sensors.Sensor]:
+    """A narrow camera's scan of a wall far wider than its picture, so every ray returns nearly at right angles."""
+    sensor = make("pinhole:width=200,height=200,fov=2", axial=False, **numbers)
+    return zo.scan(wall(distance, distance), sensor, method="oracle"), sensor
+
+
+@pytest.mark.parametrize("name", ["vlp-16", "hdl-64e", "os1-64", "mid-40", "kinect-v1", "realsense-d435"])
+@pytest.mark.parametrize("distance", [1.0, 5.0, 20.0, 60.0])
+def test_the_noise_is_the_tables(name: str, distance: float) -> None:
+    """Of 40,000 returns the standard deviation is known within .4 %; 3 % are allowed."""
+    faults = make(name).imperfections
+    numbers = {k: getattr(faults, k) for k in ("sigma", "sigma_growth", "sigma_from")}
+    scan, sensor = flat(distance, **numbers)
+    assert len(scan) == 40_000
+    measured = float(np.std(scan.ranges - scan.clean_ranges))
+    assert measured == pytest.approx(float(sensor.imperfections.range_sigma(distance)), rel=0.03)
+    written = {"vlp-16": 0.03, "hdl-64e": 0.02, "mid-40": 0.02, "kinect-v1": 0.0012 + 0.0019 * (distance - 0.4) ** 2}
+    written["realsense-d435"] = distance**2 * 0.1 / (424 * 0.05)
+    if name in written:
+        assert measured == pytest.approx(written[name], rel=0.03)
+
+
+def test_kinects_noise_grows_with_incidence() -> None:
+    """Nguyen, Izadi, Lovell 2012: .0001 / sqrt(z) theta^2 / (pi/2 - theta)^2 more from 60 degrees on."""
+    sigma = make("kinect-v1").imperfections.range_sigma
+    theta = np.radians(75.0)
+    more = 0.0001 / np.sqrt(2.0) * theta**2 / (np.pi / 2 - theta) ** 2
+    assert float(sigma(2.0, theta) - sigma(2.0, 0.0)) == pytest.approx(more)
+    assert float(sigma(2.0, np.radians(59.0))) == float(sigma(2.0))
+
+
+def test_quantisation() -> None:
+    scan, _ = flat(5.003, step=0.01)
+    assert np.allclose(scan.ranges, np.round(scan.ranges / 0.01) * 0.01)
+    assert np.abs(scan.ranges - scan.clean_ranges).max() <= 0.005 + 1e-12
+    assert len(np.unique(scan.ranges.round(6))) < 5
+    disparity = faults_of.quantised(scan, make("pinhole", disparity_step=0.01).imperfections)
+    steps = 1.0 / (disparity.ranges * disparity.depths_per_range * 0.01)
+    assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_dropout_is_of_the_share_and_of_weak_signals() -> None:
+    whole, _ = flat(5.0)
+    rng = np.random.default_rng(0)
+    some = faults_of.dropped(whole, make("pinhole", drop=0.3).imperfections, rng)
+    assert len(some) / len(whole) == pytest.approx(0.7, abs=0.01)
+    faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).imperfections
+    weak = faults_of.dropped(whole, faults, rng)
+    assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - np.exp(-0.5)), abs=0.01)
+    assert set(weak.face_ids) <= set(whole.face_ids)
+
+
+def test_limits_of_range() -> None:
+    assert len(flat(5.0, range_max=4.9)[0]) == 0
+    assert len(flat(5.0, range_min=5.1)[0]) == 0
+    assert len(flat(5.0, range_min=4.9, range_max=5.1)[0]) == 40_000
+    assert len(flat(5.0, range_max=4.9, noise=0)[0]) == 0  # no imperfection, but a limit
+
+
+def plate_before_a_wall(**numbers: Any) -> np.ndarray:
+    """Ranges along x of a small plate at 10 and a wall at 10.8 m, seen by a fine camera with wide beams."""
+    mesh = stacked(ACROSS * 0.3 + [10.0, 0, 0], ACROSS * 9 + [10.8, 0, 0])
+    sensor = make("pinhole:width=120,height=120,fov=6", axial=False, **numbers)
+    return np.asarray(zo.scan(mesh, sensor, method="oracle").positions[:, 0])
+
+
+def test_divergence_gives_points_between_a_plate_and_a_wall() -> None:
+    def between(x: np.ndarray) -> float:
+        return float(((x > 10.05) & (x < 10.75)).mean())
+
+    assert between(plate_before_a_wall(divergence=0.003)) > 0.005
+    assert between(plate_before_a_wall(divergence=0.0)) == 0.0
+    assert between(plate_before_a_wall(divergence=0.003, noise=0)) == 0.0
+    apart = plate_before_a_wall(divergence=0.003, echo_separation=0.5)  # two returns, told apart
+    assert between(apart) == 0.0
+
+
+def test_first_strongest_last() -> None:
+    mesh = stacked(ACROSS * 0.3 + [10.0, 0, 0], ACROSS * 20 + [15.0, 0, 0])
+    sensor = make("pinhole:width=120,height=120,fov=6", axial=False, divergence=0.003)
+    counts = {}
+    for returns in ("first", "strongest", "last"):
+        scan = zo.scan(mesh, sensor.with_numbers(returns=returns), method="oracle")
+        counts[returns] = int((scan.positions[:, 0] < 12).sum())
+        assert len(scan) == 120 * 120
+        assert set(scan.n_returns.tolist()) == {1, 2}
+    assert counts["first"] > counts["strongest"] > counts["last"]
+
+
+def test_lost_pixels_at_edges() -> None:
+    mesh = stacked(ACROSS * 0.3 + [10.0, 0, 0], ACROSS * 9 + [15.0, 0, 0])
+    sensor = make("pinhole:width=60,height=60,fov=6")
+    whole = zo.scan(mesh, sensor, method="oracle")
+    without = zo.scan(mesh, sensor.with_numbers(edge_loss=1.0), method="oracle")
+    assert len(whole) == 3600
+    lost = {(r, c) for r, c in zip(whole.rings, whole.columns, strict=True)}
+    lost -= {(r, c) for r, c in zip(without.rings, without.columns, strict=True)}
+    border = {(r, c) for r, c in lost if r in (0, 59) or c in (0, 59)}
+    plate = int((whole.positions[:, 0] < 12).sum())
+    assert len(border) == 4 * 60 - 4  # nothing returns outside the picture
+    assert 7 * np.sqrt(plate) < len(lost - border) < 9 * np.sqrt(plate)  # one row on either side of the plate's edge
+
+
+def test_lateral_noise_is_in_pixels() -> None:
+    sensor = make("pinhole:width=100,height=100,fov=10", lateral=0.8)
+    scan = zo.scan(wall(5.0, 5.0), sensor, method="oracle")
+    clean = zo.scan(wall(5.0, 5.0), sensor.with_numbers(noise=0), method="oracle")
+    pixel = 1.0 / sensor.pixels
+    shift = scan.directions / scan.directions[:, :1] - clean.directions / clean.directions[:, :1]
+    assert np.std(shift[:, 1:], axis=0) == pytest.approx([0.8 * pixel] * 2, rel=0.03)
+
+
+def test_the_fields_of_a_scan() -> None:
+    """A tilted plate on the axis: range, incidence, intensity, normal in closed form."""
+    tilt = np.radians(30.0)
+    turn = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    plate = stacked(ACROSS @ turn.T)
+    scene = Scene.joined(
+        [Placed(plate, "plate", moved(to=(8.0, 0, 0)), albedo=0.5), Placed(box(), "crate", moved(to=(0, 5.0, 0)))]
+    )
+    scan = zo.scan(scene, make("vlp-16", noise=0), method="oracle")
+    mine = scan.instances == 0
+    assert {scene.labels[i] for i in set(scan.instances.tolist())} == {"plate", "crate"}
+    normal = turn @ [-1.0, 0, 0]
+    assert np.allclose(scan.normals[mine], normal)
+    cosine = -scan.directions[mine] @ normal
+    assert np.allclose(np.cos(scan.incidences[mine]), cosine)
+    assert np.allclose(scan.intensities[mine], 0.5 * cosine / scan.ranges[mine] ** 2)
+    assert np.allclose((scan.positions[mine] - [8, 0, 0]) @ normal, 0, atol=1e-9)
+    assert (scan.n_returns == 1).all()
+    assert np.allclose(scan.ranges, scan.clean_ranges)
+
+
+def test_a_pose_moves_sensor_not_scene() -> None:
+    sensor = make("pinhole:width=40,height=30,fov=60")
+    pose = look_at([3.0, 4.0, 2.0], [0, 0, 0])
+    scan = zo.scan(box(), sensor, pose, method="oracle")
+    assert len(scan) > 50
+    outside = np.abs(scan.positions).max(axis=1)
+    assert np.allclose(outside, 0.5, atol=1e-9)  # on the box
+    assert np.allclose(np.linalg.norm(scan.positions - [3, 4, 2], axis=1), scan.ranges)
+    assert np.allclose(pose[:3, 0], -np.array([3, 4, 2]) / np.sqrt(29))
+    assert pose[2, 2] > 0.9  # z stays up
+
+
+def test_towards_a_ball_changes_nothing_within_it() -> None:
+    car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 3.0, 0.0))
+    sensor = make("vlp-32c", noise=0)
+    whole = zo.scan(car, sensor, method="embree")
+    part = zo.scan(car, sensor, method="embree", towards=Ball(car.centre, car.diagonal / 2))
+    assert len(whole) > 100
+    assert whole.positions.tobytes() == part.positions.tobytes()
+
+
+def test_same_seed_same_scan() -> None:
+    scans = [zo.scan(box(), make("vlp-16"), look_at([3, 0, 0], [0, 0, 0]), method="oracle", seed=s) for s in (5, 5, 6)]
+    assert scans[0].positions.tobytes() == scans[1].positions.tobytes()
+    assert scans[0].positions.tobytes() != scans[2].positions.tobytes()
+
+
+def test_bad_arguments() -> None:
+    sensor = make("vlp-16")
+    with pytest.raises(zo.ArgumentError, match="pose must be a rigid motion"):
+        zo.scan(box(), sensor, np.diag([2.0, 2, 2, 1]))
+    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\), sensor to world"):
+        zo.scan(box(), sensor, np.eye(3))
+    with pytest.raises(
+        zo.OptionError, match=r"the method must cast rays; vertex_hsr does not: .*`zbuf-occlude methods`"
+    ):
+        zo.scan(box(), sensor, method="vertex_hsr")
+    with pytest.raises(zo.ArgumentError, match="a sensor must not be at its target"):
+        look_at([1, 1, 1], [1, 1, 1])
+
+
+def test_a_camera_without_fault_measures_the_scene() -> None:
+    """A depth picture of a ball: every point on it, as many as the ball's disc has pixels."""
+    ball = shapes.solids.icosphere(4)
+    sensor = make("pinhole:width=101,height=101,fov=30")
+    scan = zo.scan(ball, sensor, look_at([6.0, 0, 0], [0, 0, 0]))
+    radius = np.tan(np.arcsin(1 / 6)) * sensor.pixels
+    assert len(scan) == pytest.approx(np.pi * radius**2, rel=0.01)
+    assert np.allclose(np.linalg.norm(scan.positions, axis=1), 1.0, atol=0.01)

@@ -1,0 +1,124 @@
+"""A scene: meshes in their places, joined into one mesh that the engines know already, and whose face is whose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A mesh in its place.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    label : str
+        What it is: a class, "ground", "pole"...
+    pose : (4, 4) float
+        The mesh's space to the world, metres; column vectors. May scale. The identity by default.
+    albedo : float
+        Share of light that it sends back, of `intensity`.
+    """
+
+    mesh: Mesh
+    label: str = "object"
+    pose: FloatArray = field(default_factory=lambda: np.eye(4))
+    albedo: float = 1.0
+
+    def __post_init__(self) -> None:
+        pose = np.asarray(self.pose, dtype=np.float64)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
+            raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
+        if not 0.0 <= self.albedo <= 1.0:
+            raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
+        object.__setattr__(self, "pose", frozen(pose))
+
+    @property
+    def vertices(self) -> FloatArray:
+        """World space, (v, 3)."""
+        return np.asarray(self.mesh.vertices @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+    @property
+    def world_mesh(self) -> Mesh:
+        """The mesh in its place."""
+        return Mesh(self.vertices, self.mesh.faces, self.mesh.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Meshes in their places as one mesh. Immutable.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        World space, metres, z up.
+    instances : (f,) int
+        For each face the number of the object that it is of; 0 is the target.
+    labels : tuple of str
+        What each object is.
+    albedos : (o,) float
+        Of each object.
+    """
+
+    mesh: Mesh
+    instances: IntArray
+    labels: tuple[str, ...]
+    albedos: FloatArray
+
+    def __post_init__(self) -> None:
+        instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
+        if len(instances) != len(self.mesh.faces) or len(self.albedos) != len(self.labels):
+            raise ArgumentError(
+                f"instances must be one per face ({len(self.mesh.faces)}) and albedos one per label "
+                f"({len(self.labels)}); got {len(instances)} and {len(self.albedos)}."
+            )
+        object.__setattr__(self, "instances", frozen(instances))
+
+    def __repr__(self) -> str:
+        return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
+
+    @classmethod
+    def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
+        """Return a mesh alone, as it stands, in metres."""
+        return cls(mesh, np.zeros(len(mesh.faces), dtype=np.int32), (label,), np.ones(1))
+
+    @classmethod
+    def joined(cls, placed: Sequence[Placed], which: BoolArray | None = None) -> "Scene":
+        """Join meshes in their places; object i keeps the number i where `which` leaves others out.
+
+        Raises
+        ------
+        ArgumentError
+            No mesh.
+        """
+        taken = [i for i in range(len(placed)) if which is None or which[i]]
+        if not taken:
+            raise ArgumentError("a scene must have at least one mesh; got none. Place one.")
+        firsts = np.cumsum([0] + [len(placed[i].mesh.vertices) for i in taken])
+        mesh = Mesh(
+            np.concatenate([placed[i].vertices for i in taken]),
+            np.concatenate([placed[i].mesh.faces + first for i, first in zip(taken, firsts, strict=False)]),
+            "scene",
+        )
+        instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array([p.albedo for p in placed]))
+
+
+def moved(
+    *,
+    scale: ArrayLike = 1.0,
+    yaw: float = 0.0,
+    to: ArrayLike = (0.0, 0.0, 0.0),
+) -> FloatArray:
+    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) * np.asarray(scale, dtype=np.float64)
+    pose[:3, 3] = to
+    return pose

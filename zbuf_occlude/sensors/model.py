@@ -1,0 +1,209 @@
+"""What a sensor is: where its rays go, and everything that it gets wrong, as plain numbers with their sources."""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.checks import check_word
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.sensors.rays import KINDS, Rays, numbers_of
+
+RETURNS = ("first", "strongest", "last")
+GRAZING_FROM = np.radians(60.0)
+"""From this incidence on, `sigma_grazing` counts (Nguyen, Izadi, Lovell 2012, section 3)."""
+STEEPEST = np.radians(89.9)
+"""Noise is as at this incidence beyond it, where the formula has no bound."""
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What a sensor gets wrong. The defaults are those of a sensor without fault; lengths in metres.
+
+    Parameters
+    ----------
+    range_min, range_max : float
+        Nearer and farther it measures nothing; of an `axial` sensor the depth.
+    axial : bool
+        Range, noise and quantisation are of the depth along the x axis, as depth cameras have it.
+    sigma : float or sequence of (range, sigma)
+        Standard deviation of the range, or its values at some ranges, between which it is interpolated.
+    sigma_growth, sigma_from : float
+        Adds ``sigma_growth (range - sigma_from)^2``.
+    sigma_grazing : float
+        Adds ``sigma_grazing / sqrt(range) incidence^2 / (pi/2 - incidence)^2`` from 60 degrees of incidence on.
+    step : float
+        Ranges are multiples of it.
+    disparity_step : float
+        Inverse depths are multiples of it, 1 / metre.
+    lateral : float or (float, float)
+        Standard deviation across the ray, pixels; of two numbers (a, b) it is ``a + b incidence / (pi/2 - incidence)``.
+    divergence : float
+        Full angle of a beam, radians. A beam is then five rays.
+    echo_separation : float
+        Surfaces within one beam nearer to each other than this give one return, at a range between them.
+    returns : str
+        Which return is kept: "first", "strongest" or "last".
+    drop : float
+        Share of the returns that is lost anyway.
+    attenuation : float
+        The signal that decides about the rest is ``albedo cos(incidence) exp(-attenuation range)``.
+    drop_limit, drop_zero : float
+        A signal of 0 is lost with probability `drop_zero`, one of `drop_limit` and more never, between linearly.
+    edge_loss : float
+        Share of the pixels lost that have a neighbour more than 5 % nearer or farther (a picture's edges).
+    incidence_max : float
+        Steeper ones return nothing, degrees.
+    noise : float
+        Factor on the standard deviations. 0 switches everything off but the limits of range.
+    """
+
+    range_min: float = 0.0
+    range_max: float = np.inf
+    axial: bool = False
+    sigma: float | Sequence[Sequence[float]] = 0.0
+    sigma_growth: float = 0.0
+    sigma_from: float = 0.0
+    sigma_grazing: float = 0.0
+    step: float = 0.0
+    disparity_step: float = 0.0
+    lateral: float | Sequence[float] = 0.0
+    divergence: float = 0.0
+    echo_separation: float = 1.0
+    returns: str = "strongest"
+    drop: float = 0.0
+    attenuation: float = 0.0
+    drop_limit: float = 0.0
+    drop_zero: float = 0.0
+    edge_loss: float = 0.0
+    incidence_max: float = 90.0
+    noise: float = 1.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name == "returns":
+                check_word("returns", value, RETURNS)
+            elif each.name not in ("axial", "sigma", "lateral") and not (
+                isinstance(value, (int, float, np.number)) and value >= 0.0
+            ):
+                raise OptionError(f"{each.name} of a sensor must be a number of at least 0; got {value!r}.")
+        for name in ("drop", "drop_zero", "edge_loss"):
+            if getattr(self, name) > 1.0:
+                raise OptionError(f"{name} of a sensor must be a share, at most 1; got {getattr(self, name)}.")
+        if not self.range_min < self.range_max:
+            raise OptionError(f"range_min must be less than range_max; got {self.range_min} and {self.range_max}.")
+        for name, width in (("sigma", (-1, 2)), ("lateral", (2,))):
+            try:
+                table = np.asarray(getattr(self, name), dtype=np.float64)
+                (table if table.ndim == 0 else table.reshape(width)).sum()
+            except (TypeError, ValueError):
+                table = np.array(np.nan)
+            if not (np.isfinite(table).all() and (table >= 0.0).all()):
+                words = "(range, sigma) pairs" if name == "sigma" else "two numbers"
+                raise OptionError(f"{name} of a sensor must be a number or {words}; got {getattr(self, name)!r}.")
+
+    def range_sigma(self, ranges: ArrayLike, incidence: ArrayLike = 0.0) -> FloatArray:
+        """Return the standard deviation at some ranges (of an axial sensor: depths) and incidences (radians)."""
+        ranges = np.asarray(ranges, dtype=np.float64)
+        table = np.asarray(self.sigma, dtype=np.float64)
+        sigma = table if table.ndim == 0 else np.interp(ranges, table[:, 0], table[:, 1])
+        sigma = sigma + self.sigma_growth * (ranges - self.sigma_from) ** 2
+        if self.sigma_grazing:
+            angle = np.minimum(incidence, STEEPEST)
+            grazing = self.sigma_grazing / np.sqrt(np.maximum(ranges, 1e-9)) * (angle / (np.pi / 2 - angle)) ** 2
+            sigma = sigma + np.where(angle >= GRAZING_FROM, grazing, 0.0)
+        return np.asarray(self.noise * sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A sensor: a name, a kind, the numbers of its rays, what it gets wrong, and where each number is from.
+
+    Parameters
+    ----------
+    name, summary : str
+    kind : str
+        One of `zbuf_occlude.sensors.rays.KINDS`.
+    pattern : mapping
+        The numbers of that kind.
+    imperfections : Imperfections
+    sources : mapping of a number's name to words
+
+    Raises
+    ------
+    OptionError
+        An unknown kind, or numbers that the kind does not take or lacks.
+    """
+
+    name: str
+    kind: str
+    pattern: Mapping[str, Any]
+    imperfections: Imperfections = field(default_factory=Imperfections)
+    summary: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_word("kind", self.kind, KINDS)
+        known = numbers_of(self.kind)
+        for name in self.pattern:
+            check_word(f"a number of the kind {self.kind}", name, known)
+        missing = [
+            name for name, default in known.items() if default is inspect.Parameter.empty and name not in self.pattern
+        ]
+        if missing:
+            raise OptionError(f"sensor {self.name!r} of kind {self.kind} must have {', '.join(missing)}; it has not.")
+
+    def rays(self) -> Rays:
+        """Return its rays, of one turn or picture, in its own frame."""
+        return self._rays
+
+    @cached_property
+    def _rays(self) -> Rays:
+        return KINDS[self.kind](**self.pattern)
+
+    @cached_property
+    def pixels(self) -> float:
+        """Pixels per unit of the picture at depth 1, of a pinhole; 0 of others."""
+        if self.kind != "pinhole":
+            return 0.0
+        if (f := self.pattern.get("f")) is not None:
+            return float(f)
+        return float(self.pattern["width"] / 2.0 / np.tan(np.radians(self.pattern["fov"]) / 2.0))
+
+    def with_numbers(self, **numbers: Any) -> "Sensor":
+        """Return the sensor with some numbers changed, of the rays or the imperfections.
+
+        Raises
+        ------
+        OptionError
+            A number that it does not have, or a value out of range.
+        """
+        pattern = dict(self.pattern)
+        faults = {each.name: getattr(self.imperfections, each.name) for each in fields(Imperfections)}
+        sources = dict(self.sources)
+        known = {**dict.fromkeys(numbers_of(self.kind)), **dict.fromkeys(faults)}
+        for name, value in numbers.items():
+            check_word(f"a number of the sensor {self.name}", name, known)
+            (faults if name in faults else pattern)[name] = value
+            sources[name] = "given by the user"
+        if {"fov", "f"} <= {name for name in numbers if numbers[name] is not None}:
+            raise OptionError("a pinhole must be given fov or f, and not both.")
+        for one, other in (("fov", "f"), ("f", "fov")):
+            if numbers.get(one) is not None:
+                pattern.pop(other, None)
+        return Sensor(self.name, self.kind, pattern, Imperfections(**faults), self.summary, sources)
+
+    def numbers(self) -> dict[str, Any]:
+        """Return all its numbers by name: of its rays, and of the imperfections those that it has."""
+        faults = {
+            each.name: getattr(self.imperfections, each.name)
+            for each in fields(Imperfections)
+            if getattr(self.imperfections, each.name) != each.default or each.name in self.sources
+        }
+        return {**self.pattern, **faults}

@@ -1,0 +1,193 @@
+"""The rays of a sensor, in its own frame: x forward, y to the left, z up; and how each kind of sensor lays them out."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
+from zbuf_occlude.checks import check_int
+from zbuf_occlude.errors import ArgumentError, OptionError
+
+MOST_RAYS = 20_000_000
+"""A mistyped number must not fill the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays from the sensor's origin. Immutable.
+
+    Parameters
+    ----------
+    directions : (n, 3) float
+        Sensor frame (x forward, y left, z up), of any length but 0; stored with length 1.
+    rings : (n,) int
+        Laser, 0 the lowest; of a camera the row of the picture, 0 the uppermost.
+    columns : (n,) int
+        Firing, counted along the turn; of a camera the column of the picture, 0 the leftmost.
+    """
+
+    directions: FloatArray
+    rings: IntArray
+    columns: IntArray
+
+    def __post_init__(self) -> None:
+        directions = as_vectors(self.directions, "directions")
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not (lengths > 0).all():
+            raise ArgumentError(f"directions must have a length; row {int(lengths.argmin())} is zero. Leave it out.")
+        object.__setattr__(self, "directions", frozen(directions / lengths))
+        for name in ("rings", "columns"):
+            values = as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max)
+            if len(values) != len(directions):
+                raise ArgumentError(f"{name} must be one per direction ({len(directions)}); got {len(values)}.")
+            object.__setattr__(self, name, frozen(values))
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    def __repr__(self) -> str:
+        return f"Rays({len(self)})"
+
+    def select(self, which: ArrayLike) -> "Rays":
+        """Return the rays that a boolean mask or an index array picks, in its order."""
+        chosen = np.asarray(which)
+        return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen])
+
+
+def pinhole(
+    *,
+    width: int,
+    height: int,
+    fov: float | None = None,
+    f: float | None = None,
+    cx: float | None = None,
+    cy: float | None = None,
+) -> Rays:
+    """Return the rays of a camera without distortion, through its pixels' centres, row by row.
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels.
+    fov : float
+        Horizontal field of view, degrees. Give either this or `f`.
+    f : float
+        Focal length, pixels.
+    cx, cy : float
+        Where the axis meets the picture, pixels from its upper left corner; its middle by default.
+    """
+    check_int("width", width, 1)
+    check_int("height", height, 1)
+    _not_too_many(width * height)
+    if (fov is None) == (f is None):
+        raise OptionError(f"a pinhole must be given fov or f, and not both; got fov={fov}, f={f}.")
+    if fov is not None:
+        if not 0.0 < fov < 180.0:
+            raise OptionError(f"fov must lie between 0 and 180 degrees; got {fov}.")
+        f = width / 2.0 / np.tan(np.radians(fov) / 2.0)
+    elif not (f is not None and 0.0 < f < np.inf):
+        raise OptionError(f"f must be positive, in pixels; got {f}.")
+    rows, columns = np.divmod(np.arange(width * height), width)
+    right = (columns + 0.5 - (width / 2.0 if cx is None else cx)) / f
+    down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / f
+    return Rays(np.stack([np.ones_like(right), -right, -down], axis=1), rows, columns)
+
+
+def spinning(
+    *, lasers: Sequence[Sequence[float] | float], columns: int, azimuths: Sequence[float] = (-180.0, 180.0)
+) -> Rays:
+    """Return the rays of a LiDAR that turns about its z axis, firing by firing.
+
+    Parameters
+    ----------
+    lasers : sequence of (elevation, azimuth offset), or of elevations
+        Degrees, the lowest first.
+    columns : int
+        Firings of each laser per turn.
+    azimuths : (float, float)
+        Where the firings begin and end, degrees; the whole turn by default.
+    """
+    check_int("columns", columns, 1)
+    _not_too_many(columns * len(lasers))
+    try:
+        angles = np.radians([[*np.atleast_1d(laser), 0.0][:2] for laser in lasers], dtype=np.float64)
+        first, last = np.radians(np.asarray(azimuths, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees, azimuths two; {error}.") from None
+    if not len(angles) or not (np.abs(angles[:, 0]) <= np.pi / 2).all():
+        raise OptionError("lasers must have elevations in [-90, 90] degrees, and there must be one at least.")
+    turn = first + np.arange(columns) * ((last - first) / columns)
+    azimuth = (turn[:, None] + angles[:, 1]).ravel()
+    elevation = np.tile(angles[:, 0], columns)
+    flat = np.cos(elevation)
+    directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
+    return Rays(directions, np.tile(np.arange(len(angles)), columns), np.repeat(np.arange(columns), len(angles)))
+
+
+def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float) -> Rays:
+    """Return the rays of a LiDAR whose one beam passes two turning wedge prisms, shot by shot; all of ring 0.
+
+    Parameters
+    ----------
+    frequencies : (float, float)
+        Turns per second of the two prisms; opposite signs turn opposite ways.
+    wedge : float
+        Angle of each prism, degrees. Their inclined faces face each other.
+    index : float
+        Of refraction.
+    rate : float
+        Shots per second.
+    seconds : float
+        How long a scan lasts.
+    """
+    n_shots = round(rate * seconds)
+    check_int("rate x seconds", n_shots, 1)
+    _not_too_many(n_shots)
+    times = np.arange(n_shots) / rate
+    tilt = np.radians(wedge)
+    if len(frequencies) != 2 or not 0.0 < index * np.sin(tilt) < 1.0:
+        raise OptionError(f"risley must be given two frequencies and prisms that let light through; got {frequencies}.")
+    first, second = (_inclined(tilt, 2.0 * np.pi * frequency * times) for frequency in frequencies)
+    axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)
+    inside = axis  # the first prism's plane face stands across the beam
+    between = _refracted(inside, first, index)
+    within = _refracted(between, second, 1.0 / index)
+    return Rays(_refracted(within, axis, index), np.zeros(n_shots, dtype=np.int32), np.arange(n_shots, dtype=np.int32))
+
+
+def listed(*, directions: ArrayLike, rings: ArrayLike | None = None) -> Rays:
+    """Return the rays of a list: directions (n, 3) in the sensor's frame, and rings (n,), 0 by default."""
+    given = as_vectors(directions, "directions")
+    numbers = np.arange(len(given), dtype=np.int32)
+    return Rays(given, np.zeros_like(numbers) if rings is None else np.asarray(rings), numbers)
+
+
+KINDS: dict[str, Callable[..., Rays]] = {"pinhole": pinhole, "spinning": spinning, "risley": risley, "list": listed}
+"""Each kind of sensor, and what makes its rays of its numbers."""
+
+
+def numbers_of(kind: str) -> dict[str, Any]:
+    """Return the numbers that a kind takes and their defaults; `inspect.Parameter.empty` where one must be given."""
+    return {name: p.default for name, p in inspect.signature(KINDS[kind]).parameters.items()}
+
+
+def _inclined(tilt: float, turned: FloatArray) -> FloatArray:
+    """Normals of a face inclined by `tilt` towards where the prism has turned to, (n, 3)."""
+    across = np.sin(tilt)
+    return np.stack([np.full_like(turned, np.cos(tilt)), across * np.cos(turned), across * np.sin(turned)], axis=1)
+
+
+def _refracted(directions: FloatArray, normals: FloatArray, ratio: float) -> FloatArray:
+    """Snell's law for unit vectors; `ratio` is the index before the face over the one behind it."""
+    cosine = np.einsum("ij,ij->i", directions, normals)
+    behind = np.sqrt(np.maximum(0.0, 1.0 - ratio**2 * (1.0 - cosine**2)))
+    return np.asarray(ratio * directions + (behind - ratio * cosine)[:, None] * normals)
+
+
+def _not_too_many(n: int) -> None:
+    if n > MOST_RAYS:
+        raise OptionError(f"a sensor must have at most {MOST_RAYS:,} rays; this has {n:,}.")

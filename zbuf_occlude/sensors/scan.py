@@ -1,0 +1,229 @@
+"""From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.imperfections import imperfect
+from zbuf_occlude.sensors.model import Imperfections, Sensor
+from zbuf_occlude.sensors.rays import Rays
+from zbuf_occlude.sensors.record import Scan
+from zbuf_occlude.visibility import METHODS, find_method, prepare
+from zbuf_occlude.visibility.interface import FirstHits, Occluder
+
+CASTERS = ("exact", "embree", "oracle")
+"""Who casts rays unless a method is named: the first of these that can here."""
+_CROSS = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+_SPREAD = 0.5
+"""How far along both axes a beam's four outer rays go, of its half angle: 0.7 of its radius."""
+
+
+class Ball(NamedTuple):
+    """A ball in the world: what rays outside it do not matter to."""
+
+    centre: FloatArray
+    radius: float
+
+
+def default_caster() -> str:
+    """Return the name of the method that casts rays here."""
+    able = {row.name for row in METHODS if not row.no_first_hits and not row.missing()}
+    return next(name for name in CASTERS if name in able)
+
+
+def scan(
+    scene: Scene | Mesh,
+    sensor: Sensor,
+    pose: ArrayLike | None = None,
+    *,
+    seed: int | np.random.SeedSequence | np.random.Generator = 0,
+    method: str | None = None,
+    occluder: Occluder | None = None,
+    towards: Ball | None = None,
+    **options: Any,
+) -> Scan:
+    """Scan a scene.
+
+    Parameters
+    ----------
+    scene : Scene or Mesh
+        World space, metres.
+    sensor : Sensor
+        Of `zbuf_occlude.sensors.make`.
+    pose : (4, 4) float, optional
+        Sensor frame (x forward, y left, z up) to the world, a rigid motion; `look_at` makes one. By default the
+        sensor is at the origin and looks along x.
+    seed : int, SeedSequence or Generator
+        The same seed gives the same scan, byte for byte.
+    method : str, optional
+        Who casts the rays; by default the first of `CASTERS` that can.
+    occluder : Occluder, optional
+        The scene's mesh made ready already.
+    towards : Ball, optional
+        Only rays that may meet this ball are cast; the rest are taken to return nothing.
+    **options
+        The method's own.
+
+    Returns
+    -------
+    Scan
+        Ordered as the sensor's rays are.
+
+    Raises
+    ------
+    ArgumentError
+        A pose that is no rigid motion.
+    OptionError, UnavailableError
+        As `zbuf_occlude.prepare`; a method that casts no rays.
+    """
+    if isinstance(scene, Mesh):
+        scene = Scene.of(scene)
+    rotation, origin = _rigid(pose)
+    rays = sensor.rays()
+    if towards is not None:
+        rays = rays.select(_may_meet(rays, rotation, origin, towards, sensor.imperfections.divergence))
+    rng = np.random.default_rng(seed)
+    if occluder is not None:
+        returns = _returns(scene, occluder, rays, rotation, origin, sensor)
+    else:
+        name = method or default_caster()
+        find_method(name).check_first_hits()
+        with prepare(scene.mesh, name, **options) as opened:
+            returns = _returns(scene, opened, rays, rotation, origin, sensor)
+    return imperfect(returns, sensor, rng)
+
+
+def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
+    """Return the pose (4, 4) of a sensor at a position that looks at a target, its z axis as far up as can be.
+
+    Raises
+    ------
+    ArgumentError
+        The position is the target.
+    """
+    at, towards = as_vectors([np.asarray(position)], "position")[0], as_vectors([np.asarray(target)], "target")[0]
+    forward = towards - at
+    if not forward.any():
+        raise ArgumentError(f"a sensor must not be at its target; both are {at.tolist()}. Move one.")
+    forward = forward / np.linalg.norm(forward)
+    up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
+    left = np.cross(up, forward)
+    left /= np.linalg.norm(left)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([forward, left, np.cross(forward, left)], axis=1)
+    pose[:3, 3] = at
+    return pose
+
+
+def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
+    matrix = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ArgumentError(f"pose must be (4, 4), sensor to world, finite; got {matrix.shape}.")
+    rotation = matrix[:3, :3]
+    if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0):
+        raise ArgumentError(
+            "pose must be a rigid motion, without scale or reflection. Scale the scene, not the sensor."
+        )
+    return rotation, matrix[:3, 3]
+
+
+def _may_meet(rays: Rays, rotation: FloatArray, origin: FloatArray, ball: Ball, divergence: float) -> BoolArray:
+    to_ball = rotation.T @ (ball.centre - origin)
+    distance = float(np.linalg.norm(to_ball))
+    if distance <= ball.radius * 1.001:
+        return np.ones(len(rays), dtype=bool)
+    angle = np.arcsin(ball.radius / distance) + divergence + 1e-6
+    return np.asarray(rays.directions @ (to_ball / distance) >= np.cos(min(angle, np.pi)))
+
+
+def _returns(
+    scene: Scene, occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, sensor: Sensor
+) -> Scan:
+    """The returns of all beams as they would be without noise."""
+    faults = sensor.imperfections
+    directions = rays.directions @ rotation.T
+    wide = faults.divergence > 0.0 and faults.noise > 0.0
+    if wide:
+        face_ids, ranges, n_returns = _echoes(occluder, directions, origin, faults)
+    else:
+        face_ids, ranges = occluder.first_hits(origin[None], directions)
+        n_returns = np.ones(len(rays), dtype=np.int32)
+    met = np.flatnonzero(face_ids >= 0)
+    face_ids, ranges, directions = face_ids[met], ranges[met], directions[met]
+    normals = _unit(scene.mesh.face_normals[face_ids])
+    cosines = -np.einsum("ij,ij->i", normals, directions)
+    normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
+    cosines = np.minimum(np.abs(cosines), 1.0)
+    instances = scene.instances[face_ids]
+    return Scan(
+        origin=origin,
+        directions=directions,
+        depths_per_range=rays.directions[met, 0],
+        ranges=ranges,
+        clean_ranges=ranges,
+        face_ids=face_ids,
+        normals=normals,
+        incidences=np.arccos(cosines),
+        intensities=scene.albedos[instances] * cosines / np.maximum(ranges, 1e-6) ** 2,
+        rings=rays.rings[met],
+        columns=rays.columns[met],
+        instances=instances,
+        n_returns=n_returns[met],
+    )
+
+
+class _Echoes(NamedTuple):
+    face_ids: Any
+    ranges: FloatArray
+    n_returns: Any
+
+
+def _echoes(occluder: Occluder, directions: FloatArray, origin: FloatArray, faults: Imperfections) -> _Echoes:
+    """One return per beam of five rays: near surfaces run together, of what is apart one is kept."""
+    hits = _beams(occluder, directions, origin, _SPREAD * faults.divergence / 2.0)
+    order = np.argsort(hits.distances, axis=1, kind="stable")
+    ranges = np.take_along_axis(hits.distances, order, axis=1)
+    faces = np.take_along_axis(hits.face_ids, order, axis=1)
+    met = faces >= 0
+    with np.errstate(invalid="ignore"):
+        apart = np.diff(ranges, axis=1) > faults.echo_separation
+    echo = np.concatenate([np.zeros((len(ranges), 1), dtype=int), np.cumsum(apart & met[:, 1:], axis=1)], axis=1)
+    n_returns = np.where(met[:, 0], 1 + np.where(met, echo, 0).max(axis=1), 0)
+    energy = np.where(met, 1.0 / np.where(met, ranges, 1.0) ** 2, 0.0)
+    if faults.returns == "first":
+        chosen = np.zeros(len(ranges), dtype=int)
+    elif faults.returns == "last":
+        chosen = np.maximum(n_returns - 1, 0)
+    else:
+        sums = np.stack([(energy * (echo == number)).sum(axis=1) for number in range(len(_CROSS))], axis=1)
+        chosen = sums.argmax(axis=1)
+    mine = met & (echo == chosen[:, None])
+    weights = np.where(mine, energy, 0.0)
+    total = weights.sum(axis=1)
+    moments = (weights * np.where(met, ranges, 0.0)).sum(axis=1)
+    mean = np.divide(moments, total, out=np.full(len(ranges), np.inf), where=total > 0)
+    with np.errstate(invalid="ignore"):
+        best = np.where(mine, np.abs(ranges - mean[:, None]), np.inf).argmin(axis=1)
+    face_ids = np.where(total > 0, np.take_along_axis(faces, best[:, None], axis=1)[:, 0], -1)
+    return _Echoes(face_ids.astype(np.int32), mean, n_returns.astype(np.int32))
+
+
+def _beams(occluder: Occluder, directions: FloatArray, origin: FloatArray, spread: float) -> FirstHits:
+    """First hits of each beam's five rays, (n, 5)."""
+    least = np.eye(3)[np.abs(directions).argmin(axis=1)]
+    across = _unit(np.cross(directions, least))
+    upwards = np.cross(directions, across)
+    rays = directions[:, None] + spread * (
+        _CROSS[None, :, :1] * across[:, None] + _CROSS[None, :, 1:] * upwards[:, None]
+    )
+    face_ids, distances = occluder.first_hits(origin[None], rays.reshape(-1, 3))
+    return FirstHits(face_ids.reshape(-1, len(_CROSS)), distances.reshape(-1, len(_CROSS)))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny))
