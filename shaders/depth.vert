@@ -1,10 +1,9 @@
-// Draws the mesh into one tile an instance: all cameras of a batch in one draw, or some faces into one tile.
+// Draws the mesh into one tile per instance: all cameras of a batch in one draw.
 #version 430
 #include "tiles.glsl"
 
 uniform vec2 to_ndc;  // 2 / size of the atlas
 uniform float side;   // of a tile, in pixels
-uniform int first;    // tile
 
 in vec3 in_position;  // unit space
 
@@ -14,7 +13,7 @@ flat out int face;  // each face's last (provoking) vertex is its own, and they 
 
 void main()
 {
-    int tile = first + gl_InstanceID;
+    int tile = gl_InstanceID;
     vec4 place = tiles[tile].window * vec4(in_position, 1.0);
     gl_Position = vec4(place.xy * to_ndc - place.w, place.z, place.w);
 #if $CUBE

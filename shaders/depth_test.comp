@@ -1,5 +1,5 @@
 // The plain depth test: a point is hidden that lies behind its pixel's depth by more than the tolerance and its slope.
-// One invocation answers for 4 points and 8 eyes. Twins: zbuf_occlude/gl/loop_test.py, vote; visibility/depth_test.py.
+// One invocation answers for 4 points and 8 eyes. Twin: visibility/depth_test.py.
 #version 430
 layout(local_size_x = 64) in;
 
@@ -23,7 +23,7 @@ uint ask(int eye, Point point)
     float nearest = texelFetch(depths, ivec2(place.pixel), 0).r;
     // what lies behind the far plane hides behind nothing
     bool behind = !place.aside && nearest > max(place.depth, 0.0) + place.allowance + slope_bias * slope;
-    return eye >= n_eyes || place.turned_away || behind ? HIDDEN : VISIBLE;
+    return eye >= n_eyes || behind ? HIDDEN : VISIBLE;
 }
 
 void list(uint doubts, uint block) {}  // this test has none

@@ -1,7 +1,7 @@
 // The four pixels around a point vote whether it is hidden: each compares its depth with that of the point's own plane
 // at the pixel's centre. When they agree, that is the answer; else the pair is listed for witness.comp.
 // One invocation answers for 4 points and 8 eyes.
-// Twins: zbuf_occlude/gl/loop_test.py, vote; tests/visibility/witness_twin.py, votes.
+// Twin: tests/visibility/witness_twin.py, votes.
 #version 430
 layout(local_size_x = 64) in;
 
@@ -23,7 +23,7 @@ uint ask(int eye, Point point)
 {
     Place place = place_of(tile_of(eye, point.position), point);
     uint votes = place.aside ? 0u : votes_of(place, floor(place.pixel - 0.5));
-    if (eye >= n_eyes || place.turned_away || votes == 15u) return HIDDEN;
+    if (eye >= n_eyes || votes == 15u) return HIDDEN;
     return votes == 0u ? VISIBLE : DOUBTFUL;
 }
 

@@ -1,7 +1,7 @@
 // Decides the pairs of eye and point on which the pixels around did not agree. A witness is a face that really crosses
-// the line of sight; candidates are the faces seen in those of the 4 x 4 pixels around that vote hidden. Without one,
-// the votes of the four nearest pixels are weighed by their nearness, unless one of them sees the point's own face.
-// Twins: zbuf_occlude/gl/loop_test.py, settle; tests/visibility/witness_twin.py.
+// the line of sight; candidates are the faces seen in the 6 x 6 pixels around. Without one, the votes of the four nearest
+// pixels are weighed by their nearness, unless one of them sees the point's own face.
+// Twin: tests/visibility/witness_twin.py.
 #version 430
 layout(local_size_x = 64) in;
 
@@ -52,26 +52,22 @@ bool hidden(int eye, Point point)
     int tile = tile_of(eye, point.position);
     Place place = place_of(tile, point);
     vec2 low = floor(place.pixel - 0.5);
-    // bits 4 q to 4 q + 3: the votes of quarter q, whose lower left pixel is low + (-1 or 1, -1 or 1)
-    uint votes = votes_of(place, low + vec2(-1, -1)) | votes_of(place, low + vec2(1, -1)) << 4
-               | votes_of(place, low + vec2(-1, 1)) << 8 | votes_of(place, low + vec2(1, 1)) << 12;
     vec3 d = tiles[tile].eye.xyz - point.position;
+    ivec2 size = textureSize(faces, 0), corner = ivec2(low) - 2;
     int last = -1;
-    for (uint left = votes; left != 0u; left &= left - 1u) {
-        int bit = findLSB(left);
-        // textureGather's order: upper left, upper right, lower right, lower left
-        ivec2 offset = ivec2((bit >> 2 & 1) * 2 - 1 + ((bit + 1) >> 1 & 1), (bit >> 3) * 2 - 1 + (~bit >> 1 & 1));
-        int face = texelFetch(faces, ivec2(low) + offset, 0).r;
-        if (face != last && face != point.own && blocks(face, point.position, d)) return true;
-        last = face;
-    }
+    for (int row = 0; row < 6; row++)
+        for (int column = 0; column < 6; column++) {
+            int face = texelFetch(faces, clamp(corner + ivec2(column, row), ivec2(0), size - 1), 0).r;
+            if (face >= 0 && face != last && face != point.own && blocks(face, point.position, d)) return true;
+            last = face;
+        }
     ivec4 nearest = textureGather(faces, (low + 1.0) * texel);
     for (int i = 0; i < 4; i++)
         if (is_own(nearest[i], point)) return false;
     vec2 high = place.pixel - 0.5 - low, rest = 1.0 - high;
-    // the four nearest pixels: lower left, lower right, upper left, upper right
-    float weighed = rest.x * rest.y * float(votes >> 1 & 1u) + high.x * rest.y * float(votes >> 4 & 1u)
-                  + rest.x * high.y * float(votes >> 10 & 1u) + high.x * high.y * float(votes >> 15 & 1u);
+    uint votes = votes_of(place, low);  // upper left, upper right, lower right, lower left
+    float weighed = rest.x * high.y * float(votes & 1u) + high.x * high.y * float(votes >> 1 & 1u)
+                  + high.x * rest.y * float(votes >> 2 & 1u) + rest.x * rest.y * float(votes >> 3 & 1u);
     return weighed > MOST_HIDDEN;
 }
 

@@ -3,7 +3,6 @@ struct Point {
     vec3 position;  // unit space
     int own;        // the face it lies on, -1 for none
     vec3 normal;    // of that face; 0 for none
-    bool closed;    // whether the face belongs to a closed surface, and the normal points outwards
 };
 
 layout(std430, binding = 0) readonly buffer Points { uvec4 points[]; };
@@ -14,7 +13,7 @@ uniform float tolerance;  // eye depth, unit space
 Point point_at(uint slot)
 {
     uvec4 first = points[2u * slot], second = points[2u * slot + 1u];
-    return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz), second.w != 0u);
+    return Point(uintBitsToFloat(first.xyz), int(first.w), uintBitsToFloat(second.xyz));
 }
 
 // The tile in which an eye sees a point: its only one, or that of the cube face on which the point lies.
@@ -33,11 +32,10 @@ int tile_of(int eye, vec3 position)
 // A point in window space, and its own plane there: where it lies, and what its depth gains from pixel to pixel.
 struct Place {
     vec2 pixel;
-    float depth;       // reversed: larger is nearer
-    vec2 gain;         // of the plane's depth, a pixel to the right and upwards; 0 for a free point
-    float allowance;   // depth that `tolerance` of eye depth is worth here
-    bool turned_away;  // on the far side of a closed surface, as an eye outside sees it: hidden, whatever the depths are
-    bool aside;        // outside the picture, which holds the whole mesh, or behind the eye: nothing is before it
+    float depth;      // reversed: larger is nearer
+    vec2 gain;        // of the plane's depth, a pixel to the right and upwards; 0 for a free point
+    float allowance;  // depth that `tolerance` of eye depth is worth here
+    bool aside;       // outside the picture, which holds the whole mesh, or behind the eye: nothing is before it
 };
 
 Place place_of(int tile, Point point)
@@ -52,13 +50,11 @@ Place place_of(int tile, Point point)
     gain = facing == 0.0 ? vec2(0.0) : clamp(gain / facing, -most, most);
     vec2 pixel = c.xy * inverse;
 #if $CUBE
-    bool turned_away = false, aside = false;
+    bool aside = false;
 #else
     // a picture's border of two pixels is empty
     vec2 inner = pixel - tiles[tile].corner.xy;
     bool aside = c.w <= 0.0 || any(lessThan(inner, vec2(1.0))) || any(greaterThan(inner, vec2(tiles[tile].corner.z - 1.0)));
-    // edge on, within rounding, it need not be
-    bool turned_away = point.closed && facing < -$EDGE_ON * (abs(d.x) + abs(d.y) + abs(d.z));
 #endif
-    return Place(pixel, c.z * inverse, gain, tolerance * unit, turned_away, aside);
+    return Place(pixel, c.z * inverse, gain, tolerance * unit, aside);
 }

@@ -1,4 +1,4 @@
-"""The witness test in plain NumPy: the twin to which shaders and compiled loops are held."""
+"""The witness test in plain NumPy: the twin to which the shaders are held."""
 
 import numpy as np
 from numba import njit
@@ -83,8 +83,8 @@ def witness_test(
 
     Notes
     -----
-    A witness is a face that blocks the line of sight by `predicates.blocks`, among those seen in the 4 x 4 pixels
-    around the point that vote "hidden". Without one, a point whose own face is seen in one of the four nearest pixels
+    A witness is a face that blocks the line of sight by `predicates.blocks`, among those seen in the 6 x 6 pixels
+    around the point. Without one, a point whose own face is seen in one of the four nearest pixels
     is visible; else their votes are weighed by nearness against `MOST_HIDDEN`.
     """
     height, width = depths.shape
@@ -94,23 +94,16 @@ def witness_test(
     visible = np.asarray(~nearest.any(axis=(1, 2)))
     doubtful = np.flatnonzero(~visible & ~nearest.all(axis=(1, 2)))
     doubted = SurfacePoints(points.positions[doubtful], points.face_ids[doubtful], points.normals[doubtful])
-    hidden = np.empty((len(doubtful), 4, 4), dtype=bool)
-    for row in (0, 2):
-        for column in (0, 2):
-            quarter = low[doubtful] + np.array([column - 1, row - 1], dtype=np.int32)
-            hidden[:, row : row + 2, column : column + 2] = votes(
-                depths, view, frustum, doubted, quarter, tolerance=tolerance
-            )
-    rows = np.clip(low[doubtful, 1, None] + np.arange(-1, 3), 0, height - 1)
-    columns = np.clip(low[doubtful, 0, None] + np.arange(-1, 3), 0, width - 1)
+    rows = np.clip(low[doubtful, 1, None] + np.arange(-2, 4), 0, height - 1)
+    columns = np.clip(low[doubtful, 0, None] + np.arange(-2, 4), 0, width - 1)
     faces = seen[rows[:, :, None], columns[:, None, :]]
     eye = -view[:3, 3] @ view[:3, :3]
     crossed, own_seen = _witnesses(
-        np.where(hidden, faces, -1), faces[:, 1:3, 1:3], doubted.positions, doubted.face_ids, eye, corners, contact
+        faces, faces[:, 2:4, 2:4], doubted.positions, doubted.face_ids, eye, corners, contact
     )
     high = np.stack([x, y], axis=1)[doubtful] - 0.5 - low[doubtful]
     weights = np.stack([1.0 - high, high], axis=2)  # of the lower and the upper pixel, by axis
-    weighed = np.einsum("nr,nc,nrc->n", weights[:, 1], weights[:, 0], hidden[:, 1:3, 1:3].astype(float))
+    weighed = np.einsum("nr,nc,nrc->n", weights[:, 1], weights[:, 0], nearest[doubtful].astype(float))
     visible[doubtful] = ~crossed & (own_seen | (weighed <= MOST_HIDDEN))
     return visible
 

@@ -66,7 +66,6 @@ class Atlas:
         gl.check()
         self._depth, self._framebuffer = _UINT(0), _UINT(0)
         self._ids: Any = None
-        self._read: tuple[NDArray[np.float32], NDArray[np.int32]] | None = None
         try:
             self._make()
         except BaseException:
@@ -105,14 +104,14 @@ class Atlas:
         self._call.active_texture(unit)
         self._call.bind_texture(_TEXTURE_2D, texture)
 
-    def draw(self, n_tiles: int, closed: Callable[[], None], others: Callable[[], None], *, clip: bool) -> None:
+    def draw(self, n_tiles: int, render: Callable[[], None], *, clip: bool) -> None:
         """Clear the first tiles and draw into them.
 
         Parameters
         ----------
         n_tiles : int
-        closed, others : callable
-            Draw triangles that need not be drawn when they are seen clockwise, and others.
+        render : callable
+            Draws triangles, which are seen from both sides.
         clip : bool
             Whether the shader writes four clip distances, the tile's sides.
         """
@@ -123,7 +122,7 @@ class Atlas:
         call.scissor(0, 0, min(n_tiles, self.columns) * self.resolution, rows * self.resolution)
         call.clip_control(_LOWER_LEFT, _ZERO_TO_ONE)
         ctx.enable_only(ctx.DEPTH_TEST)
-        ctx.depth_func, ctx.front_face, ctx.cull_face = ">", "ccw", "back"
+        ctx.depth_func = ">"
         switches = [_SCISSOR_TEST, *(_CLIP_DISTANCES if clip else ())]
         for switch in switches:
             ctx.enable_direct(switch)
@@ -131,10 +130,7 @@ class Atlas:
             call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
             if self.faces:
                 call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
-            ctx.enable(ctx.CULL_FACE)
-            closed()
-            ctx.disable(ctx.CULL_FACE)
-            others()
+            render()
         finally:
             for switch in switches:
                 ctx.disable_direct(switch)
@@ -149,41 +145,24 @@ class Atlas:
         if self.faces:
             self._ids.use(faces)
 
-    def read_rows(self, n_tiles: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Read the rows of tiles that hold the first `n_tiles` back: depths, and face ids if there are any.
-
-        The lowest row of pixels first. The arrays are the atlas's own, and change when it is read again. Raises GlError
-        when OpenGL reports an error.
-        """
-        if self._read is None:
-            height, width = self.size[::-1]
-            self._read = np.empty((height, width), np.float32), np.empty((height * self.faces, width), np.int32)
-        call, (width, _) = self._call, self.size
-        height = -(-n_tiles // self.columns) * self.resolution
-        depths, ids = self._read[0][:height], self._read[1][:height]
-        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
-        call.read_pixels(0, 0, width, height, _DEPTH_COMPONENT, _FLOATS32, depths.ctypes.data)
-        if self.faces:
-            call.read_pixels(0, 0, width, height, _RED_INTEGER, _INTS32, ids.ctypes.data)
-        call.bind_framebuffer(_FRAMEBUFFER, 0)
-        self._gl.check()  # what was not read must not be taken for face ids
-        return depths, ids
-
     def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Read a tile back: depths and face ids, (resolution, resolution) each, the lowest row first.
 
-        For images and tests. Without faces the ids are all `NO_FACE`.
+        For images and tests. Without faces the ids are all `NO_FACE`. Raises GlError when OpenGL reports an error.
         """
-        depths, ids = self.read_rows(self.n_tiles)
-        if not self.faces:
-            ids = np.full_like(depths, NO_FACE, dtype=np.int32)
-        row, column = (self.resolution * place for place in divmod(tile, self.columns))
-        window = np.s_[row : row + self.resolution, column : column + self.resolution]
-        return depths[window].copy(), ids[window].copy()
+        side, call = self.resolution, self._call
+        depths, ids = np.empty((side, side), np.float32), np.full((side, side), NO_FACE, np.int32)
+        row, column = (side * place for place in divmod(tile, self.columns))
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.read_pixels(column, row, side, side, _DEPTH_COMPONENT, _FLOATS32, depths.ctypes.data)
+        if self.faces:
+            call.read_pixels(column, row, side, side, _RED_INTEGER, _INTS32, ids.ctypes.data)
+        call.bind_framebuffer(_FRAMEBUFFER, 0)
+        self._gl.check()
+        return depths, ids
 
     def release(self) -> None:
         """Give the memory back; calling it again does nothing."""
-        self._read = None
         if self._framebuffer.value:
             self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))
             self._framebuffer = _UINT(0)

@@ -72,14 +72,14 @@ class Buffers:
         """Read all of `array` from a buffer, from a byte offset."""
         self._buffers[name].read_into(array, array.nbytes, offset=offset)
 
-    def vertex_array(self, program: Any, vertices: str, indices: str, others: "Buffers | None" = None) -> Any:
+    def vertex_array(self, program: Any, vertices: str, indices: str) -> Any:
         """Return a vertex array that draws triangles of positions (v, 3) float32, the input `in_position`.
 
-        The indices may be `others`'. It is the caller's, who releases it before the buffers.
+        It is the caller's, who releases it before the buffers.
         """
         bound = self._buffers[vertices]
         content = [(bound, "3f", "in_position")]
-        return bound.ctx.vertex_array(program, content, index_buffer=(others or self)._buffers[indices])
+        return bound.ctx.vertex_array(program, content, index_buffer=self._buffers[indices])
 
     def __enter__(self) -> Self:
         return self

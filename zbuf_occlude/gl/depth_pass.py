@@ -8,7 +8,6 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.fronts import ClosedFaces, Fronts
 from zbuf_occlude.gl.point_data import GROUP
 from zbuf_occlude.gl.point_pass import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE
@@ -34,13 +33,10 @@ class DepthPass:
         Whether the atlas keeps the id of the nearest face beside the depth.
     tiles_an_eye : int
         1, or `CUBE`.
-    closed : ClosedFaces, optional
-        The first faces, if they may be left out when they are turned away; none are with cube faces.
 
     Notes
     -----
-    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes a pixel, 8 with ids; on a CPU what
-    `Fronts` takes.
+    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes a pixel, 8 with ids.
     """
 
     def __init__(
@@ -51,7 +47,6 @@ class DepthPass:
         *,
         ids: bool,
         tiles_an_eye: int,
-        closed: ClosedFaces | None = None,
     ) -> None:
         self._gl = gl
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
@@ -63,44 +58,22 @@ class DepthPass:
         )
         self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_an_eye, faces=ids)
         self._tiles_an_eye = tiles_an_eye
-        self._n_closed = 0 if closed is None or tiles_an_eye == CUBE else len(closed.indices)
         self._drawn: Any = None
-        self._fronts: Fronts | None = None
         try:
             self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
-            if closed is not None and self._n_closed and gl.is_software:
-                self._fronts = Fronts(gl, buffers, self._program, closed, self.n_eyes)
         except BaseException:
             self.release()
             raise
 
-    def draw(self, eyes: FloatArray) -> None:
-        """Draw the mesh for a batch of eyes (k, 3), unit space, by the matrices bound to uniform block 0."""
+    def draw(self, n_eyes: int) -> None:
+        """Draw the mesh for a batch of eyes, by the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
-        n_tiles, n_indices = len(eyes) * self._tiles_an_eye, 3 * self._n_closed
-
-        def draw_closed() -> None:
-            if self._fronts is not None:
-                self._fronts.draw(eyes, self._begin)
-            elif n_indices:
-                self._begin(0)
-                self._drawn.render(vertices=n_indices, instances=n_tiles)
-
-        def draw_others() -> None:
-            if n_indices < self._drawn.vertices:
-                self._begin(0)
-                self._drawn.render(first=n_indices, vertices=self._drawn.vertices - n_indices, instances=n_tiles)
-
-        self.atlas.draw(n_tiles, draw_closed, draw_others, clip=self._tiles_an_eye == CUBE)
-
-    def _begin(self, tile: int) -> None:
-        set_uniforms(self._program, first=tile)
+        n_tiles = n_eyes * self._tiles_an_eye
+        self.atlas.draw(n_tiles, lambda: self._drawn.render(instances=n_tiles), clip=self._tiles_an_eye == CUBE)
 
     def release(self) -> None:
         """Give the GPU's memory back; calling it again does nothing."""
-        if self._fronts is not None:
-            self._fronts.release()
         if self._drawn is not None:
             self._drawn.release()
         self.atlas.release()
@@ -116,11 +89,6 @@ def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffe
     corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
     corners[:, :, :3] = positions[faces]
     vertices = np.concatenate([corners[:, 2, :3], positions])
-    return Buffers(gl.ctx, vertices=vertices, indices=vertices_of(faces), corners=corners)
-
-
-def vertices_of(faces: IntArray) -> IntArray:
-    """Return the indices, (f, 3) int32, of the faces' vertices in what `mesh_buffers` makes."""
     indices = faces.astype(np.int32) + np.int32(len(faces))
     indices[:, 2] = np.arange(len(faces))
-    return indices
+    return Buffers(gl.ctx, vertices=vertices, indices=indices, corners=corners)

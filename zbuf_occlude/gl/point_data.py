@@ -1,4 +1,4 @@
-"""What the tests of points against the depth atlas have in common, whether shaders or compiled loops make them."""
+"""The points that are tested against the depth atlas, and by what they are judged."""
 
 from typing import NamedTuple
 
@@ -6,14 +6,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.threads import threaded
 
 GROUP = 8
 """Eyes whose answers share a byte on the GPU."""
-
-EDGE_ON = 1e-5
-"""Sine of the angle between line of sight and face below which rounding decides whether it is turned away."""
 
 MOST_HIDDEN = 0.3
 """Without a witness, a point is visible when no more than this of the weighed votes around it says hidden."""
@@ -27,21 +24,18 @@ class PointData(NamedTuple):
     positions : (n, 3) float64
         Unit space.
     normals : (n, 3) float32
-        Of their faces, unit length; outwards where these are closed; 0 for none.
+        Of their faces, unit length; 0 for none.
     own : (n,) int
         Index of the own face among those drawn, -1 for none.
-    closed : (n,) bool
-        Whether the own face's surface is closed, and the normal points outwards.
     """
 
     positions: FloatArray
     normals: NDArray[np.float32]
     own: IntArray
-    closed: BoolArray
 
     def part(self, some: slice) -> "PointData":
         """Some of them."""
-        return PointData(self.positions[some], self.normals[some], self.own[some], self.closed[some])
+        return PointData(self.positions[some], self.normals[some], self.own[some])
 
 
 class Criteria(NamedTuple):

@@ -18,7 +18,7 @@ MOST_POINTS = 1 << 20
 MOST_LISTED = 1 << 22
 """Pairs of eye and point that one dispatch asks, at most: the list of doubtful ones has room for all of them."""
 
-POINT = np.dtype([("position", "<f4", 3), ("own", "<i4"), ("normal", "<f4", 3), ("closed", "<u4")])
+POINT = np.dtype([("position", "<f4", 3), ("own", "<i4"), ("normal", "<f4", 3), ("unused", "<u4")])
 """Two uvec4 of shaders/include/points.glsl."""
 
 _MOST_GROUPS = 65535
@@ -60,7 +60,7 @@ class PointPass:
         slots = np.resize(order, n_blocks * BLOCK)  # repeats points to fill the last block
         records = np.empty(len(order), dtype=POINT)
         records["position"], records["normal"] = points.positions, points.normals
-        records["own"], records["closed"] = points.own, points.closed
+        records["own"] = points.own
         # the byte of each slot: an invocation's four slots are 64 apart, their answers make a word
         bytes_of_slots = np.arange(len(slots)).reshape(n_blocks, 64, 4).transpose(0, 2, 1).reshape(-1)
         self._bytes = np.empty(len(order), dtype=np.int64)

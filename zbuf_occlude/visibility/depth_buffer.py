@@ -1,26 +1,21 @@
 """`depth_buffer`: the mesh drawn into a depth buffer for each eye by OpenGL, the points tested where that runs."""
 
 from collections.abc import Iterator
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl.buffers import Buffers, parts
-from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers, vertices_of
+from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.gl.fronts import ClosedFaces
-from zbuf_occlude.gl.loop_pass import LoopPass
 from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.gl.point_data import EDGE_ON, MOST_HIDDEN, Batch, Criteria, PointData
+from zbuf_occlude.gl.point_data import MOST_HIDDEN, Batch, Criteria, PointData
 from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.solids import find_solids
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 REFINEMENTS = ("witness", "none")
@@ -37,7 +32,7 @@ def prepare(
     *,
     gl: Any,
     resolution: int = 512,
-    tolerance: float = 3e-4,
+    tolerance: float = 1e-4,
     slope_bias: float = 0.5,
     refine: str = "witness",
 ) -> "DepthBuffer":
@@ -85,25 +80,20 @@ class DepthBuffer(Occluder):
     The frustum is fitted to the mesh; an eye within the mesh, or too near for one frustum, gets six cube faces. What
     lies outside the picture is visible. Not exact: the buffer knows one depth a pixel.
 
-    Faces are seen from both sides, but for those of closed surfaces that bound a solid (`zbuf_occlude.solids`) and are
-    turned away from an eye outside: they are not drawn, and points on them are hidden. A point with a face id must
-    therefore lie on that face.
-
     ``refine="none"`` compares a point's depth with that of its pixel. Its error is the pixel times a slope: 1.5 to 4 %
     of the answers on CAD meshes at 512 pixels a side.
 
     ``refine="witness"`` compares, at the centres of the four pixels around the point, the buffer with the point's own
     plane. When all four agree, which is so for 93 to 98 % of the answers, that is the answer, and wrong in less than
-    one of 5,000. In doubt, the faces seen in the 4 x 4 pixels around are tested against the line of sight: one that
+    one of 5,000. In doubt, the faces seen in the 6 x 6 pixels around are tested against the line of sight: one that
     crosses it is a witness. Without a witness the pixels' votes are weighed by nearness. What remains wrong, 0.05 to
     1 % of the answers, lies near silhouettes, where the face that hides is in no pixel. Sheets nearer to each other
     than `tolerance` are beyond it: on an open plate thinner than that a third of the answers may be wrong. So is what
     an eye inside the mesh has nearer than 1e-6 diagonals.
 
-    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory on a GPU: 12 bytes a vertex and
-    72 a face, 256 MiB for the buffers of a batch, and for each million points of a thousand eyes 160 MiB. Where a CPU
-    draws: 12 bytes a vertex and 144 a face, two times 16 MiB for the buffers of a batch, up to two times 64 MiB for the
-    faces in view, and 61 bytes a point.
+    Costs a draw of f triangles for each eye and some arithmetic for each point. Memory: 12 bytes per vertex and 72 per
+    face, 256 MiB for the pictures of a batch of eyes (16 MiB where a CPU draws), and for each million points of a
+    thousand eyes 160 MiB.
 
     References
     ----------
@@ -124,8 +114,7 @@ class DepthBuffer(Occluder):
         self._criteria = Criteria(
             np.float32(tolerance * diagonal), np.float32(slope_bias), CONTACT * diagonal, bool(witness)
         )
-        surfaces, _ = find_solids(mesh)
-        self._arrays = arrange_mesh(mesh, self._unit, surfaces)
+        self._arrays = arrange_mesh(mesh, self._unit)
         self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
         self._passes: dict[int, DepthPass] = {}
 
@@ -133,11 +122,6 @@ class DepthBuffer(Occluder):
     def renderer(self) -> str:
         """GL_RENDERER of the context."""
         return str(self._gl.renderer)
-
-    @property
-    def _loops(self) -> bool:
-        """Whether compiled loops test the points, not shaders; where a CPU draws, they take a third of the time."""
-        return bool(self._gl.is_software)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
@@ -172,17 +156,14 @@ class DepthBuffer(Occluder):
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_an_eye, (batch.first_eye + batch.n_eyes) * tiles_an_eye
             row[: last - first] = tiles[first:last]
-        passes: list[LoopPass | PointPass] = []
+        passes: list[PointPass] = []
         with Buffers(self._gl.ctx, tiles=padded) as buffers:
             try:
                 data = self._data(points)
-                if self._loops:
-                    passes.append(self._loop_pass(data, depth_pass, tiles, tiles_an_eye, mask))
-                else:
-                    passes += self._point_passes(data, depth_pass, tiles_an_eye, batches, mask)
+                passes += self._point_passes(data, depth_pass, tiles_an_eye, batches, mask)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
-                    depth_pass.draw(eyes[batch.first_eye : batch.first_eye + batch.n_eyes])
+                    depth_pass.draw(batch.n_eyes)
                     for each in passes:
                         each.ask(batch)
                 for each in passes:
@@ -198,19 +179,7 @@ class DepthBuffer(Occluder):
             self._unit.to(points.positions),
             np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids]),
             np.where(free, np.int32(-1), self._arrays.places[points.face_ids]),
-            self._arrays.closed[points.face_ids] & ~free,
         )
-
-    def _loop_pass(
-        self, data: PointData, depth_pass: DepthPass, tiles: NDArray[np.void], tiles_an_eye: int, out: BoolArray
-    ) -> LoopPass:
-        return LoopPass(data, depth_pass.atlas, tiles, tiles_an_eye, self._corners, self._criteria, out)
-
-    @cached_property
-    def _corners(self) -> FloatArray:
-        """Of the faces drawn, for compiled loops to ask for witnesses; (f, 3, 3) float64, unit space."""
-        faces = self._arrays.faces
-        return self._arrays.positions[faces if self._criteria.witness else faces[:0]]
 
     def _point_passes(
         self, data: PointData, depth_pass: DepthPass, tiles_an_eye: int, batches: list[Batch], out: BoolArray
@@ -231,21 +200,17 @@ class DepthBuffer(Occluder):
 
     def _pass(self, tiles_an_eye: int) -> DepthPass:
         if tiles_an_eye not in self._passes:
-            faces = self._arrays.faces[: self._arrays.n_closed]
             self._passes[tiles_an_eye] = DepthPass(
                 self._gl,
                 self._mesh_buffers,
                 self._resolution,
                 ids=self._criteria.witness,
                 tiles_an_eye=tiles_an_eye,
-                closed=ClosedFaces(
-                    self._arrays.positions[faces], vertices_of(self._arrays.faces)[: self._arrays.n_closed]
-                ),
             )
         return self._passes[tiles_an_eye]
 
     def _programs(self, tiles_an_eye: int, depth_pass: DepthPass) -> list[Any]:
-        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE), "EDGE_ON": f"{EDGE_ON:.1e}"}
+        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE)}
         if self._criteria.witness:
             programs = [
                 self._gl.program("vote.comp", **constants),
