@@ -198,7 +198,7 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
 
 
 def test_a_cloud_of_one_place_is_drawn_at_its_place() -> None:
-    record = np.zeros(1, record_type(3))[0]
+    record = np.zeros(1, record_type(Recipe(sample_size=3)))[0]
     record["factor"], record["centre"] = 1, (5, 6, 7)
     record["pose"] = np.eye(4)
     record["pose"][2, 3] = -9

@@ -30,7 +30,7 @@ def plan() -> Plan:
 def random_records(n: int) -> np.ndarray:
     """Records of every field filled with values that a careless format would change."""
     rng = np.random.default_rng(5)
-    records = np.zeros(n, record_type(SIZE))
+    records = np.zeros(n, record_type(Recipe(sample_size=SIZE)))
     for name in records.dtype.names or ():
         kind, shape = records[name].dtype, records[name].shape
         values = rng.normal(scale=1e6, size=shape) if kind.kind == "f" else rng.integers(-1, 2**31 - 1, shape)

@@ -257,7 +257,7 @@ def megabytes(plan: Plan) -> float:
     """Estimate the size of a plan's files."""
     recipe = plan.recipe
     if not find_format(plan.format).all_points:
-        return plan.n_clouds * record_type(recipe.sample_size).itemsize / 1e6
+        return plan.n_clouds * record_type(recipe).itemsize / 1e6
     # an object's area is about twice its longest side's square
     n_points = recipe.n_points or 2 * (recipe.density or 0.0)
     return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured

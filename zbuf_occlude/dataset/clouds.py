@@ -13,7 +13,7 @@ from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 
 
-def record_type(sample_size: int) -> np.dtype[Any]:
+def record_type(recipe: Recipe) -> np.dtype[Any]:
     """Return what is kept of one cloud; the fields become the datasets of the HDF5 files.
 
     data : (sample_size, 3) float32, ``(p - centre) * factor`` for the visible points p in the chosen frame
@@ -26,6 +26,7 @@ def record_type(sample_size: int) -> np.dtype[Any]:
     n_visible : int32, visible points before the subset was drawn
     visible_fraction : float32, of the object's points
     """
+    sample_size = recipe.sample_size
     return np.dtype(
         [
             ("data", "<f4", (sample_size, 3)),
@@ -77,7 +78,7 @@ def gather_clouds(
     The order of the points within a cloud is random, as loaders that take the first n expect.
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
-    records = np.zeros(len(seeing), dtype=record_type(recipe.sample_size))
+    records = np.zeros(len(seeing), dtype=record_type(recipe))
     poses = view_matrices(views.eyes, views.target, views.ups)
     for record, view in zip(records, seeing, strict=True):
         rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))

@@ -196,7 +196,7 @@ class Archives:
     def take(self, numbers: Numbers) -> NDArray[Any]:
         """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""
         recipe = self.plan.recipe
-        records = np.empty(len(numbers), record_type(recipe.sample_size))
+        records = np.empty(len(numbers), record_type(recipe))
         places = np.array([self.place(number) for number in numbers]).reshape(-1, 2)
         for index in np.unique(places[:, 0]):
             rows = np.flatnonzero(places[:, 0] == index)

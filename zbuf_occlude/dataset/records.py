@@ -24,7 +24,7 @@ class RecordStore:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._parts = [np.empty(0, record_type(plan.recipe.sample_size))]
+        self._parts = [np.empty(0, record_type(plan.recipe))]
 
     def keep(self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int) -> NDArray[Any]:
         """Draw the clouds of one sampling of a mesh."""
@@ -76,7 +76,7 @@ def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
 
 def _mapped(path: Path, plan: Plan) -> NDArray[Any]:
     shard: NDArray[Any] = np.load(path, mmap_mode="r")
-    if shard.dtype != record_type(plan.recipe.sample_size) or shard.ndim != 1:
+    if shard.dtype != record_type(plan.recipe) or shard.ndim != 1:
         raise ValueError(f"{shard.ndim} axes of {shard.dtype}")
     check_indices(shard["label"], shard["mesh_id"], plan)
     return shard

@@ -117,7 +117,7 @@ def source_of_files(
 
     def take(numbers: Numbers) -> NDArray[Any]:
         owners = np.searchsorted(ends, numbers, side="right")
-        records = np.empty(len(numbers), record_type(plan.recipe.sample_size))
+        records = np.empty(len(numbers), record_type(plan.recipe))
         for owner in np.unique(owners):
             mine = owners == owner
             begin = ends[owner - 1] if owner else 0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Numbers, Source, source_of_files
 
 UNITS = {
@@ -39,14 +39,13 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, _count, read_rows)
+    return source_of_files(plan, paths, _count, lambda path, rows: _read_rows(path, rows, plan.recipe))
 
 
-def read_rows(path: Path, rows: Numbers) -> NDArray[Any]:
-    """Read some clouds of one file as records."""
+def _read_rows(path: Path, rows: Numbers, recipe: Recipe) -> NDArray[Any]:
     ascending, back = np.unique(rows, return_inverse=True)  # as h5py wants them
     with h5py.File(path) as h5:
-        records = np.empty(len(ascending), record_type(h5["data"].shape[1]))
+        records = np.empty(len(ascending), record_type(recipe))
         for name in records.dtype.names or ():
             records[name] = h5[name][ascending]
     return records[back]

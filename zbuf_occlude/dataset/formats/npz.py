@@ -30,7 +30,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
 
     def whole(path: Path) -> NDArray[Any]:
         with np.load(path) as archive:
-            records = np.empty(len(archive["label"]), record_type(plan.recipe.sample_size))
+            records = np.empty(len(archive["label"]), record_type(plan.recipe))
             for name in records.dtype.names or ():
                 records[name] = archive[name]
         return records

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.dataset.source import Source, source_of_files
 
@@ -42,9 +42,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     for split, names in files.items():
         with reading(out / names[0]):
             paths[split] = [out / line for line in (out / names[0]).read_text().splitlines()]
-    return source_of_files(
-        plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe.sample_size)[rows]
-    )
+    return source_of_files(plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe)[rows])
 
 
 def _name(record: Any, plan: Plan) -> str:
@@ -66,13 +64,13 @@ def _write_cloud(path: Path, record: Any) -> None:
     write_table(path, table, comment=json.dumps(facts))
 
 
-def _read_cloud(path: Path, sample_size: int) -> NDArray[Any]:
+def _read_cloud(path: Path, recipe: Recipe) -> NDArray[Any]:
     header, _, body = path.read_bytes().partition(b"end_header\n")
     comment = re.search(rb"^comment (.*)$", header, re.MULTILINE)
-    if comment is None or len(body) != sample_size * VERTEX.itemsize:
-        raise ValueError(f"no PLY of {sample_size} points as written here")
+    if comment is None or len(body) != recipe.sample_size * VERTEX.itemsize:
+        raise ValueError(f"no PLY of {recipe.sample_size} points as written here")
     table = np.frombuffer(body, VERTEX)
-    records = np.zeros(1, record_type(sample_size))
+    records = np.zeros(1, record_type(recipe))
     for name, value in json.loads(comment[1]).items():
         records[name][0] = value
     records["data"][0] = np.stack([table["x"], table["y"], table["z"]], axis=1)

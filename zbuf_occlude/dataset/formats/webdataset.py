@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 ARRAYS = ("data", "face_ids")
@@ -46,7 +46,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these shards; the last shard used is kept in memory."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan.recipe.sample_size)))
+    return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan.recipe)))
 
 
 def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> None:
@@ -80,7 +80,7 @@ def _count(path: Path) -> int:
         return sum(member.name.endswith(".json") for member in tar)
 
 
-def _read_shard(path: Path, sample_size: int) -> NDArray[Any]:
+def _read_shard(path: Path, recipe: Recipe) -> NDArray[Any]:
     records: list[NDArray[Any]] = []
     keys: dict[str, int] = {}
     with tarfile.open(path) as tar:
@@ -88,7 +88,7 @@ def _read_shard(path: Path, sample_size: int) -> NDArray[Any]:
             key, _, ending = member.name.partition(".")
             if key not in keys:
                 keys[key] = len(records)
-                records.append(np.zeros((), record_type(sample_size)))
+                records.append(np.zeros((), record_type(recipe)))
             record, file = records[keys[key]], tar.extractfile(member)
             if file is None:
                 raise ValueError(f"{member.name} is no file")
