@@ -43,6 +43,12 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     return name
 
 
+def use_format(context: click.Context, parameter: click.Parameter, name: str) -> str:
+    """Make what a format's loaders expect the defaults of all other options, under those of a preset."""
+    context.default_map = {**find_format(name).options, **(context.default_map or {})}
+    return name
+
+
 @click.command()
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder.")
@@ -65,6 +71,8 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     type=click.Choice([row.name for row in FORMATS]),
     default="hdf5",
     show_default=True,
+    is_eager=True,
+    callback=use_format,
     help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
@@ -74,7 +82,8 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     type=click.Choice(SCALES),
     default="cloud",
     show_default=True,
-    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); mesh: as in the file.",
+    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); object: the whole object "
+    "is; mesh: as in the file.",
 )
 @click.option(
     "--frame",
@@ -169,9 +178,11 @@ def command(
         method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
+        complete=find_format(format).complete,
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
+    find_format(format).check(plan)
     if require_gpu and method == AUTO and not find_method(plan.recipe.method).needs_gl:
         raise GlError(
             f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
@@ -241,7 +252,7 @@ def describe(plan: Plan, out: Path) -> str:
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
     how = "complete" if recipe.complete else how
     size = f"about {megabytes(plan):.0f} MB"
-    if not find_format(plan.format).all_points:
+    if not find_format(plan.format).keeps_points:
         size += ", twice that while working"
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
@@ -256,7 +267,7 @@ def describe(plan: Plan, out: Path) -> str:
 def megabytes(plan: Plan) -> float:
     """Estimate the size of a plan's files."""
     recipe = plan.recipe
-    if not find_format(plan.format).all_points:
+    if not find_format(plan.format).keeps_points:
         return plan.n_clouds * record_type(recipe).itemsize / 1e6
     # an object's area is about twice its longest side's square
     n_points = recipe.n_points or 2 * (recipe.density or 0.0)
