@@ -181,3 +181,11 @@ def _first_equal_rows(rows: NDArray[Any]) -> NDArray[np.intp]:
 def _normals(corners: FloatArray) -> FloatArray:
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return np.cross(b - a, c - a)
+
+
+def box_around(positions: FloatArray) -> Mesh:
+    """Return the box, along the axes, around (n, 3) positions, n > 0: what a cloud has instead of a mesh."""
+    ends = np.stack([positions.min(axis=0), positions.max(axis=0)])
+    corner = np.indices((2, 2, 2)).reshape(3, 8).T
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return Mesh(ends[corner, [0, 1, 2]], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), name="box")

@@ -10,7 +10,9 @@ import trimesh
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS, load_mesh
 from zbuf_occlude.cli import COMMANDS
+from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.gl.probe import Probe
+from zbuf_occlude.meshes.clouds import load_cloud
 
 
 @pytest.fixture
@@ -99,6 +101,34 @@ def test_visible_writes_arrays(run: Run, plates: Path, tmp_path: Path, suffix: s
     assert cloud.shape[1] == 3
     assert (cloud >= low - 1e-9).all()
     assert (cloud <= high + 1e-9).all()
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
+def test_visible_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
+    """Of a ball's points, given without faces, those on the near side are seen; each kind that is written is read."""
+    pytest.importorskip("open3d")
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    first, second = tmp_path / f"ball{suffix}", tmp_path / f"seen{suffix}"
+    if suffix == ".ply":
+        write_ply(first, ball)
+    elif suffix == ".npy":
+        np.save(first, ball)
+    else:
+        np.savetxt(first, ball, delimiter=",", header="x,y,z", comments="")
+    view = ("--azimuth=0", "--elevation=0", "--method=hidden_point_removal")
+    outcome = run("visible", first, *view, "--out", second)
+    assert outcome.code == 0, outcome.err
+    assert " of 4000 points visible, by hidden_point_removal on none" in outcome.out
+    seen = load_cloud(second)
+    assert seen is not None
+    assert 0.3 < len(seen) / 4000 < 0.5, "from 8 radii away 7/16 of a sphere is visible"
+    assert (seen[:, 0] > 0.0).mean() > 0.99
+    refused = run("visible", first, *view, "--points=9", "--out", second)
+    assert (refused.code, "--points must go with a mesh" in refused.err) == (2, True), refused
+    other = run("visible", first, "--azimuth=0", "--elevation=0", "--method=oracle", "--out", second)
+    assert (other.code, other.err.startswith("error: ")) == (1, True)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,9 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
+from zbuf_occlude.cli.compare import announce
+from zbuf_occlude.compare.forecast import Forecast
+from zbuf_occlude.compare.presets import preset
 
 QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
 
@@ -29,6 +32,7 @@ def test_compare_then_report(run: Run, folder: Path, tmp_path: Path) -> None:
     assert "4 rows made, 0 found, 0 failed" in outcome.out
     assert "occupancy_grid:n=8,n_samples=3000" in outcome.out
     assert "compare: 100%" in outcome.err
+    assert outcome.err.startswith("4 rows, about 1 minute (")
     rows = [json.loads(line) for line in (out / "rows.jsonl").read_text().splitlines()]
     assert [row["case"] for row in rows] == ["thing_1", "thing_1", "thing_2", "thing_2"]
     assert rows[1]["options"] == {"n": 8, "n_samples": 3000}
@@ -76,6 +80,51 @@ def test_report_of_an_empty_folder(run: Run, tmp_path: Path) -> None:
     outcome = run("report", tmp_path)
     assert outcome.code == 1
     assert "must hold a comparison's rows.jsonl" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--preset", "table1a", "--method", "exact"), "--method must go with MESH_OR_DIR; table1a alone has"),
+        (("--preset", "scaling", "--points", "9", "--views", "ring:3@0", "--limit", "2"), "--views, --points, --limit"),
+        (("--modelnet", "."), "--modelnet must go with --preset table1a or table1b"),
+        (("--preset", "scaling", "--modelnet", "."), "--modelnet must go with --preset table1a or table1b"),
+    ],
+)
+def test_options_that_nothing_would_look_at_are_refused(
+    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    outcome = run("compare", "--out", tmp_path / "out", *arguments)
+    assert (outcome.code, message in outcome.err) == (2, True), outcome
+    assert not (tmp_path / "out").exists()
+
+
+def test_seconds_are_the_presets_too() -> None:
+    assert {case.budget for case in preset("table1b", root=None, seed=0)} == {30.0}
+    assert {case.budget for case in preset("table1b", root=None, seed=0, budget=0.5)} == {0.5}
+
+
+def test_it_says_beforehand_how_long_and_what_is_given_up() -> None:
+    text = announce(Forecast(40, 7_300.0, ["a · vertex_hsr"]), 120.0).splitlines()
+    assert text[0] == "40 rows, about 2.0 hours (once compiled, on an idle machine)"
+    assert text[1].startswith("1 row will hardly be done within 120 s and be given up: a · vertex_hsr. Raise --row-")
+    assert announce(Forecast(1, 10.0, []), 120.0).startswith("1 row, about 1 minute (")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fig4", "--method", "embree"), "fig4 (division of large faces) does not use --method. Leave it out."),
+        (("fig9", "thing.off", "--set", "a=1"), "fig9 (objects made by formulas) does not use --set, MESH."),
+        (("fig10", "--sydney", "."), "fig10 (clouds at four azimuths) does not use --sydney."),
+        (("fig10", "--up", "y"), "fig10 (clouds at four azimuths) does not use --up."),
+    ],
+)
+def test_figures_refuse_what_they_do_not_use(
+    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    outcome = run("figure", *arguments, "--out", tmp_path / "a.png")
+    assert (outcome.code, message in outcome.err) == (2, True), outcome
 
 
 def test_figure(run: Run, folder: Path, tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import pytest
 
 from tests.scenes import box, sphere
 from zbuf_occlude import Mesh, Views
-from zbuf_occlude.compare.figures import FIGURES, cells_as_mesh, make_mask, projected_areas
+from zbuf_occlude.compare.figures import FIGURES, SIDES, Exhibit, cells_as_mesh, eye_at, make_mask, projected_areas
+from zbuf_occlude.drawing import project
 
 
 def test_projected_area_of_a_box_from_above_and_from_a_corner() -> None:
@@ -30,7 +31,28 @@ def test_outside_of_cells() -> None:
 @pytest.mark.parametrize("name", FIGURES)
 def test_each_figure_is_drawn(name: str) -> None:
     mesh = Mesh(sphere(6).vertices * [0.5, 0.4, 0.3], sphere(6).faces)
-    figure = FIGURES[name].draw(mesh, make_mask("embree", {}), 0)
+    figure = FIGURES[name].draw(Exhibit(mesh, make_mask("embree", {})))
     figure.canvas.draw()
     image = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
     assert (image[..., :3].min(axis=2) < 200).mean() > 0.005, "something is on the paper"
+
+
+def test_from_its_right_is_the_right_of_who_looks() -> None:
+    """Seen from the camera, what lies towards the second viewpoint is on the right of the picture."""
+    turn, _, name = SIDES[1]
+    x, _, _ = project(eye_at(40 + turn, 20, 1.0)[None], eye=eye_at(40, 20), target=np.zeros(3))[0]
+    assert (name, bool(x > 0.5)) == ("its right", True)
+
+
+def test_a_real_scan_is_figure_7s_last_row() -> None:
+    mesh = box((1.0, 0.5, 0.25)).normalized()
+    scan = np.random.default_rng(0).uniform(-1, 1, (300, 3)) * [2, 1, 0.7] + [12, -3, 0]
+    figure = FIGURES["fig7"].draw(Exhibit(mesh, make_mask("oracle", {}), scan=scan))
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[6:] == [
+        "(G) real scan, 300 points, from the scanner",
+        "(H) real scan, 300 points, from its right",
+        "(I) real scan, 300 points, from behind",
+    ]
+    x, y = np.asarray(figure.axes[6].collections[0].get_offsets()).T
+    assert np.ptp(x) < np.ptp(y) * 3, "the scanner looks along the box's length"

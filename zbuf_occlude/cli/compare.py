@@ -6,12 +6,23 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-from zbuf_occlude.cli.options import AUTO_ELSEWHERE, OutFolder, choice_options, collect, parse_settings, up_option
+from zbuf_occlude.cli.options import (
+    AUTO_ELSEWHERE,
+    OutFolder,
+    choice_options,
+    collect,
+    given,
+    parse_settings,
+    up_option,
+)
 from zbuf_occlude.cli.report import summary
-from zbuf_occlude.compare.presets import PRESETS, of_meshes, preset
+from zbuf_occlude.cli.summary import SOME_FAILED, counted
+from zbuf_occlude.compare.forecast import Forecast, forecast
+from zbuf_occlude.compare.judge import FOLDER, Judge
+from zbuf_occlude.compare.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
 from zbuf_occlude.compare.question import MOST_VIEWS
 from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.run import Case, run
+from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
 from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
@@ -19,7 +30,9 @@ from zbuf_occlude.views import SPECS
 from zbuf_occlude.views import parse as parse_views
 
 BUILT_IN_MESHES = 8
-SOME_FAILED = 3
+DEFAULT_SECONDS = 3.0
+OF_MESHES = ("methods", "views", "most_views", "points", "limit", "up", "labels", "classes", "splits")
+"""Options that say what meshes are asked; a preset has questions and methods of its own."""
 
 
 @click.command()
@@ -37,12 +50,13 @@ SOME_FAILED = 3
     "presets",
     type=click.Choice(PRESETS),
     multiple=True,
-    help="The paper's Table 1A or 1B, or time against numbers of points and faces; repeatable, beside MESH_OR_DIR.",
+    help="The paper's Table 1A or 1B, or time against numbers of points and faces; repeatable. Methods, points and "
+    "views are the preset's; with MESH_OR_DIR given too, those options are for these meshes.",
 )
 @click.option(
     "--modelnet",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="ModelNet40's folder, for the paper's objects; built-in shapes stand in for those it lacks.",
+    help="ModelNet40's folder, for the objects of table1a and table1b; built-in shapes stand in for those it lacks.",
 )
 @click.option("--views", default="paper100", show_default=True, help=f"Camera positions: {SPECS}.")
 @click.option(
@@ -50,7 +64,7 @@ SOME_FAILED = 3
     type=click.IntRange(1),
     default=MOST_VIEWS,
     show_default=True,
-    help="Of the views take every m-th, so that at most so many are asked and judged.",
+    help="Of the views take every m-th, so that at most this many are asked and judged.",
 )
 @click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
 @click.option(
@@ -62,15 +76,24 @@ SOME_FAILED = 3
 @click.option(
     "--seconds",
     type=click.FloatRange(0.01),
-    default=3.0,
+    help="Timed calls of each row together; a slow method gets fewer views or points, and its row says how many.  "
+    "[default: 3; 30 in table1a and table1b]",
+)
+@click.option(
+    "--row-seconds",
+    type=click.FloatRange(1),
+    default=ROW_SECONDS,
     show_default=True,
-    help="Timed calls of each row together; a slow method gets fewer views or points, and its row says how many.",
+    help="A row that takes longer, all of its calls together, is given up, and says so.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @up_option
 @choice_options
+@click.pass_context
 def command(
+    context: click.Context,
+    /,
     meshes: tuple[Path, ...],
     out: Path,
     methods: tuple[str, ...],
@@ -80,7 +103,8 @@ def command(
     most_views: int,
     points: int,
     judge_points: int | None,
-    seconds: float,
+    seconds: float | None,
+    row_seconds: float,
     seed: int,
     limit: int | None,
     up: str | None,
@@ -96,7 +120,8 @@ def command(
       report.html, report.md   the answer, tables, plots, and the worst views in 3D
       *.png                    the plots
 
-    The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed.
+    Before the first row it says about how long all will take. The same command again resumes; failed rows are tried
+    again. Exit code 3: done, but some rows failed.
 
     \b
     Examples:
@@ -104,6 +129,7 @@ def command(
       zbuf-occlude compare chair.off --method exact --method depth_buffer:resolution=1024 --out comparison
       zbuf-occlude compare --preset table1a --preset table1b --modelnet ModelNet40 --out tables
     """
+    refuse_idle(context, presets, alone=bool(presets) and not meshes)
     subjects = [parse_subject(text) for text in methods] or default_subjects()
     cases: list[Case] = []
     if meshes or not presets:
@@ -111,21 +137,59 @@ def command(
         parsed = parse_views(views, seed=seed)
         cases += of_meshes(collection, subjects, parsed, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
-        cases += preset(name, root=modelnet, seed=seed)
-    total = sum(len(case.subjects) for case in cases)
+        cases += preset(name, root=modelnet, seed=seed, budget=seconds)
+    timed = DEFAULT_SECONDS if seconds is None else seconds
+    expected = forecast(cases, Judge(out / FOLDER, judge_points), budget=timed, limit=row_seconds)
+    click.echo(announce(expected, row_seconds), err=True)
+    total = expected.n_rows
     with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
 
         def progress(text: str) -> None:
             bar.update(1 if bar.postfix else 0)  # what was announced before is done
             bar.set_postfix_str(text)
 
-        tally = run(cases, out, budget=seconds, judge_points=judge_points, progress=progress)
+        tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
         bar.update(total - bar.n)
     written = write_report(out)
     click.echo(summary(out))
     click.echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
     if tally.failed:
         raise SystemExit(SOME_FAILED)
+
+
+def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
+    """Refuse options that nothing of what was asked for would look at.
+
+    Raises
+    ------
+    click.UsageError
+        Says which, and what to do.
+    """
+    if alone and (idle := given(context, OF_MESHES)):
+        raise click.UsageError(
+            f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
+            "its own. Give meshes, or leave it out."
+        )
+    if given(context, ("modelnet",)) and not set(presets) & set(OBJECTS_OF_THE_PAPER):
+        raise click.UsageError(
+            f"--modelnet must go with --preset {' or '.join(OBJECTS_OF_THE_PAPER)}, whose objects it holds. "
+            "To compare its meshes give the folder as MESH_OR_DIR."
+        )
+
+
+def announce(expected: Forecast, row_seconds: float) -> str:
+    """Say beforehand how long a comparison will take, and which rows are too slow for it."""
+    minutes = max(1, round(expected.seconds / 60))
+    hours = f"{minutes / 60:.1f} hours" if minutes >= 90 else counted(minutes, "minute")
+    lines = [f"{counted(expected.n_rows, 'row')}, about {hours} (once compiled, on an idle machine)"]
+    if expected.given_up:
+        shown = "; ".join(expected.given_up[:3])
+        more = f"; and {len(expected.given_up) - 3} more" if len(expected.given_up) > 3 else ""
+        lines.append(
+            f"{counted(len(expected.given_up), 'row')} will hardly be done within {row_seconds:g} s and be given up: "
+            f"{shown}{more}. Raise --row-seconds, or name other methods."
+        )
+    return "\n".join(lines)
 
 
 def parse_subject(text: str) -> Subject:

@@ -63,6 +63,8 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
       zbuf-occlude experiment all --quick --out study
       zbuf-occlude experiment augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
     """
+    if sydney is not None and name == ELEVATION:
+        raise click.UsageError(f"--sydney must go with {AUGMENTATION} or {ALL}, whose Test 3 is of scans.")
     require_torch()
     from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
 

@@ -13,7 +13,15 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.options import OutFolder, choice_options, collect, method_options, parse_settings, up_option
+from zbuf_occlude.cli.options import (
+    OutFolder,
+    choice_options,
+    collect,
+    given,
+    method_options,
+    parse_settings,
+    up_option,
+)
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
 from zbuf_occlude.dataset.auto import AUTO, resolve
@@ -33,6 +41,7 @@ from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import SPECS
 from zbuf_occlude.visibility import find_method, prepare
 
+FORMULAS = "formulas"
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
 
@@ -43,15 +52,16 @@ def use_preset(context: click.Context, parameter: click.Parameter, name: str | N
     return name
 
 
-def use_format(context: click.Context, parameter: click.Parameter, name: str) -> str:
-    """Make what a format's loaders expect the defaults of all other options, under those of a preset."""
-    context.default_map = {**find_format(name).options, **(context.default_map or {})}
-    return name
-
-
 @click.command()
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder.")
+@click.option(
+    "--shapes",
+    type=click.Choice(["classes", FORMULAS]),
+    default="classes",
+    show_default=True,
+    help=f"Without MESH_OR_DIR: eight classes of 75 objects, or {FORMULAS}: surfaces given by formulas (paper 4.1).",
+)
 @click.option(
     "--preset",
     type=click.Choice([row.name for row in PRESETS]),
@@ -71,8 +81,6 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice([row.name for row in FORMATS]),
     default="hdf5",
     show_default=True,
-    is_eager=True,
-    callback=use_format,
     help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
@@ -82,8 +90,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice(SCALES),
     default="cloud",
     show_default=True,
-    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); object: the whole object "
-    "is; mesh: as in the file.",
+    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); mesh: as in the file.",
 )
 @click.option(
     "--frame",
@@ -120,6 +127,7 @@ def command(
     /,
     meshes: tuple[Path, ...],
     out: Path,
+    shapes: str,
     preset: str | None,
     method: str,
     settings: tuple[str, ...],
@@ -145,7 +153,7 @@ def command(
 
     MESH_OR_DIR: mesh files (OFF, OBJ, PLY, STL, glTF), class folders, or folders and ZIP archives as published of
     ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K. What was understood, classes and splits, is shown
-    before it begins. Without any, the built-in shapes: eight classes of 75 objects.
+    before it begins. Without any, the built-in shapes: eight classes of 75 objects (--shapes).
 
     \b
     Writes into --out:
@@ -164,6 +172,11 @@ def command(
       zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
     """
+    idle = given(context, ("shapes",) if meshes else ("up",))
+    if idle:
+        raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
+    if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
+        raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     points, density = recipe.pop("points"), recipe.pop("density")
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
@@ -171,19 +184,29 @@ def command(
         raise click.UsageError("--points and --density exclude each other; give one of them.")
     wanted = None if preset is None else find_preset(preset)
     choose = MeshCollection.interleaved if wanted is None else wanted.choose
-    collection = collect(meshes, up, limit, out=out, choose=choose, labels=labels, classes=classes, splits=splits)
+    collection = collect(
+        meshes,
+        up,
+        limit,
+        out=out,
+        choose=choose,
+        labels=labels,
+        classes=classes,
+        splits=splits,
+        formulas=shapes == FORMULAS,
+    )
     click.echo(overview(collection, wanted), err=True)
     made = Recipe(
         method=method,
         method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
-        complete=find_format(format).complete,
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
-    find_format(format).check(plan)
-    if require_gpu and method == AUTO and not find_method(plan.recipe.method).needs_gl:
+    if require_gpu and not find_method(plan.recipe.method).needs_gl:
+        if method != AUTO:
+            raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
         raise GlError(
             f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
         )
@@ -252,7 +275,7 @@ def describe(plan: Plan, out: Path) -> str:
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
     how = "complete" if recipe.complete else how
     size = f"about {megabytes(plan):.0f} MB"
-    if not find_format(plan.format).keeps_points:
+    if not find_format(plan.format).all_points:
         size += ", twice that while working"
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
@@ -267,7 +290,7 @@ def describe(plan: Plan, out: Path) -> str:
 def megabytes(plan: Plan) -> float:
     """Estimate the size of a plan's files."""
     recipe = plan.recipe
-    if not find_format(plan.format).keeps_points:
+    if not find_format(plan.format).all_points:
         return plan.n_clouds * record_type(recipe).itemsize / 1e6
     # an object's area is about twice its longest side's square
     n_points = recipe.n_points or 2 * (recipe.density or 0.0)

@@ -3,11 +3,12 @@
 import ast
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import MeshError, OptionError
@@ -121,6 +122,15 @@ def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
+def given(context: click.Context, names: Collection[str]) -> list[str]:
+    """Return which of a command's options were typed, as one types them."""
+    return [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in names and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
+
+
 def collect(
     paths: tuple[Path, ...],
     up: str | None,
@@ -131,8 +141,9 @@ def collect(
     labels: Path | None = None,
     classes: list[str] | None = None,
     splits: list[str] | None = None,
+    formulas: bool = False,
 ) -> MeshCollection:
-    """Return the meshes that a person named, or the built-in shapes; chosen and ordered, and at most `limit` of them.
+    """Return the meshes that a person named, or the built-in ones; chosen and ordered, and at most `limit` of them.
 
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
@@ -147,7 +158,7 @@ def collect(
     else:
         from zbuf_occlude.meshes import shapes  # late: only needed without files
 
-        meshes = shapes.collection()
+        meshes = shapes.formulas.collection() if formulas else shapes.collection()
         meshes = meshes if labels is None else meshes.labelled(labels)
     meshes = choose(meshes.select(classes=classes, splits=splits))
     return meshes if limit is None else meshes.limit(limit)

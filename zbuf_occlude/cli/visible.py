@@ -5,9 +5,12 @@ from pathlib import Path
 import click
 import numpy as np
 
-from zbuf_occlude import Views, load_mesh, prepare, sample_surface
-from zbuf_occlude.cli.options import camera_options, method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
+from zbuf_occlude.cli.options import camera_options, given, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.dataset.ply import write_ply
+from zbuf_occlude.mesh import box_around
+from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.visibility import find_method
 
 
 @click.command()
@@ -18,7 +21,10 @@ from zbuf_occlude.dataset.ply import write_ply
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")
+@click.pass_context
 def command(
+    context: click.Context,
+    /,
     mesh: Path,
     azimuth: float,
     elevation: float,
@@ -32,25 +38,37 @@ def command(
 ) -> None:
     """Write the occluded cloud that one camera sees of MESH, in the mesh's own coordinates.
 
-    PLY holds positions and normals (turned towards the camera); .npy and .csv hold (n, 3) positions.
+    PLY holds positions and normals (turned towards the camera); .npy and .csv hold (n, 3) positions. With --method
+    hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
 
     \b
-    Example:
+    Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
     suffix = suffix_of(out, (".ply", ".npy", ".csv"))
     options = parse_settings(method, settings)
     view = Views(np.radians([azimuth]), np.radians([elevation]), np.array([distance]))
-    loaded = load_mesh(mesh, up=up)
-    eyes = view.around(loaded.centre, loaded.longest_side).eyes
-    samples = sample_surface(loaded, n_points=points, seed=seed)
-    with prepare(loaded, method, **options) as occluder:
+    positions = None if find_method(method).needs_faces else load_cloud(mesh)
+    asked: Mesh | SurfacePoints
+    if positions is not None:
+        if idle := given(context, ("points", "seed", "up")):
+            raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
+        box, asked = box_around(positions), SurfacePoints.free(positions)
+        samples = asked
+    else:
+        asked = box = load_mesh(mesh, up=up)
+        samples = sample_surface(asked, n_points=points, seed=seed)
+    eyes = view.around(box.centre, box.longest_side).eyes
+    with prepare(asked, method, **options) as occluder:
         cloud = samples.select(occluder.visible(samples, eyes)[0])
         renderer = occluder.renderer
     if suffix == ".npy":
         np.save(out, cloud.positions)
     elif suffix == ".csv":
         np.savetxt(out, cloud.positions, delimiter=",", header="x,y,z", comments="", fmt="%.9g")
+    elif positions is not None:
+        write_ply(out, cloud.positions)
     else:
         away = (cloud.normals * (eyes[0] - cloud.positions)).sum(axis=1, keepdims=True) < 0
         write_ply(out, cloud.positions, np.where(away, -cloud.normals, cloud.normals))

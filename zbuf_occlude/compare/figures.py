@@ -1,4 +1,4 @@
-"""The paper's figures 4, 7, 8, 10, 11 and 12, of any mesh."""
+"""The paper's figures 4, 7, 8, 10, 11 and 12 of any mesh, and 9, the objects made by formulas."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.compare.plots import canvas
 from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure, project
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.meshes.shapes import formulas
 from zbuf_occlude.object_space.division import divide_faces
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
@@ -25,6 +26,26 @@ Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
 """How hidden surfaces are removed: (mesh, points, eyes (k, 3)) to (k, n) bool."""
 
 
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """What a figure is drawn of.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Longest side 1, about the origin.
+    mask : function
+    seed : int
+    scan : (n, 3) float, optional
+        A real scan, metres, the scanner at the origin, z up: what fig. 7's last row shows.
+    """
+
+    mesh: Mesh
+    mask: Mask
+    seed: int = 0
+    scan: FloatArray | None = None
+
+
 @dataclass(frozen=True)
 class PaperFigure:
     """A figure of the paper.
@@ -32,15 +53,18 @@ class PaperFigure:
     Parameters
     ----------
     draw : function
-        (mesh with longest side 1 about the origin, mask, seed) to a matplotlib figure.
+        From a `Exhibit` to a matplotlib figure.
     kind : str
-        Class of the built-in shape that is drawn by default.
+        Class of the built-in shape that is drawn by default; empty where objects of its own are.
     summary : str
+    masked : bool
+        Whether it uses the exhibit's mask; or else it shows one method, or none.
     """
 
-    draw: Callable[[Mesh, Mask, int], Figure]
+    draw: Callable[[Exhibit], Figure]
     kind: str
     summary: str
+    masked: bool = True
 
 
 def make_mask(method: str, options: dict[str, Any]) -> Mask:
@@ -63,8 +87,9 @@ def radius_of(mesh: Mesh) -> float:
     return 0.52 * mesh.diagonal
 
 
-def figure_4(mesh: Mesh, mask: Mask, seed: int) -> Figure:
+def figure_4(exhibit: Exhibit) -> Figure:
     """Division of faces of large area into smaller ones: before and after."""
+    mesh = exhibit.mesh
     division = divide_faces(mesh, 1.0 / 600.0, max(20_000, len(mesh.faces)))
     figure, axes = new_figure(1, 2, panel=4.2)
     for panel, drawn, letter in zip(axes[0], (mesh, division.mesh), "AB", strict=True):
@@ -73,13 +98,19 @@ def figure_4(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     return figure
 
 
-def figure_7(mesh: Mesh, mask: Mask, seed: int) -> Figure:
-    """Mesh, full sampling, occupancy grid; the occluded cloud from three sides."""
+SIDES = ((0, 0, "the camera"), (90, 0, "its right"), (180, 15, "behind"))
+"""Viewpoints as turns about the object from the camera's own place: degrees of azimuth and elevation, and a name."""
+
+
+def figure_7(exhibit: Exhibit) -> Figure:
+    """Mesh, full sampling, occupancy grid; the occluded cloud from three sides; a real scan from three sides."""
+    mesh, seed = exhibit.mesh, exhibit.seed
     points = sample_surface(mesh, n_points=100_000, seed=seed)
-    seen = points.select(mask(mesh, points, eye_at(40, 20)[None])[0])
+    azimuth, elevation = 40.0, 20.0
+    seen = points.select(exhibit.mask(mesh, points, eye_at(azimuth, elevation)[None])[0])
     fewer = seen.select(np.random.default_rng(seed).permutation(len(seen))[:6_000])
-    figure, axes = new_figure(2, 3, panel=3.4)
-    fixed: dict[str, Any] = {"eye": eye_at(40, 20), "target": ORIGIN, "radius": radius_of(mesh)}
+    figure, axes = new_figure(2 if exhibit.scan is None else 3, 3, panel=3.4)
+    fixed: dict[str, Any] = {"eye": eye_at(azimuth, elevation), "target": ORIGIN, "radius": radius_of(mesh)}
     draw_mesh(axes[0, 0], mesh, edges=len(mesh.faces) < 6_000, **fixed)
     title(axes[0, 0], f"(A) mesh, {len(mesh.faces):,} faces")
     draw_cloud(axes[0, 1], points.positions, normals=points.normals, **fixed)
@@ -87,16 +118,25 @@ def figure_7(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     grid = OccupancyGrid(mesh.bounds, 64, points.positions)
     draw_mesh(axes[0, 2], cells_as_mesh(grid.occupied), **fixed)
     title(axes[0, 2], f"(C) grid 64³, {int(grid.occupied.sum()):,} cells")
-    sides = ((40, 20, "from the camera"), (130, 20, "from its left"), (220, 35, "from behind"))
-    for panel, letter, (azimuth, elevation, where) in zip(axes[1], "DEF", sides, strict=True):
-        eye = eye_at(azimuth, elevation)
+    for panel, letter, (turn, rise, where) in zip(axes[1], "DEF", SIDES, strict=True):
+        eye = eye_at(azimuth + turn, elevation + rise)
         draw_cloud(panel, fewer.positions, normals=fewer.normals, eye=eye, target=ORIGIN, radius=radius_of(mesh))
-        title(panel, f"({letter}) occluded, {where}")
+        title(panel, f"({letter}) occluded, from {where}")
+    if exhibit.scan is not None:
+        low, high = exhibit.scan.min(axis=0), exhibit.scan.max(axis=0)
+        cloud = (exhibit.scan - (low + high) / 2) / float((high - low).max())
+        x, y, z = -(low + high) / 2  # to the scanner
+        azimuth, elevation = np.degrees(np.arctan2([y, z], [x, np.hypot(x, y)]))
+        for panel, letter, (turn, rise, where) in zip(axes[2], "GHI", SIDES, strict=True):
+            eye = eye_at(azimuth + turn, min(89.0, elevation + rise))
+            draw_cloud(panel, cloud, eye=eye, target=ORIGIN, radius=0.52 * float(np.linalg.norm(np.ptp(cloud, axis=0))))
+            title(panel, f"({letter}) real scan, {len(cloud):,} points, from {where.replace('camera', 'scanner')}")
     return figure
 
 
-def figure_8(mesh: Mesh, mask: Mask, seed: int) -> Figure:
+def figure_8(exhibit: Exhibit) -> Figure:
     """Object with the camera, result of HSR by vertices (large faces divided first), cloud sampled on what is left."""
+    mesh, seed = exhibit.mesh, exhibit.seed
     camera = eye_at(20, 25, 1.9)
     divided = divide_faces(mesh, 1.0 / 4000.0, max(20_000, len(mesh.faces))).mesh
     ids = np.arange(len(divided.faces), dtype=np.int32)
@@ -119,20 +159,31 @@ def figure_8(mesh: Mesh, mask: Mask, seed: int) -> Figure:
     return figure
 
 
-def figure_10(mesh: Mesh, mask: Mask, seed: int) -> Figure:
+def figure_9(exhibit: Exhibit) -> Figure:
+    """The built-in objects made by formulas, whatever the exhibit is."""
+    objects = list(formulas.collection())
+    figure, axes = new_figure(-(-len(objects) // 7), 7, panel=1.7)
+    for panel, entry in zip(axes.flat, objects, strict=False):
+        mesh = entry.load()
+        draw_mesh(panel, mesh, eye=eye_at(35, 28), target=ORIGIN, radius=radius_of(mesh), colour="#8fb4dd")
+        title(panel, entry.label.replace("_", " "))
+    return figure
+
+
+def figure_10(exhibit: Exhibit) -> Figure:
     """Four azimuths: above from a fixed viewpoint, below from each camera's."""
-    return _four_views(mesh, mask, seed, [(azimuth, 20.0) for azimuth in (0.0, 72.0, 144.0, 216.0)], "azimuth")
+    return _four_views(exhibit, [(azimuth, 20.0) for azimuth in (0.0, 72.0, 144.0, 216.0)], "azimuth")
 
 
-def figure_11(mesh: Mesh, mask: Mask, seed: int) -> Figure:
+def figure_11(exhibit: Exhibit) -> Figure:
     """Four elevations: above from a fixed viewpoint, below from each camera's."""
-    return _four_views(mesh, mask, seed, [(30.0, elevation) for elevation in (-60.0, -20.0, 20.0, 60.0)], "elevation")
+    return _four_views(exhibit, [(30.0, elevation) for elevation in (-60.0, -20.0, 20.0, 60.0)], "elevation")
 
 
-def figure_12(mesh: Mesh, mask: Mask, seed: int) -> Figure:
+def figure_12(exhibit: Exhibit) -> Figure:
     """Projected area of the visible part on the three coordinate planes against the camera's elevation."""
     views = paper100()
-    areas = projected_areas(mesh, mask, views, seed)
+    areas = projected_areas(exhibit.mesh, exhibit.mask, views, exhibit.seed)
     elevations = np.round(np.degrees(views.elevation)).astype(int)
     levels = np.unique(elevations)
     figure, axes = canvas(11.0, 3.6, 3)
@@ -218,10 +269,11 @@ def title(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=10, color=GREY)
 
 
-def _four_views(mesh: Mesh, mask: Mask, seed: int, angles: Sequence[tuple[float, float]], varied: str) -> Figure:
-    points = sample_surface(mesh, n_points=12_000, seed=seed)
+def _four_views(exhibit: Exhibit, angles: Sequence[tuple[float, float]], varied: str) -> Figure:
+    mesh = exhibit.mesh
+    points = sample_surface(mesh, n_points=12_000, seed=exhibit.seed)
     eyes = np.stack([eye_at(*angle) for angle in angles])
-    visible = mask(mesh, points, eyes)
+    visible = exhibit.mask(mesh, points, eyes)
     figure, axes = new_figure(2, len(angles), panel=2.9)
     for column, (eye, seen) in enumerate(zip(eyes, visible, strict=True)):
         cloud = points.select(seen)
@@ -235,9 +287,10 @@ def _four_views(mesh: Mesh, mask: Mask, seed: int, angles: Sequence[tuple[float,
 
 
 FIGURES = {
-    "fig4": PaperFigure(figure_4, "table", "division of large faces"),
+    "fig4": PaperFigure(figure_4, "table", "division of large faces", masked=False),
     "fig7": PaperFigure(figure_7, "car", "mesh, sampling, grid, and an occluded cloud from three sides"),
-    "fig8": PaperFigure(figure_8, "chair", "object with camera, result of HSR, cloud"),
+    "fig8": PaperFigure(figure_8, "chair", "object with camera, result of HSR, cloud", masked=False),
+    "fig9": PaperFigure(figure_9, "", "objects made by formulas", masked=False),
     "fig10": PaperFigure(figure_10, "chair", "clouds at four azimuths"),
     "fig11": PaperFigure(figure_11, "airplane", "clouds at four elevations"),
     "fig12": PaperFigure(figure_12, "airplane", "projected area of the visible part against elevation"),

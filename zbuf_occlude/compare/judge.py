@@ -11,9 +11,16 @@ from zbuf_occlude.compare.question import Question
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
+FOLDER = "judge"
+"""Of a comparison's folder: where its verdicts are kept."""
 MOST_TESTS = 3e9
-"""The judge may test so many pairs of line and face on a mesh: about half a minute on two cores."""
-FEWEST_POINTS = 250
+"""The judge may test this many pairs of line and face on a mesh: about half a minute on two cores."""
+FEWEST_POINTS = 50
+"""It judges this many points however long that takes: from 15 views on meshes of 80,000 faces and more."""
+SHOWN_TESTS = 3e8
+"""And this many pairs for the picture of a row's worst view."""
+PASSES = 1 + 2 + 8 * (1 + len(SILHOUETTE_EDGES))
+"""Lines of sight that a verdict asks about for each pair of view and point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,7 @@ class Judge:
     Parameters
     ----------
     folder : Path
-        Made when it is missing. One file for each question.
+        Made by the first verdict. One file for each question.
     n_points : int, optional
         How many points of a question are judged; by default as many as `MOST_TESTS` allows.
     """
@@ -52,18 +59,25 @@ class Judge:
     def __init__(self, folder: Path, n_points: int | None = None) -> None:
         self._folder = folder
         self._n_points = n_points
-        folder.mkdir(parents=True, exist_ok=True)
 
     def n_judged(self, question: Question) -> int:
         """How many of the question's points are judged, from every eye."""
-        passes = 1 + 2 + 8 * (1 + len(SILHOUETTE_EDGES))
-        affordable = int(MOST_TESTS / (passes * len(question.views) * len(question.mesh.faces)))
+        affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
         return min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
+
+    def n_tests(self, question: Question) -> float:
+        """How many pairs of line and face a verdict on the question takes; none when it was answered before."""
+        if self._path(question).exists():
+            return 0.0
+        return float(PASSES * len(question.views) * self.n_judged(question) * len(question.mesh.faces))
+
+    def _path(self, question: Question) -> Path:
+        return self._folder / f"{question.fingerprint}-{self.n_judged(question)}.npz"
 
     def judge(self, question: Question) -> Verdict:
         """Answer the question, from the folder when it was answered before."""
         n = self.n_judged(question)
-        path = self._folder / f"{question.fingerprint}-{n}.npz"
+        path = self._path(question)
         if path.exists():
             with np.load(path) as stored:
                 return Verdict(**{name: stored[name] for name in stored.files})
@@ -75,10 +89,12 @@ class Judge:
                 oracle.silhouette_distance(points, eyes, np.array(SILHOUETTE_EDGES) / FOOTPRINTS) * FOOTPRINTS,
                 incidence_degrees(points, eyes),
             )
+        self._folder.mkdir(parents=True, exist_ok=True)
         atomic.write(path, lambda file: np.savez_compressed(file, **vars(verdict)))
         return verdict
 
     def truth_of_view(self, question: Question, view: int) -> BoolArray:
-        """Answer for all points of the question from one eye; (n,) bool."""
+        """Answer for the question's first points from one eye, as many as `SHOWN_TESTS` allows; (n,) bool."""
+        n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
-            return oracle.visible(question.points, question.views.eyes[view : view + 1])[0]
+            return oracle.visible(question.points.select(np.arange(n)), question.views.eyes[view : view + 1])[0]

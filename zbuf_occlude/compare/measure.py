@@ -138,8 +138,10 @@ def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[A
 
     n = min(PROBE_POINTS, n_all)
     fewer = max(1, n // 10)
-    one_view(fewer)  # what is made at the first call
-    before, seconds = one_view(fewer), one_view(n)
+    before = one_view(fewer)
+    if before <= allowed:  # or else what the first call makes once is the least of it
+        before = one_view(fewer)
+    seconds = one_view(n)
     while n < n_all:
         larger = min(10 * n, n_all)
         growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds a point: none where faces alone cost

@@ -2,15 +2,16 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.compare.paper import GRIDS, MODIFIED, TABLE_1A, TABLE_1B, PaperObject
 from zbuf_occlude.compare.question import Question, ask, ask_vertices
 from zbuf_occlude.compare.run import Case
 from zbuf_occlude.compare.subjects import Subject
-from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -18,7 +19,8 @@ from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS
 
-PRESETS = ("table1a", "table1b", "scaling")
+OBJECTS_OF_THE_PAPER = ("table1a", "table1b")
+PRESETS = (*OBJECTS_OF_THE_PAPER, "scaling")
 TABLE_VIEWS = 5
 """Views of the presets: every 20th of the paper's 100."""
 TABLE_SECONDS = 30.0
@@ -48,7 +50,7 @@ def of_meshes(
     ]
 
 
-def preset(name: str, *, root: Path | None, seed: int) -> list[Case]:
+def preset(name: str, *, root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
     """Return the cases of a preset.
 
     Parameters
@@ -59,19 +61,19 @@ def preset(name: str, *, root: Path | None, seed: int) -> list[Case]:
         ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes
         of as many faces stand in for the others.
     seed : int
+    budget : float, optional
+        Seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods, and the
+        comparison's for all else.
 
     Raises
     ------
     OptionError
         No such preset.
     """
-    if name == "table1a":
-        return table_1a(root, seed)
-    if name == "table1b":
-        return table_1b(root, seed)
-    if name == "scaling":
-        return scaling(seed)
-    raise OptionError(f"preset must be one of {', '.join(PRESETS)}; got {name!r}.")
+    check_word("preset", name, PRESETS)
+    tables = {"table1a": table_1a, "table1b": table_1b}
+    cases = tables[name](root, seed) if name in tables else scaling(seed)
+    return cases if budget is None else [replace(case, budget=budget) for case in cases]
 
 
 def table_1a(root: Path | None, seed: int) -> list[Case]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from zbuf_occlude.compare import metrics
 from zbuf_occlude.compare.bench import Bench, SubjectFailed
-from zbuf_occlude.compare.judge import Judge, Verdict
+from zbuf_occlude.compare.judge import FOLDER, Judge, Verdict
 from zbuf_occlude.compare.measure import Measurement
 from zbuf_occlude.compare.question import Question, row_key
 from zbuf_occlude.compare.store import Store
@@ -21,6 +21,9 @@ from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.versions import versions
 from zbuf_occlude.visibility import find_method
+
+ROW_SECONDS = 120.0
+"""What a row may take by default, all of its calls together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,7 @@ def run(
     out: Path,
     *,
     budget: float = 3.0,
-    limit: float = 300.0,
+    limit: float = ROW_SECONDS,
     judge_points: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Tally:
@@ -91,7 +94,7 @@ def run(
     -----
     A row is made again when the question or the versions have changed, or when it failed: the cause may be gone.
     """
-    store, judge = Store(out), Judge(out / "judge", judge_points)
+    store, judge = Store(out), Judge(out / FOLDER, judge_points)
     known = store.rows()
     tally = Tally()
     with Bench(limit) as bench:
@@ -161,11 +164,12 @@ def _measured(
     result["judged"] = compare_masks(measurement, verdict, question)
     worst = int(np.argmax([wrong_share(view) for view in result["judged"]["views"]]))
     view_id = int(measurement.view_ids[worst])
-    n = measurement.mask.shape[1]
-    truth = judge.truth_of_view(question, view_id)[:n]
+    truth = judge.truth_of_view(question, view_id)
+    n = min(measurement.mask.shape[1], len(truth))
+    answer, truth = measurement.mask[worst, :n], truth[:n]
     store.save_question(question)
-    store.save_worst(row["key"], metrics.outcomes(measurement.mask[worst], truth))
-    result["worst"] = {"view": view_id, **metrics.as_fractions(metrics.count_errors(measurement.mask[worst], truth))}
+    store.save_worst(row["key"], metrics.outcomes(answer, truth))
+    result["worst"] = {"view": view_id, **metrics.as_fractions(metrics.count_errors(answer, truth))}
     return result
 
 

@@ -38,8 +38,8 @@ def write_contact_sheet(path: Path, source: Source) -> None:
     for column, index in enumerate(shown):
         positions, camera, up = upright(clouds[index], in_camera_frame)
         top, bottom = axes[:, column]
-        draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0), radius=0.64)
-        draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up, radius=0.64)
+        draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0))
+        draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up)
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
         set_title(top, classes[labels[index]], fontsize=10)
         bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")

@@ -130,6 +130,20 @@ def check_scans(root: Path) -> None:
         read_scan(scan.path)
 
 
+def largest_scan(root: Path, label: str) -> Scan:
+    """Return the scan of a class that has the most points.
+
+    Raises
+    ------
+    DatasetError
+        As `find_scans` and `read_scan`; or the folds have no scan of the class.
+    """
+    scans = [scan for scan in find_scans(root) if scan.label == label]
+    if not scans:
+        raise DatasetError(f"the folds in {root} must have scans of {label}; they have none. Unpack the archive again.")
+    return max(scans, key=lambda scan: (len(read_scan(scan.path)), scan.name))
+
+
 def read_scan(path: Path) -> FloatArray:
     """Read the points of a scan.
 

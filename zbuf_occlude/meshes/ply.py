@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import Lines, as_doubles, runs
+from zbuf_occlude.meshes.text import Lines, as_doubles, runs, tidy
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -74,21 +74,49 @@ def read_ply(data: bytes) -> Polygons:
     triangle strips are not read. In an ASCII file each row must have a line of its own, as in every one that we met.
     Nothing is allocated by what the header says before it was compared with the size of the file.
     """
-    elements, encoding, body = _header(data)
-    wanted = {element.name for element in elements}
-    if "vertex" not in wanted or "face" not in wanted:
+    columns = _elements(data, {"vertex", "face"})
+    if "vertex" not in columns or "face" not in columns:
         raise MeshError("a PLY file must have the elements vertex and face; this one has not. Is it a point cloud?")
+    return Polygons(_positions(columns["vertex"]), columns["face"].values, columns["face"].counts)
+
+
+def read_ply_points(data: bytes) -> FloatArray | None:
+    """Read the vertices of a PLY file that has no faces.
+
+    Returns
+    -------
+    (n, 3) float64 or None
+        None when the file has faces or no vertices: it is no point cloud.
+
+    Raises
+    ------
+    MeshError
+        As `read_ply`.
+    """
+    counts = {element.name: element.n_rows for element in _header(data)[0]}
+    if counts.get("face") or not counts.get("vertex"):
+        return None
+    return _positions(_elements(data, {"vertex"})["vertex"])
+
+
+def _elements(data: bytes, wanted: set[str]) -> dict[str, _Columns]:
+    """Columns of the elements up to the last of those wanted."""
+    elements, encoding, body = _header(data)
     source = _Ascii(body) if encoding == "ascii" else _Binary(body, "<" if "little" in encoding else ">")
     columns: dict[str, _Columns] = {}
-    for element in elements:
-        columns[element.name] = source.read(element)
-        if "vertex" in columns and "face" in columns:
-            break
-    scalars = columns["vertex"].scalars
-    if not all(axis in scalars for axis in "xyz"):
+    if wanted <= {element.name for element in elements}:
+        for element in elements:
+            columns[element.name] = source.read(element)
+            if wanted <= columns.keys():
+                break
+    return columns
+
+
+def _positions(vertices: _Columns) -> FloatArray:
+    """(v, 3) float64."""
+    if not all(axis in vertices.scalars for axis in "xyz"):
         raise MeshError("the vertices of a PLY file must have x, y and z; these have not. Is it damaged?")
-    vertices = np.stack([as_doubles(scalars[axis]) for axis in "xyz"], axis=1)
-    return Polygons(vertices, columns["face"].values, columns["face"].counts)
+    return np.stack([as_doubles(vertices.scalars[axis]) for axis in "xyz"], axis=1)
 
 
 def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
@@ -146,7 +174,7 @@ class _Ascii:
     """Rows as lines of numbers."""
 
     def __init__(self, body: bytes) -> None:
-        self._lines = Lines(body)
+        self._lines = Lines(tidy(body, comment=None))
         self._numbers: FloatArray | None = None
         self._next_line = 0
 

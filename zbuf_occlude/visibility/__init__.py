@@ -3,7 +3,9 @@
 from typing import Any
 
 from zbuf_occlude.checks import find_row
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.mesh import Mesh, box_around
+from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder
 
 METHODS: tuple[Method, ...] = (
@@ -79,6 +81,7 @@ METHODS: tuple[Method, ...] = (
         "hidden_point_removal",
         "Katz 2007 through Open3D: convex hull of the flipped cloud, faces unknown",
         "zbuf_occlude.visibility.hidden_point_removal:prepare",
+        needs_faces=False,
         extra="open3d",
         requires="open3d",
         check="zbuf_occlude.visibility.hidden_point_removal:missing",
@@ -98,12 +101,13 @@ def find_method(name: str) -> Method:
     return find_row("method", name, METHODS)
 
 
-def prepare(mesh: Mesh, method: str = "depth_buffer", *, gl: Any = None, **options: Any) -> Occluder:
+def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any = None, **options: Any) -> Occluder:
     """Make a mesh ready to answer line-of-sight questions by one method.
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : Mesh or SurfacePoints
+        A point cloud for methods that do not look at faces (`Method.needs_faces`).
     method : str
         A name of the table `METHODS`.
     gl : GlContext, optional
@@ -118,7 +122,7 @@ def prepare(mesh: Mesh, method: str = "depth_buffer", *, gl: Any = None, **optio
     Raises
     ------
     OptionError
-        Unknown method, unknown option, or a value out of range.
+        Unknown method, unknown option, a value out of range, or a point cloud for a method that needs faces.
     UnavailableError
         A package the method needs is not installed.
     GlError
@@ -127,6 +131,11 @@ def prepare(mesh: Mesh, method: str = "depth_buffer", *, gl: Any = None, **optio
     row = find_method(method)
     row.check_options(options)
     factory = row.load()
+    if isinstance(mesh, SurfacePoints):
+        if row.needs_faces:
+            without = ", ".join(method.name for method in METHODS if not method.needs_faces)
+            raise OptionError(f"method must be one that needs no faces for a point cloud, {without}; got {row.name!r}.")
+        mesh = box_around(mesh.positions)
     if not row.needs_gl:
         return factory(mesh, **options)
     if gl is not None:

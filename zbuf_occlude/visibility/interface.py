@@ -185,6 +185,8 @@ class Method:
     exact : bool
         Whether it equals the oracle outside the boundary band.
     needs_gl : bool
+    needs_faces : bool
+        Whether it looks at the mesh's faces; one that does not can be prepared with a point cloud.
     extra : str
         The optional dependency it needs, "" for none; `requires` is the package to import.
     requires : str
@@ -199,6 +201,7 @@ class Method:
     factory: str
     exact: bool = False
     needs_gl: bool = False
+    needs_faces: bool = True
     extra: str = ""
     requires: str = ""
     check: str = ""
