@@ -52,6 +52,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "mapbox_earcut": ("meshes",),
     "h5py": ("dataset", "learn"),
     "webdataset": ("dataset",),
+    "pyarrow": ("dataset",),
     "torch": ("learn", "dataset.torch"),
     "ray": ("farm",),
     "matplotlib": ("drawing", "compare", "learn", "cli"),

@@ -20,6 +20,10 @@ SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 300, "--sampl
         ("webdataset", "train-000000.tar"),
         ("npz", "test-000000.npz"),
         ("ply", "ply/test/brick/*.ply"),
+        ("huggingface", "data/test-000000.parquet"),
+        ("scanobjectnn", "training_objectdataset.h5"),
+        ("modelnet40-c", "data_occlusion_4.npy"),
+        ("modelnet-o", "brick/test/brick_1_003.xyz"),
     ],
 )
 def test_every_format_from_the_command_line(run: Run, modelnet: Path, tmp_path: Path, format: str, file: str) -> None:

@@ -15,7 +15,8 @@ from zbuf_occlude.dataset.source import Numbers, Source
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 SIZE = 6
-DRAWN = [row for row in FORMATS if not row.all_points]
+REORDERED = ("modelnet40-c",)  # which tests/dataset/test_published.py reads
+DRAWN = [row for row in FORMATS if not (row.keeps_points or row.complete or row.name in REORDERED)]
 ids = [row.name for row in DRAWN]
 
 
@@ -127,7 +128,7 @@ def test_nothing_is_made_packed_of_what_was_drawn(source: Source, tmp_path: Path
 
 
 def test_an_unknown_format_says_which_there_are() -> None:
-    with pytest.raises(OptionError, match="format must be one of hdf5, packed, webdataset, npz, ply; got 'csv'"):
+    with pytest.raises(OptionError, match=r"format must be one of hdf5, packed, webdataset, npz, ply, .*; got 'csv'"):
         find_format("csv")
 
 

@@ -79,6 +79,7 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
+    whole = fit(points.positions) if recipe.scale == "object" else None
     poses = view_matrices(views.eyes, views.target, views.ups)
     for record, view in zip(records, seeing, strict=True):
         rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))
@@ -88,6 +89,10 @@ def gather_clouds(
         if recipe.frame == "camera":
             positions = positions @ poses[view, :3, :3].T + poses[view, :3, 3]
         centre, factor = fit(positions) if recipe.scale == "cloud" else (np.zeros(3), 1.0)
+        if whole is not None:
+            centre, factor = whole
+            if recipe.frame == "camera":
+                centre = poses[view, :3, :3] @ centre + poses[view, :3, 3]
         record["data"] = (positions - centre) * factor
         record["face_ids"] = points.face_ids[chosen]
         record["variation"], record["view_id"] = variation, view

@@ -68,26 +68,39 @@ def convert(
     order, rounded to the packed step.
     """
     old, manifest = read_finished(folder)
-    row, source = find_format(format), open_dataset(folder)
+    row, kept_points = find_format(format), find_format(old.format).all_points
+    source = open_dataset(folder)
     if row.all_points:
         row.load().write(source, out)  # says why it cannot
+    if (row.pairs or row.complete) and not kept_points:
+        raise DatasetError(
+            f"{format} must be made of all points of the objects, for it holds complete clouds; {old.format} keeps "
+            f"only those drawn. Make it with `zbuf-occlude generate --format {format}`, or convert a packed dataset."
+        )
+    plan: Plan = replace(old, format=format)
+    if kept_points:
+        plan = replace(plan, recipe=row.redrawn(plan.recipe))
+        source = find_format(old.format).load().read(folder, plan, manifest["files"])
+    row.check(plan)
 
     def take(numbers: Numbers) -> NDArray[Any]:
         progress(len(numbers))
         return source.take(numbers)
 
-    plan: Plan = replace(old, format=format)
     claim(plan, out)
     if (finished := read_manifest(out)) is not None:
         progress(sum(map(np.size, source.order.values())))
         return finished
-    files = row.load().write(Source(plan, source.order, take), out)
+    files = row.load().write(replace(source, plan=plan, take=take), out)
     write_names(plan, out)
-    write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files))
+    written = row.load().read(out, plan, files)
+    write_contact_sheet(out / CONTACT_SHEET, written)
     document = {
         **manifest,
         "fingerprint": plan.fingerprint,
         "format": format,
+        "options": plan.document["recipe"],
+        "counts": manifest["counts"] | {"clouds": sum(written.n_clouds.values()), "clouds_by_split": written.n_clouds},
         "files": files,
         "sha256": checksums(out, files),
         "converted_from": {"format": old.format, "fingerprint": old.fingerprint},

@@ -131,7 +131,7 @@ def _checksum(out: Path, name: str) -> str:
     with reading(out / name):
         with open(out / name, "rb") as file:
             digest = hashlib.file_digest(file, "sha256")
-        if name.endswith(".txt"):
+        if name.endswith("_files.txt"):
             for listed in (out / name).read_text().splitlines():
                 digest.update(_checksum(out, listed).encode())
     return digest.hexdigest()

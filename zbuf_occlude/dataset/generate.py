@@ -22,8 +22,7 @@ from zbuf_occlude.dataset.folder import (
 from zbuf_occlude.dataset.formats import FORMATS, find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import source_of_shards
-from zbuf_occlude.dataset.shard import FOLDER, data_path, read_sidecar, run_shard
+from zbuf_occlude.dataset.shard import FOLDER, data_path, read_sidecar, run_shard, source_of_shards
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.visibility import find_method
@@ -68,7 +67,10 @@ def generate(
         The folder holds another plan's dataset, or files that are not a dataset; no mesh could be used.
     GlError
         The method needs GL and there is none.
+    OptionError, UnavailableError
+        The format cannot hold such a plan, or not here.
     """
+    find_format(plan.format).check(plan)
     began = time.perf_counter()
     if overwrite:
         remove(out)

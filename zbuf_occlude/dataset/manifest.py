@@ -66,7 +66,7 @@ def summed_up(
         "failures": failures,
         "files": files,
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
-        "rounding": 0.5 / STEPS if find_format(plan.format).all_points else 0.0,
+        "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
         "error": {
             "false_visible": total["false_visible"] / n_checked if n_checked else None,
             "false_hidden": total["false_hidden"] / n_checked if n_checked else None,

@@ -21,7 +21,7 @@ import os
 import zipfile
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, ClassVar, NamedTuple, overload
 
@@ -45,7 +45,7 @@ from zbuf_occlude.dataset.packing import (
     unpack_steps,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, mixed_order
+from zbuf_occlude.dataset.source import Numbers, Source, mixed_order
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -189,6 +189,10 @@ class Archives:
         """Return the block of each cloud."""
         return np.searchsorted(self._ends, numbers, side="right")
 
+    def source(self) -> Source:
+        """Return the clouds, and the whole surfaces, as `generate` would draw them."""
+        return Source(self.plan, self.order(), self.take, self.blocks_of, self.complete)
+
     def order(self) -> dict[str, Numbers]:
         """Return the numbers of each split's clouds in the order of the files that are written of them."""
         return mixed_order(self.plan, self.mesh_ids)
@@ -202,10 +206,20 @@ class Archives:
             rows = np.flatnonzero(places[:, 0] == index)
             mesh_id, variation = self.blocks[index]
             entry, block, views = self.plan.meshes[mesh_id], self.block(index), places[rows, 1]
-            found = gather_clouds(block.points, block.mask, block.views, recipe, entry.key, variation, which=views)
+            mask = np.ones_like(block.mask) if recipe.complete else block.mask
+            found = gather_clouds(block.points, mask, block.views, recipe, entry.key, variation, which=views)
             found["mesh_id"], found["label"] = mesh_id, self.plan.classes.index(entry.label)
             records[rows] = found
         return records
+
+    def complete(self, mesh_id: int, n_points: int) -> Any:
+        """Return a record of `n_points` of an object's whole surface, hidden points too, of its first variation."""
+        recipe = replace(self.plan.recipe, sample_size=n_points)
+        entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
+        everything = np.ones_like(block.mask)
+        (record,) = gather_clouds(block.points, everything, block.views, recipe, entry.key + "/complete", 0, which=[0])
+        record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
+        return record
 
     def _unpack(self, mesh_id: int, variation: int) -> Block:
         facts, path = self._facts[mesh_id], self._path_of[mesh_id]

@@ -17,7 +17,7 @@ from zbuf_occlude.sampling import MAX_POINTS
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import parse as parse_views
 
-SCALES = ("cloud", "mesh")
+SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
@@ -50,7 +50,9 @@ class Recipe:
     sample_size : int
         Points of each cloud written.
     scale : str
-        "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "mesh": the object's coordinates.
+        "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
+        the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
+        object's own coordinates.
     frame : str
         "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
     complete : bool

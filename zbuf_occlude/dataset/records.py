@@ -43,7 +43,7 @@ class RecordStore:
         atomic.write(path, lambda file: np.save(file, records))
 
 
-def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
+def source_of_records(plan: Plan, paths: list[Path]) -> Source:
     """Return the clouds of finished shards, in the order in which their files are to hold them.
 
     Raises

@@ -11,10 +11,11 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import Kinds, read_object
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.packed import PackedStore
+from zbuf_occlude.dataset.packed import Archives, PackedStore
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import RecordStore
+from zbuf_occlude.dataset.records import RecordStore, source_of_records
+from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -48,7 +49,12 @@ class Store(Protocol):
 
 def new_store(plan: Plan) -> Store:
     """Return what collects the clouds of a plan's shards, by its format."""
-    return PackedStore(plan) if find_format(plan.format).all_points else RecordStore(plan)
+    return PackedStore(plan) if find_format(plan.format).keeps_points else RecordStore(plan)
+
+
+def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
+    """Return the clouds of finished shards, in the order in which their files are to hold them."""
+    return Archives(plan, paths).source() if find_format(plan.format).keeps_points else source_of_records(plan, paths)
 
 
 def data_path(plan: Plan, out: Path, shard: int) -> Path:

@@ -32,6 +32,9 @@ class Source:
         The numbers of a split's clouds in the order of its files; splits without clouds are not there.
     take : callable
         Returns the records (`record_type`) of some numbers, in the order of the numbers.
+    complete : callable, optional
+        Returns a record of an object's whole surface, hidden points too, from its mesh's index and a number of points;
+        only where all points of the objects are kept.
     blocks_of : callable
         Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
         where neighbours in the order are.
@@ -41,6 +44,7 @@ class Source:
     order: dict[str, Numbers]
     take: Callable[[Numbers], NDArray[Any]]
     blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
+    complete: Callable[[int, int], Any] | None = None
 
     @property
     def n_clouds(self) -> dict[str, int]:

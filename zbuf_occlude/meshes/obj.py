@@ -4,14 +4,12 @@ import re
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Polygons
-from zbuf_occlude.meshes.text import Lines, tidy
+from zbuf_occlude.meshes.text import Keywords, Lines, check_text, unix_lines
 
-_VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
-_FACE = re.compile(rb"^[ \t]*f[ \t]+([^\n]*)", re.MULTILINE)
-_TEXTURE_AND_NORMAL = re.compile(rb"(?<=\d)/\S*")  # of a corner 7/1/3
+_KEYWORDS = Keywords(of_numbers=(b"v", b"f"), with_slashes=b"f")
+_VERTEX, _FACE = _KEYWORDS.kind(b"v"), _KEYWORDS.kind(b"f")
 
 
 def read_obj(data: bytes) -> Polygons:
@@ -38,23 +36,23 @@ def read_obj(data: bytes) -> Polygons:
     Indices count from 1; negative ones count back from the last vertex before their line. A file that was cut short
     between two lines cannot be told from a whole one.
     """
-    text = tidy(data).replace(b"\\\n", b" ")
-    vertex_lines = _VERTEX.findall(text)
-    lines = Lines(b"\n".join(vertex_lines))
-    if len(lines) != len(vertex_lines) or (lines.counts < 3).any():
+    check_text(data)
+    lines = Lines(_joined(data) if b"\\" in data else data, comment=b"#", keywords=_KEYWORDS)
+    is_vertex = lines.kinds == _VERTEX
+    if (lines.counts[is_vertex] < 3).any():
         raise MeshError("every v line of an OBJ file must have three coordinates; one has fewer. Is it damaged?")
-    vertices = lines.numbers()[lines.first[:, None] + np.arange(3)]
-    faces = Lines(_TEXTURE_AND_NORMAL.sub(b"", b"\n".join(_FACE.findall(text))))
-    corners = faces.numbers()
+    vertices = lines.numbers(kind=_VERTEX)[lines.first[is_vertex, None] + np.arange(3)]
+    is_face = (lines.kinds == _FACE) & (lines.counts > 0)
+    corners = lines.numbers(kind=_FACE)[np.repeat(is_face, lines.counts)]
     if (corners == 0).any():
         raise MeshError("indices in an OBJ file must count from 1, or back from -1; one is 0. Is it damaged?")
+    counts = lines.counts[is_face]
     if (corners < 0).any():
-        corners = np.where(corners < 0, corners + np.repeat(_vertices_before_faces(text), faces.counts) + 1, corners)
-    return Polygons(vertices, corners - 1, faces.counts)
+        n_before = np.cumsum(is_vertex)[is_face]
+        corners = np.where(corners < 0, corners + np.repeat(n_before, counts) + 1, corners)
+    return Polygons(vertices, corners - 1, counts)
 
 
-def _vertices_before_faces(text: bytes) -> FloatArray:
-    """For each `f` line that holds anything, how many `v` lines stand before it, (p,)."""
-    vertex_starts = [match.start() for match in _VERTEX.finditer(text)]
-    face_starts = [match.start() for match in _FACE.finditer(text) if match[1].strip()]
-    return np.searchsorted(vertex_starts, face_starts).astype(np.float64)
+def _joined(data: bytes) -> bytes:
+    """Join the lines that a backslash at the end continues; rare, and so not the scanner's business."""
+    return re.sub(rb"#[^\n]*", b"", unix_lines(data)).replace(b"\\\n", b" ")

@@ -1,17 +1,19 @@
 """The Object File Format (OFF), read as ModelNet and others really write it."""
 
 import re
-from itertools import islice
 
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import Lines, runs, tidy
+from zbuf_occlude.meshes.text import BYTE_ORDER_MARK, Lines, check_text, runs
 
 # [ST][C][N][4][n]OFF; ModelNet40 glues the number of vertices to it: "OFF3514 3546 0"
-_HEADER = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?=[\s\d]|$)")
+_BLANK = rb"(?:\s|#[^\r\n]*)*"  # comments too
+_HEADER = re.compile(_BLANK + rb"(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)(?=[\s\d#]|$)")
+_NUMBER, _BINARY = re.compile(_BLANK + rb"\d"), re.compile(_BLANK + rb"BINARY")
+_TOKEN = re.compile(rb"#[^\r\n]*|[^\s#]+|\r\n?|\n")
 _EXTRAS = {1: 2, 2: 4, 3: 3}  # group of _HEADER -> further numbers of a vertex: texture, colour, normal
 
 
@@ -44,40 +46,49 @@ def read_off(data: bytes) -> Polygons:
     numbers, in which a face has nothing after its indices. Nothing is allocated by what the counts say before they
     were compared with the numbers that the file holds.
     """
-    text = tidy(data)
-    header = _HEADER.match(text)
-    if header is None and not re.match(rb"\s*\d", text):
+    check_text(data)
+    start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
+    header = _HEADER.match(data, start)
+    if header is None and not _NUMBER.match(data, start):
         raise MeshError("an OFF file must begin with OFF; this one does not. Is it of another format, or damaged?")
     extras = 0
     if header is not None:
         if header[4] or header[5]:
             raise MeshError("an OFF file must hold points of three coordinates; this one has others. Convert it.")
-        text = text[header.end() :]
-        if text.lstrip().startswith(b"BINARY"):
+        start = header.end()
+        if _BINARY.match(data, start):
             raise MeshError("an OFF file must be text; this one is binary. Convert it.")
         extras = sum(extra for group, extra in _EXTRAS.items() if header[group])
-    n_vertices, n_faces, text = _counts(text)
-    lines = Lines(text)
-    if 3 * n_vertices + n_faces > lines.n_tokens:
+    n_vertices, n_faces, start = _counts(data, start)
+    lines = Lines(data, start, comment=b"#")
+    if 3 * n_vertices + n_faces > lines.n_numbers:
         raise MeshError(
             f"an OFF file must hold what it declares; it declares {n_vertices:,} vertices and {n_faces:,} faces, "
-            f"but only {lines.n_tokens:,} numbers follow. Is it damaged or cut short?"
+            f"but only {lines.n_numbers:,} numbers follow. Is it damaged or cut short?"
         )
     polygons = _by_lines(lines, n_vertices, n_faces)
     return polygons if polygons is not None else _as_stream(lines.numbers(), n_vertices, n_faces, 3 + extras)
 
 
-def _counts(text: bytes) -> tuple[int, int, bytes]:
-    """Numbers of vertices and faces, and the text after the counts; the number of edges may be missing."""
-    tokens = list(islice(re.finditer(rb"\S+", text), 4))
+def _counts(data: bytes, start: int) -> tuple[int, int, int]:
+    """Numbers of vertices and faces, and where the counts end; the number of edges may be missing."""
+    tokens, lines, line = [], [], 0
+    for match in _TOKEN.finditer(data, start):
+        if match[0][0] in b"\r\n":
+            line += 1
+        elif match[0][:1] != b"#":
+            tokens.append(match)
+            lines.append(line)
+            if len(tokens) == 4:
+                break
     if len(tokens) < 2 or not all(re.fullmatch(rb"\d{1,18}", token[0]) for token in tokens[:2]):
         found = b" ".join(token[0][:20] for token in tokens[:3]).decode("latin-1") or "nothing"
         raise MeshError(f"an OFF file must begin with its numbers of vertices and faces; it has {found!r}.")
-    line = [text.count(b"\n", 0, token.start()) for token in tokens] + [-1, -2]
+    lines += [-1, -2]
     # the third number is of edges, unless the counts end their line and a record of several numbers follows
-    edges_missing = line[0] == line[1] != line[2] and line[2] == line[3]
+    edges_missing = lines[0] == lines[1] != lines[2] and lines[2] == lines[3]
     last = tokens[1] if edges_missing or len(tokens) == 2 else tokens[2]
-    return int(tokens[0][0]), int(tokens[1][0]), text[last.end() :]
+    return int(tokens[0][0]), int(tokens[1][0]), last.end()
 
 
 def _by_lines(lines: Lines, n_vertices: int, n_faces: int) -> Polygons | None:

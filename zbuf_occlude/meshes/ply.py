@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import Lines, as_doubles, runs, tidy
+from zbuf_occlude.meshes.text import Lines, as_doubles, runs
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -174,7 +174,7 @@ class _Ascii:
     """Rows as lines of numbers."""
 
     def __init__(self, body: bytes) -> None:
-        self._lines = Lines(tidy(body, comment=None))
+        self._lines = Lines(body)
         self._numbers: FloatArray | None = None
         self._next_line = 0
 

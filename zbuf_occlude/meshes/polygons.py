@@ -1,14 +1,17 @@
 """Polygons: what every reader of a mesh format returns, and how they become triangles, concave ones too."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import mapbox_earcut
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.predicates import cross, dot, minus
 
 Ints = NDArray[np.int64]
 
@@ -16,7 +19,8 @@ LARGEST = 1e70
 """Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
 
 _ROUNDING = 1e-12  # a fan's triangle may be turned over by so much of the polygon's area: collinear corners
-_AT_ONCE = 1 << 22  # corners gathered at once, so that memory stays a small multiple of the file
+_TINY = float(np.finfo(np.float64).tiny)
+_EARS = -1  # in place of the corner that a fan begins with
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,25 +48,20 @@ class Polygons:
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        corners = np.asarray(self.corners)
+        given = np.asarray(self.corners)
+        given = np.ascontiguousarray(given, dtype=np.float64 if given.dtype.kind == "f" else np.int64)
         counts = np.asarray(self.counts, dtype=np.int64)
-        n = len(vertices)
-        bad = ~((corners >= 0) & (corners < n))  # NaN is bad too
-        if corners.dtype.kind == "f":
-            bad |= corners != np.floor(corners)
-        if bad.any():
-            first = int(np.flatnonzero(bad)[0])
+        corners, out_of_range, unusable = _whole_numbers(given, vertices)
+        if out_of_range >= 0:
+            n = len(vertices)
             raise MeshError(
-                f"face {_polygon_of(first, counts)} must refer to the {n} vertices by 0 to {n - 1}; "
-                f"it refers to {corners[first]:.15g}. Is the file damaged or cut short?"
+                f"face {_polygon_of(out_of_range, counts)} must refer to the {n} vertices by 0 to {n - 1}; "
+                f"it refers to {given[out_of_range]:.15g}. Is the file damaged or cut short?"
             )
-        corners = corners.astype(np.int64)
-        unusable = ~_usable(vertices)[corners]
-        if unusable.any():
-            first = int(np.flatnonzero(unusable)[0])
-            vertex = int(corners[first])
+        if unusable >= 0:
+            vertex = int(corners[unusable])
             raise MeshError(
-                f"vertex {vertex} must be finite and below {LARGEST:g}, for face {_polygon_of(first, counts)} "
+                f"vertex {vertex} must be finite and below {LARGEST:g}, for face {_polygon_of(unusable, counts)} "
                 f"uses it; it is {vertices[vertex].tolist()}. Repair the file."
             )
         object.__setattr__(self, "vertices", vertices)
@@ -103,70 +102,128 @@ class Polygons:
         if (self.counts == 3).all():
             return self.corners.reshape(-1, 3), np.arange(len(self.counts))
         starts = np.cumsum(self.counts) - self.counts
-        triangles, polygon_ids = [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-        for n in np.unique(self.counts[self.counts >= 3]):
-            same = np.flatnonzero(self.counts == n)
-            for ids in np.array_split(same, 1 + len(same) * int(n) // _AT_ONCE):
-                cut, owners = self._cut(self.corners[starts[ids, None] + np.arange(n)])
-                triangles.append(cut)
-                polygon_ids.append(ids[owners])
-        owner = np.concatenate(polygon_ids)
-        order = np.argsort(owner, kind="stable")
-        return np.concatenate(triangles)[order], owner[order]
+        hubs = _hubs(self.vertices, self.corners, starts, self.counts)
+        n_triangles = np.maximum(self.counts - 2, 0)
+        concave = np.flatnonzero(hubs == _EARS)
+        ears = self._ears(starts[concave], self.counts[concave])
+        n_triangles[concave] = [len(each) for each in ears]
+        ends = np.cumsum(n_triangles)
+        triangles, polygon_ids = _fans(self.corners, starts, hubs, ends)
+        for polygon, each in zip(concave, ears, strict=True):
+            triangles[ends[polygon] - len(each) : ends[polygon]] = self.corners[starts[polygon] + each]
+        return triangles, polygon_ids
 
-    def _cut(self, polygons: Ints) -> tuple[Ints, Ints]:
-        """Cut polygons of the same number of corners, (p, n); return triangles and the row that each comes from."""
-        rows = np.arange(len(polygons))
-        if polygons.shape[1] == 3:
-            return polygons, rows
-        triangles, owners = [], []
-        for shift in (0, 1):
-            turned = np.roll(polygons[rows], -shift, axis=1)
-            fits = self._fan_fits(turned)
-            fan = _fan(turned[fits])
-            triangles.append(fan.reshape(-1, 3))
-            owners.append(np.repeat(rows[fits], fan.shape[1]))
-            rows = rows[~fits]
-        # what is left is rare: concave, seen from both its first corners; each has a shape of its own
-        for row in rows:
-            ears = self._ears(polygons[row])
-            triangles.append(ears)
-            owners.append(np.full(len(ears), row))
-        return np.concatenate(triangles), np.concatenate(owners)
-
-    def _fan_fits(self, polygons: Ints) -> NDArray[np.bool_]:
-        spokes = self.vertices[polygons[:, 1:]] - self.vertices[polygons[:, :1]]
-        parts = np.cross(spokes[:, :-1], spokes[:, 1:])  # twice the areas of the fan's triangles, (p, n - 2, 3)
-        whole = parts.sum(axis=1)  # Newell's normal, twice the polygon's area long
-        forward = np.einsum("pij,pj->pi", parts, whole)
-        allowed = _ROUNDING * np.linalg.norm(parts, axis=2).sum(axis=1) * np.linalg.norm(whole, axis=1)
-        return np.asarray((forward >= -allowed[:, None]).all(axis=1))
-
-    def _ears(self, polygon: Ints) -> Ints:
-        positions = self.vertices[polygon] - self.vertices[polygon[0]]
-        normal = np.cross(positions[:-1], positions[1:]).sum(axis=0)
-        # two axes of the plane: the least of the normal's components names the world axis to start from
-        first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-        axes = np.stack([first, np.cross(normal, first)])
-        axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), np.finfo(float).tiny)
-        ends = np.array([len(polygon)], dtype=np.uint32)
-        ears = mapbox_earcut.triangulate_float64(np.ascontiguousarray(positions @ axes.T), ends).reshape(-1, 3)
-        used = np.zeros(len(polygon), dtype=bool)
-        used[ears] = True
-        if not used.any():
-            return _fan(polygon[None])[0]
-        # corners that looked collinear were left out; unless the polygon is flat, they stand out of what was cut:
-        # close the gap from each to the last corner before it that was not left out
-        left_out = np.flatnonzero(~used)
-        kept = np.flatnonzero(used)
-        gaps = np.stack([kept[np.searchsorted(kept, left_out) - 1], left_out, (left_out + 1) % len(polygon)], axis=1)
-        return polygon[np.concatenate([ears.astype(np.int64), gaps])]
+    def _ears(self, starts: Ints, counts: Ints) -> list[Ints]:
+        """Cut polygons by ears: corners of triangles (t, 3), counted from each polygon's first."""
+        positions, axes = _planes(self.vertices, self.corners, starts, counts)
+        found = []
+        for end, n, own in zip(np.cumsum(counts).tolist(), counts.tolist(), axes, strict=True):
+            flat = positions[end - n : end] @ own.T
+            ears = mapbox_earcut.triangulate_float64(flat, np.array([n], dtype=np.uint32)).astype(np.int64)
+            ears = ears.reshape(-1, 3)
+            found.append(ears if len(ears) == n - 2 else _with_gaps(ears, n))
+        return found
 
 
-def _fan(polygons: Ints) -> Ints:
-    """Triangles (p, n - 2, 3) around the first corner of each polygon (p, n)."""
-    hub = np.broadcast_to(polygons[:, :1], polygons[:, 1:-1].shape)
-    return np.stack([hub, polygons[:, 1:-1], polygons[:, 2:]], axis=2)
+def _with_gaps(ears: Ints, n: int) -> Ints:
+    """Add the corners that looked collinear and were left out; unless the polygon is flat, they stand out of it."""
+    kept = np.unique(ears)
+    if not len(kept):
+        return np.stack([np.zeros(n - 2, dtype=np.int64), np.arange(1, n - 1), np.arange(2, n)], axis=1)
+    left_out = np.setdiff1d(np.arange(n), kept)
+    # close the gap from each to the last corner before it that was not left out
+    gaps = np.stack([kept[np.searchsorted(kept, left_out) - 1], left_out, (left_out + 1) % n], axis=1)
+    return np.concatenate([ears, gaps])
+
+
+@njit(cache=True)
+def _whole_numbers(given, vertices):  # type: ignore[no-untyped-def]
+    """Corners as integers, and the first that is none or out of range, the first of an unusable vertex; else -1."""
+    corners = np.empty(len(given), np.int64)
+    for i in range(len(given)):
+        if not 0 <= given[i] < len(vertices):  # NaN is not
+            return corners, i, -1
+        corners[i] = given[i]
+        if corners[i] != given[i]:
+            return corners, i, -1
+    for i in range(len(given)):
+        for axis in range(3):
+            if not abs(vertices[corners[i], axis]) <= LARGEST:
+                return corners, -1, i
+    return corners, -1, -1
+
+
+@njit(cache=True)
+def _hubs(vertices, corners, starts, counts):  # type: ignore[no-untyped-def]
+    """The corner that each polygon is fanned out from, its first or its second; `_EARS` where neither will do."""
+    hubs = np.zeros(len(counts), np.int64)
+    for polygon in range(len(counts)):
+        start, n = starts[polygon], counts[polygon]
+        for hub in range(2 if n > 3 else 0):
+            first = vertices[corners[start + hub]]
+            # twice the area vectors of the fan's triangles, and their sum, Newell's normal
+            whole, size = (0.0, 0.0, 0.0), 0.0
+            for i in range(1, n - 1):
+                b, c = corners[start + (hub + i) % n], corners[start + (hub + i + 1) % n]
+                part = cross(minus(vertices[b], first), minus(vertices[c], first))
+                whole = (whole[0] + part[0], whole[1] + part[1], whole[2] + part[2])
+                size += math.sqrt(dot(part, part))
+            allowed = _ROUNDING * size * math.sqrt(dot(whole, whole))
+            fits = True
+            for i in range(1, n - 1):
+                b, c = corners[start + (hub + i) % n], corners[start + (hub + i + 1) % n]
+                fits &= dot(cross(minus(vertices[b], first), minus(vertices[c], first)), whole) >= -allowed
+            hubs[polygon] = hub if fits else _EARS
+            if fits:
+                break
+    return hubs
+
+
+@njit(cache=True)
+def _fans(corners, starts, hubs, ends):  # type: ignore[no-untyped-def]
+    """Fill the triangles (f, 3) of fans, leaving those of ears empty, and the polygon of every triangle, (f,)."""
+    triangles = np.empty((ends[-1], 3), np.int64)
+    polygon_ids = np.empty(ends[-1], np.int64)
+    begin = 0
+    for polygon in range(len(ends)):
+        n, start, hub = ends[polygon] - begin + 2, starts[polygon], hubs[polygon]
+        polygon_ids[begin : ends[polygon]] = polygon
+        for i in range(0 if hub == _EARS else n - 2):
+            triangles[begin + i, 0] = corners[start + hub]
+            triangles[begin + i, 1] = corners[start + (hub + i + 1) % n]
+            triangles[begin + i, 2] = corners[start + (hub + i + 2) % n]
+        begin = ends[polygon]
+    return triangles, polygon_ids
+
+
+@njit(cache=True)
+def _planes(vertices, corners, starts, counts):  # type: ignore[no-untyped-def]
+    """Corners of polygons from the first of each, (c, 3), and two axes of the plane of each, (p, 2, 3)."""
+    positions, axes = np.empty((counts.sum(), 3)), np.empty((len(counts), 2, 3))
+    end = 0
+    for polygon in range(len(counts)):
+        begin = end
+        end += counts[polygon]
+        for i in range(counts[polygon]):
+            vertex, first = corners[starts[polygon] + i], corners[starts[polygon]]
+            for axis in range(3):
+                positions[begin + i, axis] = vertices[vertex, axis] - vertices[first, axis]
+        normal = (0.0, 0.0, 0.0)  # Newell's sum
+        for i in range(begin, end - 1):
+            part = cross(positions[i], positions[i + 1])
+            normal = (normal[0] + part[0], normal[1] + part[1], normal[2] + part[2])
+        # the least of the normal's components names the world axis to start from
+        if abs(normal[0]) <= abs(normal[1]) and abs(normal[0]) <= abs(normal[2]):
+            across = cross(normal, (1.0, 0.0, 0.0))
+        elif abs(normal[1]) <= abs(normal[2]):
+            across = cross(normal, (0.0, 1.0, 0.0))
+        else:
+            across = cross(normal, (0.0, 0.0, 1.0))
+        upwards = cross(normal, across)
+        width, height = max(math.sqrt(dot(across, across)), _TINY), max(math.sqrt(dot(upwards, upwards)), _TINY)
+        for axis in range(3):
+            axes[polygon, 0, axis], axes[polygon, 1, axis] = across[axis] / width, upwards[axis] / height
+    return positions, axes
 
 
 def _usable(vertices: FloatArray) -> NDArray[np.bool_]:

@@ -1,14 +1,21 @@
-"""Stereolithography (STL), binary and ASCII: trimesh's readers behind checks that the file is whole."""
+"""Stereolithography (STL), binary and ASCII; trimesh reads texts that are not one record a line, behind checks."""
 
 import re
 import struct
+from contextlib import suppress
 
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.library import read_triangles
 from zbuf_occlude.meshes.polygons import Polygons
-from zbuf_occlude.meshes.text import tidy
+from zbuf_occlude.meshes.text import Keywords, Lines, as_doubles, unix_lines
 
-_HEADER, _FACET = 84, 50  # bytes: 80 of anything and the number of facets; a facet
+_HEADER = 84  # bytes: 80 of anything and the number of facets
+_FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attributes", "<u2")])
+_KEYWORDS = Keywords((b"vertex",), (b"facet", b"endfacet", b"solid", b"endsolid"), lower_case=True)
+_ONE_RECORD_A_LINE = re.compile(rb"(?:\x04(?:\x02\x01{3}\x03)*\x05)+")  # in numbers of _KEYWORDS
 _SOLID_LINE = re.compile(rb"^[ \t]*(end[ \t]*)?solid\b[^\n]*", re.MULTILINE)
 _NORMAL = re.compile(rb"\bnormal(\s+\S+){3}")
 
@@ -37,26 +44,36 @@ def read_stl(data: bytes) -> Polygons:
     size. Bytes after the last facet are ignored; normals and attributes are not read.
     """
     n_declared = struct.unpack_from("<I", data, _HEADER - 4)[0] if len(data) >= _HEADER else None
-    fits_exactly = n_declared is not None and len(data) == _HEADER + n_declared * _FACET
+    fits_exactly = n_declared is not None and len(data) == _HEADER + n_declared * _FACET.itemsize
     is_text = not fits_exactly and data[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in data
-    whole = _whole_text(data) if is_text else _whole_binary(data, n_declared)
-    vertices, triangles = read_triangles(whole, "stl")
-    if is_text and len(vertices) != whole.count(b"vertex"):
-        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one has not. Is it damaged?")
-    return Polygons.from_triangles(vertices, triangles)
+    vertices = _read_text(data) if is_text else _read_binary(data, n_declared)
+    return Polygons.from_triangles(vertices, np.arange(len(vertices)))
 
 
-def _whole_binary(data: bytes, n_declared: int | None) -> bytes:
-    """Return the file without what follows its last facet; trimesh takes no other."""
+def _read_binary(data: bytes, n_declared: int | None) -> FloatArray:
     if n_declared is None:
         raise MeshError(f"a binary STL file must have {_HEADER} bytes at least; it has {len(data)}. Is it cut short?")
-    n_held = (len(data) - _HEADER) // _FACET
+    n_held = (len(data) - _HEADER) // _FACET.itemsize
     if n_declared > n_held:
         raise MeshError(
             f"a binary STL file must hold the {n_declared:,} facets that it declares; it has room for {n_held:,}. "
             "Is it damaged or cut short?"
         )
-    return data[: _HEADER + n_declared * _FACET]
+    return as_doubles(np.frombuffer(data, _FACET, n_declared, _HEADER)["vertices"].reshape(-1, 3))
+
+
+def _read_text(data: bytes) -> FloatArray:
+    """Read a text whose lines are its records, as those of all writers that we met; leave any other to trimesh."""
+    lines = Lines(data, keywords=_KEYWORDS)
+    vertices = lines.counts[lines.kinds == _KEYWORDS.kind(b"vertex")]
+    if _ONE_RECORD_A_LINE.fullmatch(lines.kinds.tobytes()) and (vertices == 3).all():
+        with suppress(MeshError):  # trimesh may see more than we do, and says what it cannot read
+            return lines.numbers().reshape(-1, 3)
+    whole = _whole_text(data)
+    found, triangles = read_triangles(whole, "stl")
+    if len(found) != whole.count(b"vertex"):
+        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one has not. Is it damaged?")
+    return found[triangles].reshape(-1, 3)
 
 
 def _whole_text(data: bytes) -> bytes:
@@ -64,7 +81,7 @@ def _whole_text(data: bytes) -> bytes:
 
     trimesh passes over a solid without end, counts vertices only in all, and writes of bad normals to stderr.
     """
-    text = _SOLID_LINE.sub(lambda line: b"endsolid" if line[1] else b"solid", tidy(data, comment=None).lower())
+    text = _SOLID_LINE.sub(lambda line: b"endsolid" if line[1] else b"solid", unix_lines(data).lower())
     text = _NORMAL.sub(b"", text)
     n_facets, n_vertices = text.count(b"endfacet"), text.count(b"vertex")
     if text.count(b"solid") != 2 * text.count(b"endsolid") or text.count(b"facet") != 2 * n_facets:

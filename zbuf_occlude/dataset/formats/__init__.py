@@ -4,17 +4,25 @@ A format's module has two functions:
 
     write(source, out) -> dict of split to file names    writes its files into a folder; each is whole or not there
     read(out, plan, files) -> Source                      reads them back, when and as far as they are asked for
+
+and, where its loaders have numbers in their code or a package is needed, one more:
+
+    check(plan)                                           raises what says which plan it can hold, before work begins
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from zbuf_occlude.checks import find_row
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.meshes.collection import SPLITS
+
+REST = "clouds_*.npy"
+"""Matches what published layouts have no place for (`published`)."""
 
 
 class Module(Protocol):
@@ -41,17 +49,42 @@ class Format:
         Match its files in a dataset's folder.
     all_points : bool
         Whether it keeps all points of the objects, and not only those that were drawn for each cloud.
+    pairs : bool
+        Whether it is written from all points of the objects, for it holds complete clouds too.
+    complete : bool
+        Whether it holds complete clouds alone.
+    options : mapping
+        What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     """
 
     name: str
     summary: str
     patterns: tuple[str, ...]
     all_points: bool = False
+    pairs: bool = False
+    complete: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def keeps_points(self) -> bool:
+        """Whether shards of it keep all points of the objects."""
+        return self.all_points or self.pairs
 
     def load(self) -> Module:
         """Import the format's module."""
-        module: Module = import_module(f"{__name__}.{self.name}")
+        module: Module = import_module(f"{__name__}.{self.name.replace('-', '_')}")
         return module
+
+    def check(self, plan: Plan) -> None:
+        """Raise OptionError or UnavailableError unless a plan can be written so."""
+        getattr(self.load(), "check", lambda plan: None)(plan)
+
+    def redrawn(self, recipe: Recipe) -> Recipe:
+        """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
+        drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale")}
+        if recipe.scale != "cloud":
+            drawn.pop("scale", None)
+        return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
 FORMATS: tuple[Format, ...] = (
@@ -69,6 +102,45 @@ FORMATS: tuple[Format, ...] = (
     Format("webdataset", "tar shards for streaming", tuple(f"{split}-[0-9]*.tar" for split in SPLITS)),
     Format("npz", "NumPy archives of 2,048 clouds", tuple(f"{split}-[0-9]*.npz" for split in SPLITS)),
     Format("ply", "a file for each cloud, to look at", ("ply/*/*/*.ply", "*_files.txt")),
+    Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ("data/*.parquet", "README.md")),
+    Format("scanobjectnn", "data, label, mask", ("*_objectdataset.h5", REST)),
+    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy", ("**/data_*_[0-9]*.npy", "**/label.npy", REST)),
+    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz", ("*/*/*.xyz", "*_files.txt", REST)),
+    Format(
+        "pcn",
+        "pairs as PCD files, 16,384 complete points, 8 views",
+        ("*/complete/*/*.pcd", "*/partial/*/*/*.pcd", "PCN.json", "*_files.txt", REST),
+        pairs=True,
+        options={"views": "fibonacci:8", "scale": "object"},
+    ),
+    Format(
+        "completion3d",
+        "pairs as HDF5 files, 2,048 points, 1 view",
+        ("*/partial/*/*.h5", "*/gt/*/*.h5", "*.list", "*_files.txt", REST),
+        pairs=True,
+        options={"views": "random:1", "scale": "object", "sample_size": 2_048},
+    ),
+    Format(
+        "mvp",
+        "pairs in HDF5, 2,048 points, 26 views",
+        ("MVP_*_CP.h5", REST),
+        pairs=True,
+        options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
+    ),
+    Format(
+        "projected-shapenet",
+        "pairs as PCD files and arrays, 8,192 complete points, 16 views",
+        ("projected_partial_noise/*/*/models/*.pcd", "shapenet_pc/*.npy", "*.txt", REST),
+        pairs=True,
+        options={"views": "fibonacci:16", "scale": "object"},
+    ),
+    Format(
+        "shapenet55",
+        "complete clouds of 8,192 points",
+        ("shapenet_pc/*.npy", "*.txt", REST),
+        complete=True,
+        options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
+    ),
 )
 
 

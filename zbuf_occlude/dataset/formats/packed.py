@@ -38,5 +38,4 @@ def adopt(plan: Plan, shards: list[Path], out: Path) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds as `generate` would draw them, in the order in which it would write them."""
     names = sorted({name for names in files.values() for name in names})
-    archives = Archives(plan, [out / name for name in names])
-    return Source(plan, archives.order(), archives.take, archives.blocks_of)
+    return Archives(plan, [out / name for name in names]).source()

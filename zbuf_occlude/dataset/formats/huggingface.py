@@ -1,0 +1,141 @@
+"""A folder for Hugging Face's datasets: Parquet shards of 2,048 clouds, and a card that says what is in them.
+
+data/train-000000.parquet ...    points, label, mesh (its key), face_ids, view, pose, centre, factor, ...
+README.md                        the card: splits, types of the columns, names of the classes
+
+datasets.load_dataset("FOLDER")  reads it; nothing is uploaded.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.errors import UnavailableError
+
+CARD = "README.md"
+_ROWS_PER_GROUP = 128
+
+
+def check(plan: Plan) -> None:
+    """Raise UnavailableError where the package pyarrow is missing."""
+    _arrow()
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write 2,048 clouds a shard, and the card."""
+    files: dict[str, list[str]] = {}
+    (out / "data").mkdir(exist_ok=True)
+    for split in source.order:
+        names = files.setdefault(split, [])
+        for records in source.batches(split):
+            names.append(f"data/{split}-{len(names):06d}.parquet")
+            _write_shard(out / names[-1], records, source.plan)
+    atomic.write(out / CARD, lambda file: file.write(_card(source).encode()))
+    for split in files:
+        files[split].append(CARD)
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds of these shards; the last shard used is kept in memory."""
+    paths = {split: [out / name for name in names if name != CARD] for split, names in files.items()}
+    return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan)))
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise UnavailableError(
+            "format huggingface needs the package pyarrow; it is missing. Install it: pip install zbuf-occlude[parquet]"
+        ) from None
+    return pyarrow
+
+
+def _write_shard(path: Path, records: NDArray[Any], plan: Plan) -> None:
+    arrow = _arrow()
+    columns = {"mesh": arrow.array([plan.meshes[int(i)].key for i in records["mesh_id"]])}
+    for name in records.dtype.names or ():
+        values = records[name][:, 0] if name == "label" else records[name]
+        columns["points" if name == "data" else name] = _column(arrow, values)
+    table = arrow.table(columns)
+    atomic.write(path, lambda file: arrow.parquet.write_table(table, file, row_group_size=_ROWS_PER_GROUP))
+
+
+def _column(arrow: Any, values: NDArray[Any]) -> Any:
+    """Nest an array (n, a, b) into lists of known lengths."""
+    column = arrow.array(np.ascontiguousarray(values).reshape(-1))
+    for length in reversed(values.shape[1:]):
+        column = arrow.FixedSizeListArray.from_arrays(column, length)
+    return column
+
+
+def _read_shard(path: Path, plan: Plan) -> NDArray[Any]:
+    table = _arrow().parquet.read_table(path)
+    records = np.empty(len(table), record_type(plan.recipe))
+    for name in records.dtype.names or ():
+        column = table["points" if name == "data" else name].combine_chunks()
+        while hasattr(column, "flatten"):
+            column = column.flatten()
+            if not hasattr(column.type, "list_size"):
+                break
+        records[name] = column.to_numpy(zero_copy_only=False).reshape(records[name].shape)
+    return records
+
+
+def _count(path: Path) -> int:
+    return int(_arrow().parquet.read_metadata(path).num_rows)
+
+
+def _card(source: Source) -> str:
+    plan = source.plan
+    recipe = plan.recipe
+    kind = record_type(recipe)
+    lines = ["---", "configs:", "- config_name: default", "  data_files:"]
+    for split in source.order:
+        lines += [f"  - split: {'validation' if split == 'val' else split}", f"    path: data/{split}-*.parquet"]
+    lines += ["dataset_info:", "  features:", "  - name: mesh", "    dtype: string"]
+    for name in kind.names or ():
+        lines.append(f"  - name: {'points' if name == 'data' else name}")
+        if name == "label":
+            lines += ["    dtype:", "      class_label:", "        names:"]
+            lines += [f"          '{number}': {_quoted(label)}" for number, label in enumerate(plan.classes)]
+            continue
+        lines += _listed(kind[name].base.name, kind[name].shape, "    ")
+    lines += ["  splits:"]
+    for split, n_clouds in source.n_clouds.items():
+        lines += [f"  - name: {'validation' if split == 'val' else split}", f"    num_examples: {n_clouds}"]
+    how = "whole surfaces" if recipe.complete else f"what {len(plan.views)} views ({recipe.views}) see of each"
+    lines += [
+        "---",
+        "",
+        f"# Occluded point clouds of {len(plan.meshes):,} meshes, {len(plan.classes):,} classes",
+        "",
+        f"Made by zbuf_occlude: {how}, {recipe.sample_size:,} points per cloud, hidden surfaces removed by",
+        f"`{recipe.method}`. `manifest.json` has all options, versions, checksums and the measured error.",
+        "",
+        "`points` are (p - `centre`) * `factor` of the visible points p; `pose` is the view matrix (world to eye",
+        "space, the camera looks along -z); `view` is azimuth and elevation in radians and the distance.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _listed(dtype: str, lengths: tuple[int, ...], indent: str) -> list[str]:
+    """Say the type of a column of nested lists; its reader wants the lists before their lengths."""
+    if not lengths:
+        return [f"{indent}dtype: {dtype}"]
+    inner = [f"{indent}list: {dtype}"]
+    if len(lengths) > 1:
+        inner = [f"{indent}list:", *_listed(dtype, lengths[1:], indent + "  ")]
+    return [*inner, f"{indent}length: {lengths[0]}"]
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

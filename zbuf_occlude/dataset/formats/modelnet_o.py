@@ -1,0 +1,67 @@
+"""ModelNet-O's layout: CLASS/{train,test}/OBJECT_000.xyz ..., a text file per cloud, x y z per line."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.formats.published import (
+    Names,
+    Records,
+    names_of,
+    read_each,
+    read_published,
+    write_list,
+    write_rest,
+)
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Numbers, Source
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write a file per cloud."""
+    names, files = names_of(source.plan), {}
+    for split in source.order:
+        written: list[str] = []
+
+        def parts(split: str = split, written: list[str] = written) -> Iterator[Records]:
+            for records in source.batches(split):
+                for record in records:
+                    written.append(_name(split, names, record, source.plan))
+                    _write_xyz(out / written[-1], record["data"])
+                yield records
+
+        rest = write_rest(out, split, parts(), source.plan.recipe)
+        files[split] = [rest, write_list(out, split, written)]
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds; as text holds nine digits, they are the very numbers that were written."""
+    names = names_of(plan)
+
+    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
+        return read_each((out / _name(split, names, record, plan) for record in rest), _read_xyz, plan)
+
+    return read_published(out, plan, files, points)
+
+
+def _name(split: str, names: Names, record: Any, plan: Plan) -> str:
+    mesh_id = int(record["mesh_id"])
+    number = int(record["variation"]) * len(plan.views) + int(record["view_id"])
+    return f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number:03d}.xyz"
+
+
+def _write_xyz(path: Path, positions: NDArray[Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = io.BytesIO()
+    np.savetxt(text, positions, fmt="%.9g")
+    atomic.write(path, lambda file: file.write(text.getvalue()))
+
+
+def _read_xyz(path: Path) -> NDArray[Any]:
+    return np.loadtxt(path, dtype=np.float32, ndmin=2)

@@ -1,0 +1,84 @@
+"""PCN's layout, as the loaders of GRNet, PoinTr and SnowflakeNet read it.
+
+SPLIT/complete/TAXONOMY/OBJECT.pcd           16,384 points
+SPLIT/partial/TAXONOMY/OBJECT/00.pcd ...     one per view: eight in train, one in val and test
+PCN.json                                     taxonomy_id, taxonomy_name, and the objects of train, val, test
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.formats.published import (
+    Names,
+    Records,
+    by_object,
+    check_pairs,
+    complete_cloud,
+    names_of,
+    read_each,
+    read_published,
+    write_list,
+    write_rest,
+)
+from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.meshes.collection import SPLITS
+
+INDEX = "PCN.json"
+N_COMPLETE = 16_384
+VIEWS = {"train": 8, "val": 1, "test": 1}
+
+
+def check(plan: Plan) -> None:
+    """Raise OptionError unless the plan is as the loaders expect."""
+    check_pairs(plan, "pcn", n_complete=N_COMPLETE, n_views=VIEWS["train"])
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write pairs; objects with a view that sees nothing are left out, for loaders count on every view."""
+    names, files = names_of(source.plan), {}
+    listed: dict[str, dict[str, Any]] = {}
+    for split in source.order:
+        written: list[str] = []
+
+        def pairs(split: str = split, written: list[str] = written) -> Iterator[Records]:
+            for clouds in by_object(source, split):
+                if len(clouds) < VIEWS["train"]:
+                    continue
+                records = clouds[: VIEWS[split]]
+                mesh_id = int(records["mesh_id"][0])
+                taxonomy, name = names.taxonomies[mesh_id], names.objects[mesh_id]
+                label = source.plan.meshes[mesh_id].label
+                row = {"taxonomy_id": taxonomy, "taxonomy_name": label, **{other: [] for other in SPLITS}}
+                listed.setdefault(taxonomy, row)[split].append(name)
+                written.append(f"{split}/complete/{taxonomy}/{name}.pcd")
+                write_pcd(out / written[-1], complete_cloud(source, records, N_COMPLETE))
+                for record in records:
+                    written.append(_partial(split, names, record))
+                    write_pcd(out / written[-1], record["data"])
+                yield records
+
+        rest = write_rest(out, split, pairs(), source.plan.recipe)
+        files[split] = [rest, write_list(out, split, written), INDEX]
+    atomic.write_json(out / INDEX, [listed[taxonomy] for taxonomy in sorted(listed)])
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the partial clouds."""
+    names = names_of(plan)
+
+    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
+        return read_each((out / _partial(split, names, record) for record in rest), read_pcd, plan)
+
+    return read_published(out, plan, files, points)
+
+
+def _partial(split: str, names: Names, record: Any) -> str:
+    mesh_id = int(record["mesh_id"])
+    return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}/{int(record['view_id']):02d}.pcd"

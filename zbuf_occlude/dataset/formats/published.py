@@ -1,0 +1,242 @@
+"""What the layouts of published benchmarks share: names of classes and objects, whole objects, and what they lack.
+
+Such a layout holds points and little else. What a record holds beside them (view, pose, face ids, ...) goes into one
+more file per split, ``clouds_SPLIT.npy``, a row per cloud in the order of writing. Published loaders do not look at it;
+with it a dataset in such a layout is read back, verified and shown like any other.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, NamedTuple
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import Numbers, Source, check_indices
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.files import SUFFIXES
+
+Records = NDArray[Any]
+CLOUDS_AT_ONCE = 256
+
+
+class Names(NamedTuple):
+    """What objects are called in a published layout, by mesh index.
+
+    Parameters
+    ----------
+    classes : list of str
+    taxonomies : list of str
+        ShapeNet's synset where the key begins with one, else the class's name.
+    objects : list of str
+        The last part of the key without its ending; unique within its taxonomy.
+
+    Notes
+    -----
+    Only letters, digits and underscores: loaders split at "-" and ".".
+    """
+
+    classes: list[str]
+    taxonomies: list[str]
+    objects: list[str]
+
+
+def names_of(plan: Plan) -> Names:
+    """Return what the meshes of a plan are called; the same plan gives the same names."""
+    taxonomies, objects = [], []
+    free = _Free()
+    words = {label: free("", label) for label in plan.classes}
+    for entry in plan.meshes:
+        path = PurePosixPath(entry.key)
+        synset = path.parts[0]
+        taxonomy = synset if re.fullmatch(r"\d{8}", synset) and len(path.parts) > 1 else words[entry.label]
+        stem = path.stem if path.suffix.lower() in SUFFIXES else path.name
+        taxonomies.append(taxonomy)
+        objects.append(free(taxonomy, stem))
+    return Names([words[entry.label] for entry in plan.meshes], taxonomies, objects)
+
+
+def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None = None, size: int | None = None) -> None:
+    """Raise OptionError unless a plan makes pairs of partial and complete clouds as a layout's loaders expect them.
+
+    Parameters
+    ----------
+    plan : Plan
+    name : str
+        Of the layout.
+    n_complete : int
+        Points of a complete cloud: as many must be sampled on each object.
+    n_views, size : int, optional
+        Views per object, and points of a partial cloud, where loaders have a number in their code.
+    """
+    recipe = plan.recipe
+    for what, option, found, wanted in (
+        ("views per object", "--views", len(plan.views), n_views),
+        ("variation", "--variations", recipe.variations, 1),
+        ("points per partial cloud", "--sample-size", recipe.sample_size, size),
+    ):
+        if wanted is not None and found != wanted:
+            raise OptionError(
+                f"{name} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
+            )
+    if recipe.n_points is None or recipe.n_points < n_complete:
+        sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"
+        raise OptionError(
+            f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
+        )
+    if recipe.scale == "cloud" or recipe.frame != "object":
+        raise OptionError(
+            f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
+            f"{recipe.frame}. Give --scale object --frame object."
+        )
+
+
+def by_object(source: Source, split: str) -> Iterator[Records]:
+    """Yield all clouds of an object together, in the order of the plan: by mesh, variation, view."""
+    numbers = np.sort(source.order[split])
+    left = np.empty(0, record_type(source.plan.recipe))
+    for start in range(0, len(numbers), CLOUDS_AT_ONCE):
+        records = np.concatenate([left, source.take(numbers[start : start + CLOUDS_AT_ONCE])])
+        *whole, left = np.split(records, np.flatnonzero(np.diff(records["mesh_id"])) + 1)
+        yield from whole
+    if len(left):
+        yield left
+
+
+def complete_cloud(source: Source, records: Records, n_points: int) -> NDArray[np.float32]:
+    """Return points of an object's whole surface, (n_points, 3), in the frame of its occluded clouds."""
+    assert source.complete is not None  # the table says which formats need it, and convert asks
+    return np.asarray(source.complete(int(records["mesh_id"][0]), n_points)["data"])
+
+
+def rest_name(split: str) -> str:
+    """Return the name of the file of what a published layout lacks."""
+    return f"clouds_{split}.npy"
+
+
+def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe) -> str:
+    """Write what records hold beside their points, part by part as `parts` yields them; return the file's name."""
+    kind = _rest_type(recipe)
+
+    def fill(file: IO[bytes]) -> None:
+        def write_header(n_clouds: int) -> None:  # NumPy leaves room in it for the number to grow
+            file.seek(0)
+            header = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": (n_clouds,)}
+            np.lib.format.write_array_header_2_0(file, header)
+
+        n_clouds = 0
+        write_header(n_clouds)
+        for records in parts:
+            file.write(without_points(records, recipe).tobytes())
+            n_clouds += len(records)
+        write_header(n_clouds)
+
+    atomic.write(out / rest_name(split), fill)
+    return rest_name(split)
+
+
+def read_published(
+    out: Path, plan: Plan, files: dict[str, list[str]], points: Callable[[str, Records, Numbers], NDArray[Any]]
+) -> Source:
+    """Return the clouds of a published layout.
+
+    Parameters
+    ----------
+    out : Path
+    plan : Plan
+    files : dict of split to file names
+    points : callable
+        Returns the points (m, size, 3) of some clouds of a split, from their records without points and their rows.
+    """
+    rests: dict[str, Records] = {}
+    for split in files:
+        with reading(out / rest_name(split)):
+            rests[split] = np.load(out / rest_name(split), mmap_mode="r")
+            if rests[split].dtype != _rest_type(plan.recipe):
+                raise ValueError(f"records of {rests[split].dtype}")
+            check_indices(rests[split]["label"], rests[split]["mesh_id"], plan)
+    splits = list(rests)
+    ends = np.cumsum([len(rests[split]) for split in splits])
+
+    def take(numbers: Numbers) -> Records:
+        records = np.empty(len(numbers), record_type(plan.recipe))
+        owners = np.searchsorted(ends, numbers, side="right")
+        for owner in np.unique(owners):
+            mine = np.flatnonzero(owners == owner)
+            rows = numbers[mine] - (ends[owner - 1] if owner else 0)
+            rest = rests[splits[owner]][rows]
+            some: Records = np.empty(len(mine), records.dtype)
+            for name in rest.dtype.names or ():
+                some[name] = rest[name]
+            some["data"] = points(splits[owner], rest, rows)
+            records[mine] = some
+        return records
+
+    order = {split: np.arange(end - len(rests[split]), end) for split, end in zip(splits, ends, strict=True)}
+    return Source(plan, order, take)
+
+
+def without_points(records: Records, recipe: Recipe) -> Records:
+    """Return what records hold beside their points."""
+    rest: Records = np.empty(len(records), _rest_type(recipe))
+    for name in rest.dtype.names or ():
+        rest[name] = records[name]
+    return rest
+
+
+def read_each(paths: Iterable[Path], load: Callable[[Path], NDArray[Any]], plan: Plan) -> NDArray[Any]:
+    """Read clouds that have a file each, (m, size, 3).
+
+    Raises
+    ------
+    DatasetError
+        A file is missing, cannot be read, or holds another number of points.
+    """
+    shape = (plan.recipe.sample_size, 3)
+    clouds = []
+    for path in paths:
+        with reading(path):
+            clouds.append(load(path))
+            if clouds[-1].shape != shape:
+                raise ValueError(f"points {clouds[-1].shape}, where there are {shape}")
+    return np.array(clouds, np.float32).reshape(-1, *shape)
+
+
+def read_rows(path: Path, name: str, rows: Numbers) -> NDArray[Any]:
+    """Read rows of a dataset of an HDF5 file, in the order asked for."""
+    ascending, back = np.unique(rows, return_inverse=True)  # as h5py wants them
+    with reading(path), h5py.File(path) as h5:
+        return np.asarray(h5[name][ascending][back])
+
+
+def write_list(out: Path, split: str, names: list[str]) -> str:
+    """Write the list of all files of a split, in which checksums find them; return its name."""
+    atomic.write_lines(out / f"{split}_files.txt", names)
+    return f"{split}_files.txt"
+
+
+def _rest_type(recipe: Recipe) -> np.dtype[Any]:
+    whole = record_type(recipe)
+    return np.dtype([(name, whole[name]) for name in whole.names or () if name != "data"])
+
+
+class _Free:
+    """Turns names into words that differ from all given out before in the same place."""
+
+    def __init__(self) -> None:
+        self._taken: set[tuple[str, str]] = set()
+        self._last: dict[tuple[str, str], int] = {}
+
+    def __call__(self, place: str, name: str) -> str:
+        word = free = re.sub(r"\W", "_", name, flags=re.ASCII) or "_"
+        while (place, free) in self._taken:
+            number = self._last[place, word] = self._last.get((place, word), 1) + 1
+            free = f"{word}_{number}"
+        self._taken.add((place, free))
+        return free

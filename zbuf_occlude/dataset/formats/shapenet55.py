@@ -1,0 +1,75 @@
+"""ShapeNet-55's layout, as the loaders of PoinTr and Point-MAE read it: complete clouds, which they crop themselves.
+
+shapenet_pc/TAXONOMY-OBJECT.npy      (8192, 3) float32
+train.txt, test.txt (and val.txt)    names of these files, one per line
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.formats.published import (
+    Names,
+    Records,
+    by_object,
+    check_pairs,
+    names_of,
+    read_each,
+    read_published,
+    write_list,
+    write_rest,
+)
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Numbers, Source
+
+FOLDER = "shapenet_pc"
+N_COMPLETE = 8_192
+
+
+def check(plan: Plan) -> None:
+    """Raise OptionError unless the plan is as the loaders expect."""
+    check_pairs(plan, "shapenet55", n_complete=N_COMPLETE, size=N_COMPLETE)
+
+
+def write(source: Source, out: Path) -> dict[str, list[str]]:
+    """Write one complete cloud per object."""
+    names, files = names_of(source.plan), {}
+    for split in source.order:
+        listed: list[str] = []
+
+        def objects(split: str = split, listed: list[str] = listed) -> Iterator[Records]:
+            for clouds in by_object(source, split):
+                listed.append(complete_name(names, int(clouds["mesh_id"][0])))
+                write_npy(out / FOLDER / listed[-1], clouds["data"][0])
+                yield clouds[:1]
+
+        rest = write_rest(out, split, objects(), source.plan.recipe)
+        atomic.write_lines(out / f"{split}.txt", listed)
+        files[split] = [rest, write_list(out, split, [f"{FOLDER}/{name}" for name in listed]), f"{split}.txt"]
+    return files
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the complete clouds."""
+    names = names_of(plan)
+
+    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
+        paths = (out / FOLDER / complete_name(names, int(record["mesh_id"])) for record in rest)
+        return read_each(paths, np.load, plan)
+
+    return read_published(out, plan, files, points)
+
+
+def complete_name(names: Names, mesh_id: int) -> str:
+    """Return what an object's complete cloud is called; loaders split it at the hyphen and the dot."""
+    return f"{names.taxonomies[mesh_id]}-{names.objects[mesh_id]}.npy"
+
+
+def write_npy(path: Path, positions: NDArray[Any]) -> None:
+    """Write a cloud (n, 3) as float32."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic.write(path, lambda file: np.save(file, positions.astype(np.float32)))
