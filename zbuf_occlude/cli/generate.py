@@ -218,3 +218,91 @@ def command(
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
+        raise GlError(
+            f"--require-gpu needs a GPU for --method {AUTO} to choose; there is none. See `zbuf-occlude doctor`."
+        )
+    plans = [(plan, out)]
+    if wanted is not None and wanted.original:
+        plans.append((plan_of_originals(plan), out / ORIGINAL))
+    part = parse_shard(shard) if shard is not None else from_environment(os.environ)
+    limits = Limits(mesh_seconds, mesh_gigabytes)
+    if dry_run:
+        try:
+            rehearse(plan.recipe, require_gpu)
+            hindrance = ""
+        except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
+            hindrance = f"\nnot on this machine: {error}"
+        click.echo("\n".join(describe(*each) for each in plans) + hindrance)
+        return
+    rehearse(plan.recipe, require_gpu)
+    if engine == "ray":
+        run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
+    else:
+        run = partial(local.run_shards, n_workers=workers or os.cpu_count() or 1, limits=limits)
+    failed = False
+    for one, folder in plans:
+        mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
+        bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
+        with bar, logging_redirect_tqdm():
+            document = generate(one, folder, run=run, overwrite=overwrite, part=part, progress=bar.update)
+        if document:
+            click.echo(summary(document, folder))
+            failed |= bool(document["failures"])
+        else:
+            done = shards_done(one, folder)
+            click.echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
+    if failed:
+        raise SystemExit(SOME_FAILED)
+
+
+def rehearse(recipe: Recipe, require_gpu: bool) -> None:
+    """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
+
+    Raises
+    ------
+    OptionError, UnavailableError, GlError
+        What any mesh would have met; also a software renderer when a GPU is required.
+    """
+    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
+    with ExitStack() as stack:
+        gl = None
+        if find_method(recipe.method).needs_gl:
+            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+            gl = stack.enter_context(GlContext.open())
+            if require_gpu and gl.is_software:
+                raise GlError(
+                    f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
+                    "See `zbuf-occlude doctor`, or leave --require-gpu out."
+                )
+        occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
+        occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
+
+
+def describe(plan: Plan, out: Path) -> str:
+    """Say what a plan would make."""
+    recipe = plan.recipe
+    free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
+    how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
+    how = "complete" if recipe.complete else how
+    size = f"about {megabytes(plan):.0f} MB"
+    if not find_format(plan.format).keeps_points:
+        size += ", twice that while working"
+    return (
+        f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
+        f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
+        f"{counted(recipe.sample_size, 'point')} in {counted(len(plan.shards), 'shard')}, "
+        f"{how}\n"
+        f"into {out}: {size} ({free:.0f} MB free)\n"
+        f"fingerprint {plan.fingerprint}"
+    )
+
+
+def megabytes(plan: Plan) -> float:
+    """Estimate the size of a plan's files."""
+    recipe = plan.recipe
+    if not find_format(plan.format).keeps_points:
+        return plan.n_clouds * record_type(recipe).itemsize / 1e6
+    # an object's area is about twice its longest side's square
+    n_points = recipe.n_points or 2 * (recipe.density or 0.0)
+    return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured
