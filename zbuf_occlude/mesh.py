@@ -5,9 +5,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
+from zbuf_occlude.cleaning import faulty_faces
 from zbuf_occlude.errors import ArgumentError, MeshError
 
 NO_AREA = 1e-12
@@ -70,6 +71,22 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     @classmethod
+    def of_checked(
+        cls, vertices: FloatArray, faces: IntArray, name: str, source_face_ids: IntArray, dropped: dict[str, int]
+    ) -> "Mesh":
+        """Take over arrays that were checked already, float64 and int32, and that nobody else will change."""
+        mesh = object.__new__(cls)
+        for key, value in (
+            ("vertices", sealed(vertices)),
+            ("faces", sealed(faces)),
+            ("name", name),
+            ("source_face_ids", sealed(source_face_ids)),
+            ("dropped", dropped),
+        ):
+            object.__setattr__(mesh, key, value)
+        return mesh
+
+    @classmethod
     def from_trimesh(cls, mesh: Any, name: str = "mesh") -> "Mesh":
         """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned)."""
         if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
@@ -96,8 +113,10 @@ class Mesh:
     @cached_property
     def bounds(self) -> FloatArray:
         """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
-        used = self.vertices[np.unique(self.faces)]
-        return sealed(np.stack([used.min(axis=0), used.max(axis=0)]))
+        is_used = np.zeros(len(self.vertices), dtype=bool)
+        is_used[self.faces.reshape(-1)] = True
+        used = self.vertices[is_used].T.copy()  # along rows minima are found a dozen times as fast
+        return sealed(np.stack([used.min(axis=1), used.max(axis=1)]))
 
     @property
     def centre(self) -> FloatArray:
@@ -148,11 +167,7 @@ class Mesh:
         MeshError
             Nothing is left.
         """
-        edges = self.corners - np.roll(self.corners, -1, axis=1)
-        longest_squared = (edges**2).sum(axis=2).max(axis=1)
-        degenerate = np.linalg.norm(self.face_normals, axis=1) <= NO_AREA * longest_squared
-        positions = np.sort(_first_equal_rows(self.vertices)[self.faces], axis=1)  # by number, in any order
-        duplicate = _first_equal_rows(positions) != np.arange(len(self.faces))
+        degenerate, duplicate = faulty_faces(self.vertices, self.faces, NO_AREA)
         keep = ~(degenerate | duplicate)
         if not keep.any():
             raise MeshError(f"a mesh must have faces of some area; none of the {len(keep)} faces of {self.name} has.")
@@ -162,20 +177,10 @@ class Mesh:
             "duplicate": self.dropped.get("duplicate", 0) + int((duplicate & ~degenerate).sum()),
         }
         assert self.source_face_ids is not None  # set in __post_init__; for the type checker
-        return Mesh(self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped)
+        return Mesh.of_checked(self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped)
 
     def _with_vertices(self, vertices: FloatArray) -> "Mesh":
         return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped)
-
-
-def _first_equal_rows(rows: NDArray[Any]) -> NDArray[np.intp]:
-    """For each row of (n, 3) the first row that equals it; 0.0 equals -0.0. Three times as fast as np.unique."""
-    order = np.lexsort(rows.T)  # stable: equal rows stay in their order
-    ordered = rows[order]
-    starts = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
-    first = np.empty(len(rows), dtype=np.intp)
-    first[order] = order[starts][np.cumsum(starts) - 1]
-    return first
 
 
 def _normals(corners: FloatArray) -> FloatArray:

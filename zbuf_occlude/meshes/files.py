@@ -113,7 +113,8 @@ def _finished(polygons: Polygons, name: str, up: str) -> Mesh:
     if up == "y":
         vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
     ids = polygon_ids.astype(np.int32)
-    mesh = Mesh(vertices, triangles.astype(np.int32), name, ids, {reason: n for reason, n in dropped.items() if n})
+    dropped = {reason: n for reason, n in dropped.items() if n}
+    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped)  # by `Polygons`
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
         return mesh.cleaned()
 
