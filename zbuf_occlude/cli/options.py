@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from zbuf_occlude.dataset.auto import AUTO
+from zbuf_occlude.dataset.auto import AUTO, Choice, by_default
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.labels import FORMS
@@ -58,10 +58,19 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
             type=MethodName([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
-            help="How hidden surfaces are removed.",
+            help="How hidden surfaces are removed; where no OpenGL opens, and none is named: exact.",
         )(function)
 
     return decorate
+
+
+def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]) -> Choice:
+    """Return the method that a person named, or what is taken by default here; say it first if that is another one."""
+    default = context.get_parameter_source("method") is ParameterSource.DEFAULT
+    choice = by_default() if default and not settings else Choice(method, "")
+    if choice.reason:
+        click.echo(f"method {choice.method}, because {choice.reason}", err=True)
+    return choice
 
 
 def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:

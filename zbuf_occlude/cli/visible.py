@@ -6,7 +6,15 @@ import click
 import numpy as np
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
-from zbuf_occlude.cli.options import camera_options, given, method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.options import (
+    camera_options,
+    chosen_method,
+    given,
+    method_options,
+    parse_settings,
+    suffix_of,
+    up_option,
+)
 from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
@@ -47,6 +55,8 @@ def command(
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
     suffix = suffix_of(out, (".ply", ".npy", ".csv"))
+    choice = chosen_method(context, method, settings)
+    method = choice.method
     options = parse_settings(method, settings)
     view = Views(np.radians([azimuth]), np.radians([elevation]), np.array([distance]))
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
@@ -72,4 +82,5 @@ def command(
     else:
         away = (cloud.normals * (eyes[0] - cloud.positions)).sum(axis=1, keepdims=True) < 0
         write_ply(out, cloud.positions, np.where(away, -cloud.normals, cloud.normals))
-    click.echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}")
+    why = f", because {choice.reason}" if choice.reason else ""
+    click.echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")

@@ -1,4 +1,4 @@
-"""`--method auto`: the method that answered fastest where it was measured, for this machine and these sizes."""
+"""Which method, where a person named none: `depth_buffer` if OpenGL opens; for `auto` the fastest as measured."""
 
 import importlib.util
 import os
@@ -29,6 +29,17 @@ class Choice:
 
     method: str
     reason: str
+
+
+def by_default() -> Choice:
+    """Choose where no method was named: `depth_buffer`, or `exact`, with the reason, where no OpenGL context opens."""
+    from zbuf_occlude.gl.context import FIXES, GlContext  # late: nothing touches GL before it must
+
+    try:
+        GlContext.open().close()
+    except GlError:
+        return Choice("exact", f"no OpenGL context opens here; for depth_buffer on Debian: {FIXES['egl']}")
+    return Choice("depth_buffer", "")
 
 
 def choose(n_faces: int, n_points: int, *, gpu: bool, embree: bool) -> Choice:
