@@ -1,10 +1,17 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
+import os
+import shutil
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from click.core import ParameterSource
+from tqdm import tqdm
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.options import (
     OutFolder,
@@ -17,13 +24,23 @@ from zbuf_occlude.cli.options import (
     up_option,
 )
 from zbuf_occlude.cli.overview import overview
+from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
+from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
-from zbuf_occlude.dataset.presets import PRESETS, find_preset
+from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
+from zbuf_occlude.errors import GlError, UnavailableError
+from zbuf_occlude.farm import local, ray
+from zbuf_occlude.farm.slurm import from_environment, parse_shard
+from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.views import SPECS
-from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visibility import find_method, prepare
 
 FORMULAS = "formulas"
 LIMIT = "A mesh that takes more is a failure, not the end of the run."

@@ -1,0 +1,102 @@
+"""A machine without OpenGL: `exact` where no method was named, and who named one is told what is missing."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude.dataset import auto
+from zbuf_occlude.meshes.shapes import solids
+
+TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+WHY = "no OpenGL context opens here; for depth_buffer on Debian: apt-get install libegl1 libgl1-mesa-dri"
+
+MASKED = """
+empty=$(mktemp)
+find -L /usr/lib /usr/local/lib /lib -name 'libEGL*' -o -name 'libGL*' -o -name 'libOSMesa*' -o -name 'libOpenGL*' \\
+    2>/dev/null | sort -u | while read -r file; do mount --bind "$empty" "$file" 2>/dev/null; done
+exec "$@"
+"""
+"""Runs a command where every library of OpenGL is an empty file; in a mount namespace of its own."""
+
+
+@pytest.fixture
+def without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No library of OpenGL is found in this process."""
+    monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
+    monkeypatch.delenv("GLCONTEXT_DEVICE_INDEX", raising=False)
+    monkeypatch.setattr("zbuf_occlude.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
+    monkeypatch.setattr("zbuf_occlude.gl.osmesa._SONAMES", ("libOSMesa_is_not_here.so",))
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    path = tmp_path / "triangle.off"
+    path.write_text(TRIANGLE)
+    return path
+
+
+@pytest.mark.usefixtures("without_gl")
+def test_generate_takes_exact_and_says_so_first_last_and_in_the_manifest(run: Run, mesh: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = run("generate", mesh, "--views", "ring:2@30", "--points", 100, "--workers", 1, "--out", out)
+    assert result.code == 0, result.err
+    assert result.err.splitlines()[0] == f"method exact, because {WHY}"
+    assert f"because {WHY}" in result.out.splitlines()
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["options"]["method"], manifest["options"]["reason"]) == ("exact", WHY)
+    assert manifest["renderer"] == "none"
+
+
+@pytest.mark.usefixtures("without_gl")
+def test_visible_takes_exact_and_says_so(run: Run, mesh: Path, tmp_path: Path) -> None:
+    result = run("visible", mesh, "--azimuth", 30, "--elevation", 20, "--out", tmp_path / "cloud.ply")
+    assert result.code == 0, result.err
+    assert result.err.splitlines()[0] == f"method exact, because {WHY}"
+    assert "by exact on none" in result.out
+    assert result.out.rstrip().endswith(WHY)
+
+
+@pytest.mark.usefixtures("without_gl")
+@pytest.mark.parametrize(
+    "named", [("--method", "depth_buffer"), ("--set", "resolution=64"), ("--require-gpu",)], ids=lambda n: n[0]
+)
+def test_who_names_the_depth_buffer_or_a_gpu_is_refused(
+    run: Run, named: tuple[str, ...], mesh: Path, tmp_path: Path
+) -> None:
+    result = run("generate", mesh, *named, "--out", tmp_path / "out")
+    assert result.code == 1
+    assert "an OpenGL 4.3 core context must open; it does not" in result.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("without_gl")
+def test_on_the_fly_clouds_need_no_opengl() -> None:
+    torch_dataset = pytest.importorskip("zbuf_occlude.dataset.torch", reason="PyTorch is not installed")
+    occlude = torch_dataset.OnTheFlyOcclusion(64)
+    assert occlude.method == "exact"
+    assert occlude(solids.icosphere(1)).shape == (64, 3)
+
+
+@pytest.mark.gl
+def test_where_opengl_opens_nothing_is_said(gl: object) -> None:
+    assert auto.by_default() == auto.Choice("depth_buffer", "")
+
+
+def test_both_commands_of_the_readme_with_all_libraries_masked(mesh: Path, tmp_path: Path) -> None:
+    unshare = ["unshare", "--mount", "bash", "-c", MASKED, "masked"]
+    if shutil.which("unshare") is None or subprocess.run([*unshare, "true"], capture_output=True).returncode:
+        pytest.skip("this machine may not make mount namespaces")
+    command = [*unshare, sys.executable, "-m", "zbuf_occlude"]
+    for arguments in (
+        ["generate", "--limit", "2", "--views", "ring:2@30", "--points", "500", "--out", str(tmp_path / "out")],
+        ["visible", str(mesh), "--azimuth", "30", "--elevation", "20", "--out", str(tmp_path / "cloud.ply")],
+    ):
+        child = subprocess.run([*command, *arguments], capture_output=True, text=True)
+        assert child.returncode == 0, child.stderr
+        assert child.stderr.splitlines()[0] == f"method exact, because {WHY}"
+        assert "by exact on none" in child.stdout
