@@ -1,4 +1,4 @@
-"""`exact` against the strict peer: Open3D's `RaycastingScene.test_occlusions`, its call alone, Morton-sorted points.
+"""`exact` against the strict peer: Open3D's `RaycastingScene.test_occlusions`, its call alone, Hilbert-sorted points.
 
     python benchmarks/exact_vs_embree.py [--points 2000 10000 50000 500000] [--repeats 5] [--data FOLDER] [--json FILE]
 
@@ -23,7 +23,7 @@ import open3d
 
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, sample_surface
-from zbuf_occlude.image_space.ordering import morton_codes
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
@@ -47,7 +47,7 @@ def meshes(data: Path) -> dict[str, Mesh]:
 def compare(name: str, mesh: Mesh, n_points: int, repeats: int) -> dict[str, float | str | int]:
     eyes = zo.views.paper100().eyes
     points = sample_surface(mesh, n_points=n_points, seed=0)
-    ordered = points.select(np.argsort(morton_codes(points.positions, mesh.bounds[0], mesh.longest_side)))
+    ordered = points.select(hilbert_order(points.positions))
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(
         open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))

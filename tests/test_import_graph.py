@@ -17,7 +17,6 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"cleaning": set()},
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
-    {"solids": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
     {"gl": set(), "object_space": set(), "image_space": set()},  # engines; none knows another
     {"visibility": set()},

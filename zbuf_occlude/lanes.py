@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.core.datamodel import models, register_default
 from numba.core.errors import TypingError
@@ -72,8 +72,8 @@ def _binary(emit: Callable[[Any, Any, Any], Any], result: Any = VECTOR) -> Any:
     """Make a function of two vectors from what it emits."""
 
     @intrinsic
-    def operation(typing_context, a, b):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def operation(typing_context, a, b):
+        def codegen(context, builder, signature, args):
             return emit(builder, *args)
 
         return result(VECTOR, VECTOR), codegen
@@ -106,83 +106,83 @@ _multiply = _binary(lambda builder, a, b: builder.fmul(a, b))
 
 
 @overload(operator.add)
-def _overload_add(a, b):  # type: ignore[no-untyped-def]
+def _overload_add(a, b):
     if isinstance(a, VectorType) and isinstance(b, VectorType):
         return lambda a, b: _add(a, b)
     return None
 
 
 @overload(operator.sub)
-def _overload_subtract(a, b):  # type: ignore[no-untyped-def]
+def _overload_subtract(a, b):
     if isinstance(a, VectorType) and isinstance(b, VectorType):
         return lambda a, b: _subtract(a, b)
     return None
 
 
 @overload(operator.mul)
-def _overload_multiply(a, b):  # type: ignore[no-untyped-def]
+def _overload_multiply(a, b):
     if isinstance(a, VectorType) and isinstance(b, VectorType):
         return lambda a, b: _multiply(a, b)
     return None
 
 
 @intrinsic
-def muladd(typing_context, a, b, c):  # type: ignore[no-untyped-def]
+def muladd(typing_context, a, b, c):
     """a * b + c, fused where the machine can."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.call(_llvm_function(builder, "llvm.fmuladd.v16f32", 3), args)
 
     return VECTOR(VECTOR, VECTOR, VECTOR), codegen
 
 
 @intrinsic
-def absolute(typing_context, a):  # type: ignore[no-untyped-def]
+def absolute(typing_context, a):
     """|a|"""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.call(_llvm_function(builder, "llvm.fabs.v16f32", 1), args)
 
     return VECTOR(VECTOR), codegen
 
 
 @intrinsic
-def square_root(typing_context, a):  # type: ignore[no-untyped-def]
+def square_root(typing_context, a):
     """The square root, NaN of negative numbers."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.call(_llvm_function(builder, "llvm.sqrt.v16f32", 1), args)
 
     return VECTOR(VECTOR), codegen
 
 
 @intrinsic
-def splat(typing_context, value):  # type: ignore[no-untyped-def]
+def splat(typing_context, value):
     """One number in all lanes."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return _repeat(builder, args[0], _FLOATS)
 
     return VECTOR(types.float32), codegen
 
 
 @intrinsic
-def load(typing_context, array, index):  # type: ignore[no-untyped-def]
+def load(typing_context, array, index):
     """The 16 float32 of an array that begin at a flat index."""
     _must_be_contiguous(array)
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.load(_address(context, builder, signature.args[0], args[0], args[1], _FLOATS), align=4)
 
     return VECTOR(array, types.intp), codegen
 
 
 @intrinsic
-def store(typing_context, array, index, vector):  # type: ignore[no-untyped-def]
+def store(typing_context, array, index, vector):
     """Write 16 float32 to an array from a flat index on."""
     _must_be_contiguous(array)
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         builder.store(args[2], _address(context, builder, signature.args[0], args[0], args[1], _FLOATS), align=4)
         return context.get_dummy_value()
 
@@ -190,21 +190,21 @@ def store(typing_context, array, index, vector):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def whole(typing_context, a):  # type: ignore[no-untyped-def]
+def whole(typing_context, a):
     """a without its fraction, for -2^31 < a < 2^31."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.sitofp(builder.fptosi(args[0], _INTS), _FLOATS)
 
     return VECTOR(VECTOR), codegen
 
 
 @intrinsic
-def gather(typing_context, array, width, row, column):  # type: ignore[no-untyped-def]
+def gather(typing_context, array, width, row, column):
     """``array.flat[row * width + column]`` for the whole numbers in two vectors; the index must be below 2^31."""
     _must_be_contiguous(array)
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         _, width, row, column = args
         widths = _repeat(builder, builder.trunc(width, ir.IntType(32)), _INTS)
         places = builder.add(builder.mul(builder.fptosi(row, _INTS), widths), builder.fptosi(column, _INTS))
@@ -220,10 +220,10 @@ def gather(typing_context, array, width, row, column):  # type: ignore[no-untype
 
 
 @intrinsic
-def equal(typing_context, array, index, value):  # type: ignore[no-untyped-def]
+def equal(typing_context, array, index, value):
     """Mask of the 16 int32 of an array from a flat index on that equal a value."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         values = builder.load(_address(context, builder, signature.args[0], args[0], args[1], _INTS), align=4)
         return _to_word(builder, builder.icmp_signed("==", values, _repeat(builder, args[2], _INTS)))
 
@@ -231,10 +231,10 @@ def equal(typing_context, array, index, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def select(typing_context, mask, a, b):  # type: ignore[no-untyped-def]
+def select(typing_context, mask, a, b):
     """a in the lanes of a mask, b in the others."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         bools = builder.bitcast(builder.trunc(args[0], _BITS), _BOOLS)
         return builder.select(bools, args[1], args[2])
 
@@ -245,8 +245,8 @@ def _reduction(emit: Callable[[Any, Any, Any], Any]) -> Any:
     """Make a function of one vector that folds it in halves, 16 to 8 to 4 to 2 to 1."""
 
     @intrinsic
-    def operation(typing_context, a):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def operation(typing_context, a):
+        def codegen(context, builder, signature, args):
             vector, n = args[0], N_LANES
             while n > 1:
                 n //= 2
@@ -273,20 +273,65 @@ highest = _reduction(_larger)
 
 
 @intrinsic
-def first_lane(typing_context, mask):  # type: ignore[no-untyped-def]
+def first_lane(typing_context, mask):
     """The lowest lane of a mask that is not empty."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.int64), codegen
 
 
 @intrinsic
-def count_lanes(typing_context, mask):  # type: ignore[no-untyped-def]
+def count_lanes(typing_context, mask):
     """The number of lanes in a mask."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         return builder.ctpop(args[0])
 
     return types.int64(types.int64), codegen
+
+
+# three vectors at a time: tuples of 3, one for each axis
+
+
+@njit(_nrt=False, forceinline=True)
+def load3(array, index, stride):
+    """Load three vectors, each `stride` numbers after the one before."""
+    return load(array, index), load(array, index + stride), load(array, index + 2 * stride)
+
+
+@njit(_nrt=False, forceinline=True)
+def store3(array, index, stride, vectors):
+    """Write three vectors likewise."""
+    store(array, index, vectors[0])
+    store(array, index + stride, vectors[1])
+    store(array, index + 2 * stride, vectors[2])
+
+
+@njit(_nrt=False, forceinline=True)
+def splat3(values):
+    """Each of three numbers in all lanes."""
+    return splat(values[0]), splat(values[1]), splat(values[2])
+
+
+@njit(_nrt=False, forceinline=True)
+def dot3(a, b, c):
+    """a . b + c"""
+    return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
+
+
+@njit(_nrt=False, forceinline=True)
+def cross3(a, b):
+    """a x b"""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(_nrt=False, forceinline=True)
+def transform(matrix, x, y, z):
+    """Rows 0 to 2 of a 3 x 4 matrix, (12,) float32, times (x, y, z, 1)."""
+    return (
+        muladd(x, splat(matrix[0]), muladd(y, splat(matrix[1]), muladd(z, splat(matrix[2]), splat(matrix[3])))),
+        muladd(x, splat(matrix[4]), muladd(y, splat(matrix[5]), muladd(z, splat(matrix[6]), splat(matrix[7])))),
+        muladd(x, splat(matrix[8]), muladd(y, splat(matrix[9]), muladd(z, splat(matrix[10]), splat(matrix[11])))),
+    )

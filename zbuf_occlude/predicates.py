@@ -8,29 +8,27 @@ import math
 
 from numba import njit
 
-Vector = tuple[float, float, float]
-
 
 @njit(inline="always")
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     """a . b"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(inline="always")
-def cross(a, b):  # type: ignore[no-untyped-def]
+def cross(a, b):
     """a x b; cross(b, a) is its exact negative in floating point, which makes shared edges watertight."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @njit(inline="always")
-def minus(a, b):  # type: ignore[no-untyped-def]
+def minus(a, b):
     """a - b"""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @njit
-def blocks(eye, point, a, b, c, contact):  # type: ignore[no-untyped-def]
+def blocks(eye, point, a, b, c, contact):
     """Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
 
     Parameters
@@ -69,7 +67,7 @@ def blocks(eye, point, a, b, c, contact):  # type: ignore[no-untyped-def]
 
 
 @njit
-def meeting(origin, direction, a, b, c):  # type: ignore[no-untyped-def]
+def meeting(origin, direction, a, b, c):
     """Where the closed triangle abc meets the open ray from an origin.
 
     Parameters

@@ -1,13 +1,67 @@
-"""Kernels whose loops numba spreads over threads, and that live through a fork."""
+"""Kernels with threads: tasks that several threads take in turn, and loops that numba spreads over them."""
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from types import FunctionType
 from typing import Any
 
 import numba
-from numba import njit
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+shared = njit(nogil=True, cache=True)
+"""Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` until none is left."""
+
+
+@intrinsic
+def take(typing_context, tasks):
+    """Return the number of the next task: 0, 1, 2, ... over all threads that take from these `tasks`."""
+
+    def codegen(context, builder, signature, arguments):
+        counter = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.atomic_rmw("add", counter, ir.Constant(ir.IntType(64), 1), "monotonic")
+
+    return types.int64(tasks), codegen
+
+
+def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None:
+    """Run a `shared` kernel on this thread, and on others as far as they are free.
+
+    Parameters
+    ----------
+    kernel : callable
+        Takes tasks, and `arguments`; may be called with no task left.
+    n_tasks : int
+        How many it has; as many threads are of use, up to ``numba.get_num_threads()``.
+
+    Notes
+    -----
+    Others sleep until they are called, and one that has not begun when the work is done is not waited for: on a busy
+    machine this thread does it all. Several threads may ask at the same time, and a forked process gets helpers of its
+    own.
+    """
+    tasks = np.zeros(1, dtype=np.int64)
+    n_helpers = min(numba.get_num_threads(), n_tasks) - 1
+    helpers = [_helpers().submit(kernel, tasks, *arguments) for _ in range(n_helpers)]
+    kernel(tasks, *arguments)
+    for helper in helpers:
+        if not helper.cancel():
+            helper.result()
+
+
+_pool: ThreadPoolExecutor | None = None
+
+
+def _helpers() -> ThreadPoolExecutor:
+    """The threads of this process that help."""
+    global _pool
+    if _pool is None:
+        _pool = ThreadPoolExecutor(max(1, numba.config.NUMBA_NUM_THREADS - 1), "zbuf_occlude")
+    return _pool
 
 
 class threaded:  # noqa: N801  (a decorator, like njit)
@@ -46,7 +100,8 @@ _forked = False
 
 
 def _notice_fork() -> None:
-    global _forked
+    global _forked, _pool
+    _pool = None  # its threads have stayed behind
     with suppress(ValueError):  # no kernel has run
         _forked = _forked or numba.threading_layer() == "omp"
 

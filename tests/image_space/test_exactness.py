@@ -1,58 +1,41 @@
 """The engine of `exact` over random scenes, and the same answers from any processor and any number of threads."""
 
 import hashlib
-import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numba
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from tests.random_scenes import CONTACTS, KINDS, disagreements, disagreements_of, scene
 from zbuf_occlude import Mesh, sample_surface
 from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility.interface import Occluder
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def random_scenes() -> ModuleType:
-    """The script benchmarks/random_scenes.py, which runs a thousand of them."""
-    spec = importlib.util.spec_from_file_location("random_scenes", ROOT / "benchmarks" / "random_scenes.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_random_scenes_agree_with_the_oracle_outside_the_boundary_band(random_scenes: ModuleType) -> None:
+def test_random_scenes_agree_with_the_oracle_outside_the_boundary_band() -> None:
     kinds = set()
-    for index in range(90):
-        outside, _, _ = random_scenes.disagreements("exact", 1, index)
-        kind = random_scenes.scene(1, index)[3]
-        assert outside == 0, f"scene {index} ({kind})"
-        kinds.add(kind)
-    assert len(kinds) == len(random_scenes.KINDS)
+    for index in range(130):
+        contact = CONTACTS[index % len(CONTACTS)]
+        outside, _, _ = disagreements_of("exact", 1, index, contact)
+        kind = scene(1, index)[3]
+        assert outside == 0, f"scene {index} ({kind}, contact {contact:g})"
+        kinds.add((kind, contact))
+    assert len(kinds) == len(KINDS) * len(CONTACTS)
 
 
-def test_random_scenes_notice_a_method_that_errs(random_scenes: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Blind:
-        def __enter__(self) -> "Blind":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-        def visible(self, points: zo.SurfacePoints, eyes: np.ndarray) -> np.ndarray:
+def test_random_scenes_notice_a_method_that_errs() -> None:
+    class Blind(Occluder):
+        def _visible(self, points: zo.SurfacePoints, eyes: np.ndarray) -> np.ndarray:
             return np.ones((len(eyes), len(points)), dtype=bool)
 
-    monkeypatch.setattr(random_scenes.zo, "prepare", lambda mesh, method: Blind())
-    assert random_scenes.disagreements("exact", 1, 5)[0] > 0
+    assert disagreements(lambda mesh, contact: Blind(mesh), 1, 5)[0] > 0
 
 
 def crowd() -> tuple[Mesh, zo.SurfacePoints, np.ndarray]:

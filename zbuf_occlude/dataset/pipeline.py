@@ -8,7 +8,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.image_space.ordering import morton_codes
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.seeds import seed_of
@@ -80,8 +80,8 @@ def occlude(
 def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
     """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
 
-    The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory, which
-    every method likes and which makes packed datasets small. (The order within a cloud is random all the same.)
+    The points come face by face, and within a face in Hilbert order: neighbours in space are neighbours in memory,
+    which every method likes and which makes packed datasets small. (The order within a cloud is random all the same.)
     """
     if recipe.density is None:
         points = sample_surface(mesh, n_points=recipe.n_points, seed=seed)
@@ -89,8 +89,8 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
         points = sample_surface(mesh, density=recipe.density / mesh.longest_side**2, seed=seed)
         if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
             points = sample_surface(mesh, n_points=1, seed=seed)
-    codes = morton_codes(points.positions, mesh.bounds[0], mesh.longest_side)
-    return points.select(np.lexsort((codes, points.face_ids)))
+    order = hilbert_order(points.positions)
+    return points.select(order[np.argsort(points.face_ids[order], kind="stable")])
 
 
 def check(mesh: Mesh, points: SurfacePoints, views: Views, mask: BoolArray, rng: np.random.Generator) -> dict[str, int]:

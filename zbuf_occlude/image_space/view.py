@@ -1,22 +1,28 @@
-"""Frames: the projections through which an eye looks at the scene; one for an eye outside, six for one inside."""
+"""Views: how an eye looks at the scene; in one frame from outside, in the six of a cube about it from inside."""
 
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.image_space.layout import ONE, ZERO
+from zbuf_occlude.image_space.scene import Scene
 
 OUTSIDE = 1.5
 """An eye farther from the centre than this times the farthest point sees everything in one frame."""
 
-GUARD = 1.05
+GUARD = np.float32(1.05)
 """Half-width of a cube face's window; more than 1, so that rounding loses no point between two faces."""
 
-NO_WINDOW = 1e30
+NO_WINDOW = np.float32(1e30)
+
+NEAR = np.float32(1e-3)
+"""Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
 
 
-class Frames(NamedTuple):
+class Views(NamedTuple):
     """How k eyes look at the scene.
 
     Parameters
@@ -26,31 +32,54 @@ class Frames(NamedTuple):
         What lies before the eye has w > 0, and is seen at (x / w, y / w).
     n_frames : (k,) int64
         1: the eye is outside, w is 1 at the scene's centre. 6: faces of a cube about the eye, w is scene units.
-    windows : (k,) float32
-        Only what has |x|, |y| <= window x w belongs to a frame.
     eyes : (k, 3) float64, scene space
     world_eyes : (k, 3) float64
-        The caller's own, for float64: an eye that went through scene space and back has been rounded, and is on the
-        other side of planes that it lies in.
+        The caller's own, for float64: an eye that went through scene space and back has been rounded, and is on one
+        side of planes that it lies in.
     """
 
     matrices: NDArray[np.float32]
     n_frames: NDArray[np.int64]
-    windows: NDArray[np.float32]
     eyes: FloatArray
     world_eyes: FloatArray
 
 
-def make_frames(world_eyes: FloatArray, centre: FloatArray, scale: float, radius: float) -> Frames:
+class View(NamedTuple):
+    """One frame of one eye, as the kernels pass it on.
+
+    Parameters
+    ----------
+    number : int
+        Of the frame, among those of all eyes.
+    matrix : (12,) float32
+        As in `Views`.
+    window : float32
+        Only what has |x|, |y| <= window x w belongs to the frame.
+    near : float32
+        Points with w below this times their reach do not belong to it either; 0 from outside, where there are none.
+    eye, world_eye : tuples of 3 float32, scene space, and of 3 float64
+    reach : float32
+        Largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it.
+    """
+
+    number: int
+    matrix: NDArray[np.float32]
+    window: np.float32
+    near: np.float32
+    eye: tuple[np.float32, np.float32, np.float32]
+    world_eye: tuple[float, float, float]
+    reach: np.float32
+
+
+def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     """Place a frame, or the six faces of a cube, before each eye.
 
     Parameters
     ----------
-    world_eyes : (k, 3) float64
-    centre, scale : (3,) float64 and float
-        The scene's.
-    radius : float
-        Of a sphere about the scene's centre that holds the mesh and all points, scene units.
+    scene : Scene
+    world_eyes : (k, 3) float64, world space
+    farthest : float
+        Radius of a sphere about the scene's centre that holds the mesh and all points, scene units.
 
     Notes
     -----
@@ -58,18 +87,34 @@ def make_frames(world_eyes: FloatArray, centre: FloatArray, scale: float, radius
     scene equally well from any distance. From inside coordinates are about the eye; the cube's faces are those of
     the axes.
     """
-    eyes = (world_eyes - centre) * scale
+    eyes = (world_eyes - scene.centre) * scene.scale
     distances = np.linalg.norm(eyes, axis=1)
-    outside = distances > OUTSIDE * radius
+    outside = distances > OUTSIDE * farthest
     matrices = np.zeros((len(eyes), 6, 3, 4))
     matrices[outside, 0] = _look_at(eyes[outside], distances[outside])
     matrices[~outside] = _cube(eyes[~outside])
-    return Frames(
-        matrices.reshape(len(eyes), 6, 12).astype(np.float32),
-        np.where(outside, 1, 6).astype(np.int64),
-        np.where(outside, NO_WINDOW, GUARD).astype(np.float32),
-        eyes,
-        world_eyes,
+    return Views(
+        matrices=matrices.reshape(len(eyes), 6, 12).astype(np.float32),
+        n_frames=np.where(outside, 1, 6).astype(np.int64),
+        eyes=eyes,
+        world_eyes=np.ascontiguousarray(world_eyes),
+    )
+
+
+@njit
+def view_of(views, k, frame):
+    """Return a frame of eye k as the kernels take it."""
+    eye, world_eye = views.eyes[k], views.world_eyes[k]
+    inside = views.n_frames[k] > 1
+    distance = np.float32(1.001 * np.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]))
+    return View(
+        number=6 * k + frame,
+        matrix=views.matrices[k, frame],
+        window=GUARD if inside else NO_WINDOW,
+        near=NEAR if inside else ZERO,
+        eye=(np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])),
+        world_eye=(world_eye[0], world_eye[1], world_eye[2]),
+        reach=max(ONE, distance) if inside else ONE,
     )
 
 

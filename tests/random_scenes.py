@@ -1,0 +1,237 @@
+"""Random scenes that are hard for visibility: meshes, points and eyes from a seed and a number, and a count of errors.
+
+Soups, slivers, touching and duplicate faces, one huge face beside tiny ones, boxes, spheres, spiky, flat, nested and
+self-crossing solids, sheets in one plane and standing on each other, points near their edges; eyes near, far, inside
+the bounding sphere, on the axes, in the plane of a face and on the line of an edge; scales 1e-3 to 1e3.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude import Mesh, SurfacePoints, sample_surface
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import refined, solids
+from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+
+CONTACTS = (0.0, 1e-7, 1e-5, 1e-3, 1e-2)
+"""Contact tolerances that an exact method must be right at."""
+
+
+def triangles(corners: FloatArray) -> Mesh:
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def soup(rng: np.random.Generator) -> Mesh:
+    n = int(rng.integers(1, 500))
+    size = 10.0 ** rng.uniform(-2.5, 0.0)
+    return triangles(rng.uniform(-1, 1, (n, 1, 3)) + size * rng.normal(size=(n, 3, 3)))
+
+
+def slivers(rng: np.random.Generator) -> Mesh:
+    n, width = int(rng.integers(2, 300)), 10.0 ** rng.uniform(-7.0, -2.0)
+    along = rng.normal(size=(n, 1, 3)) * np.array([0.0, 1.0, rng.uniform(0.5, 1.0)])[None, :, None]
+    return triangles(rng.uniform(-1, 1, (n, 1, 3)) + along + width * rng.normal(size=(n, 3, 3)))
+
+
+def touching(rng: np.random.Generator) -> Mesh:
+    """Boxes on a coarse grid: they share faces, edges and corners."""
+    boxes = []
+    for _ in range(int(rng.integers(2, 12))):
+        box = solids.box()
+        boxes.append(box.corners * rng.integers(1, 3, 3) + rng.integers(-2, 3, 3))
+    return triangles(np.concatenate(boxes).astype(np.float64))
+
+
+def duplicates(rng: np.random.Generator) -> Mesh:
+    """Every face twice, some also moved by less or more than the contact tolerance."""
+    mesh = soup(rng)
+    shift = 10.0 ** rng.uniform(-9.0, -3.0) * rng.normal(size=(len(mesh.faces), 1, 3))
+    return triangles(np.concatenate([mesh.corners, mesh.corners[:, [1, 2, 0]], mesh.corners + shift]))
+
+
+def huge_and_tiny(rng: np.random.Generator) -> Mesh:
+    tiny = rng.uniform(-0.5, 0.5, (400, 1, 3)) + 0.01 * rng.normal(size=(400, 3, 3))
+    return triangles(np.concatenate([tiny, 50.0 * rng.normal(size=(int(rng.integers(1, 3)), 3, 3))]))
+
+
+def sphere(rng: np.random.Generator) -> Mesh:
+    return solids.icosphere(int(rng.integers(1, 4)))
+
+
+def spiky(rng: np.random.Generator) -> Mesh:
+    """Balls whose vertices are moved in and out: closed, folded sharply, some wound inwards, each for itself sound."""
+    balls = []
+    for _ in range(int(rng.integers(1, 4))):
+        ball = solids.icosphere(int(rng.integers(1, 4)))
+        radii = 1.0 + rng.uniform(0.0, 0.9) * rng.uniform(-1.0, 1.0, len(ball.vertices))
+        corners = (ball.vertices * radii[:, None])[ball.faces] * rng.uniform(0.2, 1.0) + 0.5 * rng.normal(size=3)
+        balls.append(corners[:, ::-1] if rng.random() < 0.3 else corners)
+    return triangles(np.concatenate(balls))
+
+
+def flat(rng: np.random.Generator) -> Mesh:
+    """Plates and wedges about as thin as the contact tolerance, and thicker."""
+    plate = refined(solids.box(), 200).vertices.copy()
+    faces = refined(solids.box(), 200).faces
+    plate[:, 2] *= 10.0 ** rng.uniform(-6.0, -1.0)
+    if rng.random() < 0.5:
+        plate[:, 2] *= plate[:, 0] - plate[:, 0].min() + 10.0 ** rng.uniform(-5.0, -1.0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return triangles((plate @ turn)[faces])
+
+
+def crossed(rng: np.random.Generator) -> Mesh:
+    """A ball that is mirrored beyond a plane, and so crosses itself, in or beside another."""
+    ball = solids.icosphere(3)
+    at = rng.uniform(-0.9, 0.9)
+    mirrored = ball.vertices * np.where([True, False, False], ball.vertices[:, 2:] - at, 1.0)
+    other = ball.vertices * rng.uniform(0.2, 0.6) + rng.uniform(0.0, 1.0, 3)
+    return triangles(np.concatenate([mirrored[ball.faces], other[ball.faces]]))
+
+
+def bodies(rng: np.random.Generator) -> Mesh:
+    """Furniture and vehicles of parts that touch or run through each other, with some faces missing or wound anyhow."""
+    name = SHAPES[rng.integers(len(SHAPES))]
+    mesh = shapes.make(name, int(rng.integers(1000)))
+    faces = mesh.faces[rng.random(len(mesh.faces)) > rng.choice([0.0, 0.0, 0.01])]
+    some = rng.random(len(faces)) < rng.choice([0.0, 0.3])
+    faces[some] = faces[some][:, ::-1]
+    return Mesh(mesh.vertices, faces)
+
+
+def waves(rng: np.random.Generator) -> Mesh:
+    """Sheets in waves, one above the other, which fold back as seen from most sides, and end."""
+    n, corners = int(rng.integers(4, 20)), []
+    u, v = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n), indexing="ij")
+    for _ in range(int(rng.integers(1, 3))):
+        a, b, c = rng.uniform(0.0, 6.0, 3)
+        sheet = np.stack([u + 0.3 * np.sin(b * v), v, 0.5 * np.sin(a * u + c) * np.cos(b * v)], axis=-1)
+        sheet = (sheet + rng.normal(0.0, 0.3, 3)).reshape(-1, 3)
+        first = (n * np.arange(n - 1)[:, None] + np.arange(n - 1)).reshape(-1)
+        faces = np.concatenate([first[:, None] + [0, 1, n], first[:, None] + [1, n + 1, n]])
+        corners.append(sheet[faces])
+    return triangles(np.concatenate(corners))
+
+
+def folds(rng: np.random.Generator) -> Mesh:
+    """An open sheet folded once or more, sharply: leaves over each other that share an edge, or but a corner."""
+    n, angle = int(rng.integers(2, 8)), np.radians(10.0 ** rng.uniform(-1.0, 1.3))
+    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    first = ((n + 1) * np.arange(n)[:, None] + np.arange(n)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, n + 1], first[:, None] + [1, n + 2, n + 1]])
+    leaves = []
+    for i in range(int(rng.integers(2, 4))):
+        along = u * np.where(rng.random() < 0.5, 1.0, v)  # a leaf, or one that narrows to a corner
+        sheet = np.stack([along * np.cos(i * angle), v, along * np.sin(i * angle)], axis=-1)
+        leaves.append(sheet.reshape(-1, 3)[faces])
+    corners = np.concatenate(leaves)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return triangles(corners[area > 1e-9])
+
+
+def coplanar(rng: np.random.Generator) -> Mesh:
+    """Sheets of a few faces in two or three planes, side by side, overlapping, and standing on each other's edges."""
+    n, sheets = int(rng.integers(1, 4)), []
+    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    first = ((n + 1) * np.arange(n)[:, None] + np.arange(n)).reshape(-1)
+    faces = np.concatenate([first[:, None] + [0, 1, n + 1], first[:, None] + [1, n + 2, n + 1]])
+    for _ in range(int(rng.integers(2, 7))):
+        sheet = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3)[faces]
+        sheets.append(np.roll(sheet, rng.integers(3), axis=2) + rng.integers(-1, 2, 3))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.7 else np.eye(3)
+    return triangles(np.concatenate(sheets) @ turn)
+
+
+KINDS = (
+    soup,
+    slivers,
+    touching,
+    duplicates,
+    huge_and_tiny,
+    sphere,
+    spiky,
+    flat,
+    crossed,
+    bodies,
+    waves,
+    folds,
+    coplanar,
+)
+SHAPES = ("table", "chair", "lamp", "car", "airplane")
+
+
+def eyes_about(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> FloatArray:
+    """Two eyes about the mesh; far, inside, a hair above a point, on an axis, in a face's plane, on an edge's line."""
+    directions = rng.normal(size=(6, 3))
+    directions[5] = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    reach = mesh.diagonal * np.array([rng.uniform(0.6, 2.0), 4.0, 10.0 ** rng.uniform(1, 4), 0.3, 0.0, 2.0])
+    eyes = mesh.centre + reach[:, None] * directions
+    k = rng.integers(len(points))
+    eyes[4] = points.positions[k] + 10.0 ** rng.uniform(-5, -1) * mesh.diagonal * points.normals[k]
+    a, b, c = mesh.corners[rng.integers(len(mesh.faces))]
+    along, other = _unit(b - a), _unit(c - a)
+    angle, away = rng.uniform(0.0, 2.0 * np.pi), mesh.diagonal * rng.uniform(1.0, 4.0)
+    in_plane = a + away * _unit(np.cos(angle) * along + np.sin(angle) * other)
+    return np.concatenate([eyes, [in_plane, a + away * along]])
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return vector / max(float(np.linalg.norm(vector)), 1e-300)
+
+
+def near_edges(mesh: Mesh, points: SurfacePoints, rng: np.random.Generator) -> SurfacePoints:
+    """Move half of the points towards an edge or a corner of their face, to 1e-7 to 1e-3 diagonals."""
+    corners = mesh.corners[points.face_ids]
+    weights = rng.dirichlet([1.0, 1.0, 1.0], len(points))
+    weights[:, 1] *= rng.random(len(points)) > 0.3
+    weights /= weights.sum(axis=1, keepdims=True)
+    target = (corners * np.where(rng.random((len(points), 1)) < 0.7, [1.0, 0.0, 0.0], weights)[..., None]).sum(axis=1)
+    away = points.positions - target
+    lengths = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+    near = np.minimum(10.0 ** rng.uniform(-7.0, -3.0, (len(points), 1)) * mesh.diagonal, lengths)
+    moved = np.where(rng.random((len(points), 1)) < 0.5, target + away * near / lengths, points.positions)
+    return SurfacePoints(moved, points.face_ids, points.normals)
+
+
+def scene(seed: int, index: int) -> tuple[Mesh, SurfacePoints, FloatArray, str]:
+    """Make one scene; the same numbers give the same scene."""
+    rng = np.random.default_rng([seed, index])
+    kind = KINDS[index % len(KINDS)]
+    mesh = kind(rng)
+    scale = 10.0 ** rng.uniform(-3.0, 3.0)
+    mesh = mesh.transformed(scale, scale * rng.uniform(-10.0, 10.0, 3))
+    points = sample_surface(mesh, n_points=int(rng.integers(50, 400)), seed=rng)
+    if rng.random() < 0.5:
+        points = near_edges(mesh, points, rng)
+    if rng.random() < 0.2:
+        points = SurfacePoints.free(mesh.centre + mesh.diagonal * rng.normal(size=(200, 3)))
+        points = SurfacePoints(points.positions, points.face_ids, np.tile([0.0, 0.0, 1.0], (200, 1)))
+    return mesh, points, eyes_about(mesh, points, rng), kind.__name__
+
+
+def disagreements(
+    prepare: Callable[..., Occluder], seed: int, index: int, contact: float = CONTACT
+) -> tuple[int, int, int]:
+    """Count, for one scene, pairs that differ from the oracle's outside the boundary band, those inside it, and all.
+
+    `prepare` is asked as ``prepare(mesh, contact=contact)``.
+    """
+    mesh, points, eyes, _ = scene(seed, index)
+    oracle = prepare_oracle(mesh, contact=contact)
+    with prepare(mesh, contact=contact) as occluder:
+        wrong = occluder.visible(points, eyes) != oracle.visible(points, eyes)
+    outside = 0
+    if wrong.any():
+        columns = np.flatnonzero(wrong.any(axis=0))
+        outside = int((wrong[:, columns] & oracle.decided(points.select(columns), eyes)).sum())
+    return outside, int(wrong.sum()) - outside, wrong.size
+
+
+def disagreements_of(method: str, seed: int, index: int, contact: float = CONTACT) -> tuple[int, int, int]:
+    """Count for a method of the table."""
+    return disagreements(lambda mesh, contact: zo.prepare(mesh, method, contact=contact), seed, index, contact)

@@ -1,0 +1,36 @@
+"""The flow: a mesh becomes a scene, points become packets, eyes become views, and each view is searched."""
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.image_space.scene import make_packets, make_scene
+from zbuf_occlude.image_space.search import find_visible
+from zbuf_occlude.image_space.view import make_views
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints
+
+
+class Engine:
+    """A prepared mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    contact : float
+        The contact tolerance, world units.
+
+    Notes
+    -----
+    Costs O(f log f) once, then O(n) for each set of points, and for each eye about n log f.
+    """
+
+    def __init__(self, mesh: Mesh, contact: float) -> None:
+        self._scene = make_scene(mesh, contact)
+
+    def visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        """Answer which of n points each of k eyes sees; (k, n) bool."""
+        if len(self._scene.face_ids) == 0:  # no face that could block
+            return np.ones((len(eyes), len(points)), dtype=bool)
+        packets = make_packets(self._scene, points)
+        views = make_views(self._scene, eyes, float(packets.farthest))
+        return find_visible(self._scene, packets, views)

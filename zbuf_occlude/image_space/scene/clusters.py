@@ -1,0 +1,196 @@
+"""Clusters: up to 16 faces that are near each other."""
+
+import numpy as np
+from numba import njit
+
+from zbuf_occlude.arrays import IntArray
+from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
+from zbuf_occlude.image_space.layout import CLUSTER, UPPER
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.threads import shared, take, together
+
+LONG = 0.125
+"""Faces longer than this fraction of the mesh's longest side are grouped among themselves."""
+
+RUN_FACES = 2048
+"""Faces that are halved together, a multiple of `CLUSTER`."""
+
+BLOCK_FACES = 4096
+"""Faces that a thread measures at a time."""
+
+NEVER = np.uint64(2**64 - 1)
+"""Key of a face that blocks nothing."""
+
+
+def make_clusters(mesh: Mesh) -> IntArray:
+    """Group the faces of a mesh, long ones apart.
+
+    Returns
+    -------
+    (m, 16) int32
+        Faces of each cluster; -1 where there is none. Faces whose normal is exactly zero are left out: by definition
+        (`zbuf_occlude.predicates.blocks`) they block nothing.
+
+    Notes
+    -----
+    A long face among short ones would blow up the box of its cluster; in a cluster of its kind it does no harm.
+
+    Runs of `RUN_FACES` faces along the Hilbert curve are halved where the boxes of the halves, weighed by their
+    numbers of faces, have the least area, down to clusters. Runs of 16 faces of the curve itself, the simpler way, have
+    larger boxes: points then meet a fifth more of them.
+
+    O(f log f) time, about 250 bytes per face.
+
+    References
+    ----------
+    Goldsmith, Salmon: Automatic creation of object hierarchies for ray tracing. IEEE CG&A 7 (1987),
+    doi:10.1109/MCG.1987.276983 (the surface area heuristic).
+    """
+    n_faces = len(mesh.faces)
+    index_bits = n_faces.bit_length()
+    boxes, keys = np.empty((n_faces, 6)), np.empty(n_faces, dtype=np.uint64)
+    n_blocks = -(-n_faces // BLOCK_FACES)
+    together(_measure_faces, n_blocks, mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys)
+    keys.sort()
+    order = (keys & np.uint64((1 << index_bits) - 1)).astype(np.int32)
+    n_short = int(np.searchsorted(keys, np.uint64(1 << 63)))
+    n_blocking = int(np.searchsorted(keys, NEVER))
+    short, long = order[:n_short], order[n_short:n_blocking]
+    n_clusters = -(-len(short) // CLUSTER) - (-len(long) // CLUSTER)
+    face_ids = np.full((n_clusters, CLUSTER), -1, dtype=np.int32)
+    flat, n_long_rows = face_ids.reshape(-1), -(-len(long) // CLUSTER) * CLUSTER
+    flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)] = long, short
+    for faces in (flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)]):
+        together(_halve_runs, -(-len(faces) // RUN_FACES), boxes, faces)
+    return face_ids
+
+
+@shared
+def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
+    """Box each face, and give it the key that sorts it: long or not, its centre's place along the curve, its number."""
+    bits = min(CODE_BITS, (63 - index_bits) // 3)
+    scale = (2.0**bits - 1.0) / side if side > 0.0 else 0.0
+    block = take(tasks)
+    while block * BLOCK_FACES < len(corners):
+        for face in range(block * BLOCK_FACES, min((block + 1) * BLOCK_FACES, len(corners))):
+            a, b, c = corners[face]
+            extent = 0.0
+            for axis in range(3):
+                lower, upper = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
+                boxes[face, axis], boxes[face, UPPER + axis] = lower, upper
+                extent = max(extent, upper - lower)
+            code = hilbert_code(
+                np.int64((0.5 * (boxes[face, 0] + boxes[face, 3]) - low[0]) * scale),
+                np.int64((0.5 * (boxes[face, 1] + boxes[face, 4]) - low[1]) * scale),
+                np.int64((0.5 * (boxes[face, 2] + boxes[face, 5]) - low[2]) * scale),
+                bits,
+            )
+            is_long = np.uint64(extent > LONG * side)
+            keys[face] = (is_long << np.uint64(63)) | (code << np.uint64(index_bits)) | np.uint64(face)
+            if not _blocks_anything(a, b, c):
+                keys[face] = NEVER
+        block = take(tasks)
+
+
+@njit(_nrt=False)
+def _blocks_anything(a, b, c):
+    """Whether the normal, as the definition computes it, is not exactly zero."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return uy * vz - uz * vy != 0.0 or uz * vx - ux * vz != 0.0 or ux * vy - uy * vx != 0.0
+
+
+@shared
+def _halve_runs(tasks, boxes, faces):
+    """Order the faces of each run by clusters, only the last of which may be smaller than the others."""
+    run = take(tasks)
+    while run * RUN_FACES < len(faces):
+        _halve(boxes, faces[run * RUN_FACES : (run + 1) * RUN_FACES])
+        run = take(tasks)
+
+
+@njit
+def _halve(boxes, faces):
+    """Order some faces by clusters."""
+    n = len(faces)
+    near = np.empty((n, 6))  # the boxes of these, side by side in memory
+    for i in range(n):
+        near[i] = boxes[faces[i]]
+    # the faces of a segment, along each axis; segments are halved until they are clusters
+    orders = np.empty((3, n), dtype=np.int32)
+    for axis in range(3):
+        orders[axis] = np.argsort(near[:, axis] + near[:, UPPER + axis], kind="mergesort")
+    areas, scratch = np.empty(n // CLUSTER + 2), np.empty(n, dtype=np.int32)
+    first_half = np.empty(n, dtype=np.bool_)
+    segments = [(0, n)]
+    while segments:
+        first, last = segments.pop()
+        if last - first <= CLUSTER:
+            continue
+        least, axis, half = np.inf, 0, 0
+        for candidate in range(3):
+            cost, size = _cheapest_half(near, orders[candidate, first:last], areas)
+            if half == 0 or cost < least:
+                least, axis, half = cost, candidate, size
+        for i in range(first, last):
+            first_half[orders[axis, i]] = i < first + half
+        for other in range(3):
+            if other != axis:
+                _part(orders[other, first:last], first_half, scratch)
+        segments.append((first, first + half))
+        segments.append((first + half, last))
+    scratch[:] = faces
+    for i in range(n):
+        faces[i] = scratch[orders[0, i]]
+
+
+@njit
+def _cheapest_half(boxes, order, areas):
+    """Least cost of halving faces in an order after a multiple of 16, and after how many; `areas` is scratch."""
+    n = len(order)
+    low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
+    for i in range(n - 1, 0, -1):
+        low, high = _widened(low, high, boxes, order[i])
+        if i % CLUSTER == 0:
+            areas[i // CLUSTER] = _half_area(low, high)
+    low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
+    least, half = np.inf, 0
+    for i in range(n - 1):
+        low, high = _widened(low, high, boxes, order[i])
+        if (i + 1) % CLUSTER == 0:
+            cost = _half_area(low, high) * (i + 1) + areas[(i + 1) // CLUSTER] * (n - i - 1)
+            if half == 0 or cost < least:
+                least, half = cost, i + 1
+    return least, half
+
+
+@njit(_nrt=False)
+def _widened(low, high, boxes, i):
+    """Lower and upper corner of a box and another."""
+    return (
+        (min(low[0], boxes[i, 0]), min(low[1], boxes[i, 1]), min(low[2], boxes[i, 2])),
+        (max(high[0], boxes[i, 3]), max(high[1], boxes[i, 4]), max(high[2], boxes[i, 5])),
+    )
+
+
+@njit(_nrt=False)
+def _half_area(low, high):
+    """Half the area of a box."""
+    x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+    return x * y + y * z + z * x
+
+
+@njit(_nrt=False)
+def _part(order, first_half, scratch):
+    """Put the faces of the first half first, else as they are."""
+    n, m = 0, 0
+    for i in range(len(order)):
+        face = order[i]
+        if first_half[face]:
+            order[n] = face
+            n += 1
+        else:
+            scratch[m] = face
+            m += 1
+    for i in range(m):
+        order[n + i] = scratch[i]

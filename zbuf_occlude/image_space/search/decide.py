@@ -1,0 +1,90 @@
+"""Decisions in float64, by the definition itself, on the caller's own coordinates."""
+
+from numba import njit
+
+from zbuf_occlude.image_space.layout import CHUNK, CLUSTER, PACKET, UPPER, ZERO
+from zbuf_occlude.lanes import first_lane
+from zbuf_occlude.predicates import blocks
+
+
+@njit(_nrt=False)
+def faces_block(scene, points, view, i, cluster, faces):
+    """Whether one of a mask of a cluster's faces blocks the line of sight of point i, in the packets' order."""
+    point = _world_point(points, i)
+    while faces:
+        lane = first_lane(faces)
+        faces &= faces - 1
+        if _face_blocks(scene, view.world_eye, point, scene.face_ids[cluster, lane]):
+            return True
+    return False
+
+
+@njit(_nrt=False)
+def hide_near_points(scene, points, view, first, last, answer):
+    """Write False for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
+    for packet in range(first * CHUNK, last * CHUNK):
+        radius = view.near * max(points.reach[packet], view.reach) * 1.01
+        apart = ZERO
+        for axis in range(3):
+            lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
+            apart = max(apart, lower - view.eye[axis], view.eye[axis] - upper)
+        if apart > radius:
+            continue
+        for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
+            if _is_near(points, view, i, radius) and _line_is_blocked(scene, points, view, i):
+                answer[points.order[i]] = False
+
+
+@njit(_nrt=False)
+def _is_near(points, view, i, radius):
+    """Whether point i is within a cube about the eye."""
+    away = ZERO
+    for axis in range(3):
+        away = max(away, abs(points.coordinates[axis, i] - view.eye[axis]))
+    return away <= radius
+
+
+@njit(_nrt=False)
+def _line_is_blocked(scene, points, view, i):
+    """Whether any face but its own blocks the line of sight of point i; asks those whose clusters' boxes it meets."""
+    point, own = _world_point(points, i), points.own[i]
+    # more than float64 can err
+    margin = 1e-12 * ((1.0 + view.reach) / scene.scale + abs(scene.centre[0]) + abs(scene.centre[1]))
+    margin += 1e-12 * abs(scene.centre[2])
+    for cluster in range(len(scene.face_ids)):
+        if not _segment_meets_box(view.world_eye, point, scene.world_boxes[cluster], margin):
+            continue
+        for lane in range(CLUSTER):
+            face = scene.face_ids[cluster, lane]
+            if face >= 0 and cluster * CLUSTER + lane != own and _face_blocks(scene, view.world_eye, point, face):
+                return True
+    return False
+
+
+@njit(_nrt=False)
+def _segment_meets_box(eye, point, box, margin):
+    """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
+    enter, leave = 0.0, 1.0
+    for axis in range(3):
+        low, high = box[axis] - margin - eye[axis], box[UPPER + axis] + margin - eye[axis]
+        step = point[axis] - eye[axis]
+        if low <= 0.0 <= high and low <= step <= high:
+            continue  # inside this slab all the way; no division by a small step
+        if step == 0.0:
+            return False
+        first, second = low / step, high / step
+        enter = max(enter, min(first, second))
+        leave = min(leave, max(first, second))
+    return enter <= leave
+
+
+@njit(_nrt=False)
+def _face_blocks(scene, eye, point, face):
+    a, b, c = scene.world_corners[face, 0], scene.world_corners[face, 1], scene.world_corners[face, 2]
+    return blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), scene.world_contact)
+
+
+@njit(_nrt=False)
+def _world_point(points, i):
+    k = points.order[i]
+    return points.positions[k, 0], points.positions[k, 1], points.positions[k, 2]

@@ -1,0 +1,102 @@
+"""Packets of points: held against the listed clusters, until each point is hidden or no cluster is left."""
+
+from numba import njit
+
+from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, PACKET, RIGHT, TOP
+from zbuf_occlude.image_space.search.hide import classify, hide_by_cluster, hide_by_face
+from zbuf_occlude.image_space.search.listing import overlapping
+from zbuf_occlude.image_space.search.setup import slot_of
+from zbuf_occlude.lanes import ALL, count_lanes, first_lane, load, not_less, splat
+
+LONG_LIST = 128
+"""In longer lists a packet's points are compared with every rectangle, one by one."""
+
+FEW_POINTS = 3
+"""Up to this many points are tested one by one against all faces of a cluster."""
+
+
+@njit(_nrt=False)
+def search_packet(scene, points, view, packet, undecided, extent, n, space):
+    """Go through the n listed clusters until every point of a packet is hidden or none is left.
+
+    `undecided` is the mask of the points in question; returns that of the hidden ones. ``space.image`` has the points'
+    place in the image.
+    """
+    for i in range(PACKET):
+        space.ids[i] = packet * PACKET + i
+    found_hidden = 0
+    error = COORDINATE_ERROR * extent.blur * view.reach
+    for j in range(0, n, CLUSTER):
+        found = overlapping(space.listed.rectangles, j, extent)
+        if n - j < CLUSTER:
+            found &= (1 << (n - j)) - 1
+        while found:
+            entry = j + first_lane(found)
+            found &= found - 1
+            within = undecided
+            if n > LONG_LIST:
+                within &= _within(space, entry, error)
+                if not within:
+                    continue
+            hidden = _hide(scene, points, view, packet, within, extent, space.listed.clusters[entry], space)
+            found_hidden |= hidden
+            undecided &= ~hidden
+            if not undecided:
+                _promote(space.listed, entry)
+                return found_hidden
+    return found_hidden
+
+
+@njit(_nrt=False, forceinline=True)
+def _within(space, entry, error):
+    """Mask of the points in hand that are in a listed cluster's rectangle, widened by what coordinates may err."""
+    x, y, bounds = load(space.image, 0), load(space.image, PACKET), space.listed.rectangles
+    return (
+        not_less(x, splat(bounds[LEFT, entry] - error))
+        & not_less(splat(bounds[RIGHT, entry] + error), x)
+        & not_less(y, splat(bounds[BOTTOM, entry] - error))
+        & not_less(splat(bounds[TOP, entry] + error), y)
+    )
+
+
+@njit(_nrt=False, forceinline=True)
+def _hide(scene, points, view, packet, within, extent, cluster, space):
+    """Mask of the points in hand, of those within, that some face of a cluster hides."""
+    slot = slot_of(scene, cluster, view, space)
+    n_within, base = count_lanes(within), packet * PACKET
+    if n_within > FEW_POINTS:
+        own = (points.own[base], points.own[base + PACKET - 1])
+        maybe, covers = classify(scene, space, slot, cluster, own, points.boxes, packet, extent)
+        if covers or not maybe:
+            return within if covers else 0
+        if count_lanes(maybe) <= n_within:
+            hidden = 0
+            while maybe and within:
+                row = cluster * CLUSTER + first_lane(maybe)
+                maybe &= maybe - 1
+                by_face = hide_by_face(scene, points, view, space, slot, row, within, extent)
+                hidden |= by_face
+                within &= ~by_face
+            return hidden
+    return hide_by_cluster(scene, points, view, space, slot, cluster, within, extent)
+
+
+@njit(_nrt=False, forceinline=True)
+def _promote(listed, entry):
+    """Move a cluster to the front of the list: what hides a packet is likely to hide the next."""
+    listed.clusters[0], listed.clusters[entry] = listed.clusters[entry], listed.clusters[0]
+    for row in range(6):
+        first, other = listed.rectangles[row, 0], listed.rectangles[row, entry]
+        listed.rectangles[row, 0], listed.rectangles[row, entry] = other, first
+
+
+@njit(_nrt=False, forceinline=True)
+def write_hidden(points, base, hidden, answer):
+    """Enter the hidden points of a packet into the caller's order."""
+    if hidden == ALL:
+        for i in range(base, base + PACKET):
+            answer[points.order[i]] = False
+        return
+    while hidden:
+        answer[points.order[base + first_lane(hidden)]] = False
+        hidden &= hidden - 1

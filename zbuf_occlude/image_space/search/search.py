@@ -1,0 +1,73 @@
+"""All views, shared out among threads; each is searched by tiles where points are few, by chunks else."""
+
+import numpy as np
+from numba import get_num_threads, njit
+
+from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.image_space.layout import CHUNK_POINTS, COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
+from zbuf_occlude.image_space.scene import Packets, Scene
+from zbuf_occlude.image_space.search.chunks import search_chunks
+from zbuf_occlude.image_space.search.decide import hide_near_points
+from zbuf_occlude.image_space.search.project import project_boxes
+from zbuf_occlude.image_space.search.tiles import make_tiles, search_tiles
+from zbuf_occlude.image_space.search.workspace import make_workspace
+from zbuf_occlude.image_space.view import Views, view_of
+from zbuf_occlude.threads import shared, take, together
+
+FEW_POINTS_PER_FACE = 4
+"""With fewer, an eye outside goes by tiles."""
+
+PAIRS_ALONE = 10_000
+"""Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
+
+
+def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
+    """Answer which of n points each of k eyes sees; (k, n) bool in the caller's order."""
+    n_eyes, n_threads = len(views.eyes), get_num_threads()
+    n_groups = -(-len(points.chunk_reach) // GROUP)
+    n_blocks = 1 if n_eyes >= 4 * n_threads else min(n_groups, 4 * n_threads)
+    answer = np.empty((n_eyes, points.n_points), dtype=bool)
+    if n_blocks > 1:
+        answer[:] = True
+    alone = n_eyes * points.n_points <= PAIRS_ALONE
+    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, answer)
+    return answer
+
+
+@shared
+def _search_views(tasks, scene, points, views, n_blocks, answer):
+    """Take eyes, or blocks of points for an eye, and write False where a point is hidden."""
+    n_chunks, few = len(points.chunk_reach), points.n_points < FEW_POINTS_PER_FACE * len(scene.world_corners)
+    n_groups = -(-n_chunks // GROUP)
+    space = make_workspace(scene)
+    tiles = make_tiles(n_chunks * CHUNK_POINTS if few else 0, len(scene.used) if few else 0)
+    task = take(tasks)
+    while task < len(views.eyes) * n_blocks:
+        k, block = task // n_blocks, task % n_blocks
+        first = n_groups * block // n_blocks * GROUP
+        last = min(n_groups * (block + 1) // n_blocks * GROUP, n_chunks)
+        if n_blocks == 1:
+            answer[k] = True
+        for frame in range(views.n_frames[k]):
+            view = view_of(views, k, frame)
+            if view.near > ZERO and frame == 0:
+                hide_near_points(scene, points, view, first, last, answer[k])
+            _project_nodes(scene, view, space)
+            if few and view.near == ZERO:
+                search_tiles(scene, points, view, (first, last), space, tiles, answer[k])
+            else:
+                search_chunks(scene, points, view, (first, last), space, answer[k])
+        task = take(tasks)
+
+
+# _nrt=False: the kernels allocate nothing, and counting references to their arrays would cost more than the geometry
+
+
+@njit(_nrt=False)
+def _project_nodes(scene, view, space):
+    """Fill ``space.rectangles``; those of the padding are empty."""
+    project_boxes(scene.nodes, 0, scene.nodes.shape[1], view, COORDINATE_ERROR * view.reach, space.rectangles)
+    for level in range(len(scene.level_counts)):
+        padding = scene.level_starts[level] + scene.level_counts[level]
+        for i in range(padding, padding + (-padding % GROUP)):
+            space.rectangles[LEFT, i], space.rectangles[RIGHT, i] = ENDLESS, -ENDLESS
