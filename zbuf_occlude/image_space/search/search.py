@@ -30,15 +30,15 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
     if n_blocks > 1:
         answer[:] = True
     alone = n_eyes * points.n_points <= PAIRS_ALONE
-    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, answer)
+    few = points.n_points < FEW_POINTS_PER_FACE * len(scene.world_corners)
+    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, few, answer)
     return answer
 
 
 @shared
-def _search_views(tasks, scene, points, views, n_blocks, answer):
+def _search_views(tasks, scene, points, views, n_blocks, few, answer):
     """Take eyes, or blocks of points for an eye, and write False where a point is hidden."""
-    n_chunks, few = len(points.chunk_reach), points.n_points < FEW_POINTS_PER_FACE * len(scene.world_corners)
-    n_groups = -(-n_chunks // GROUP)
+    n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     space = make_workspace(scene)
     tiles = make_tiles(n_chunks * CHUNK_POINTS if few else 0, len(scene.used) if few else 0)
     task = take(tasks)
