@@ -7,6 +7,7 @@ import click
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
+    "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact judge and each other: rows, report, the paper's Table 1.",

@@ -1,0 +1,86 @@
+"""`scan`: one scan into a file, its picture, and what is typed wrongly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.cli.conftest import Run, write_off
+from zbuf_occlude.meshes import shapes
+
+
+@pytest.fixture(scope="module")
+def car(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    mesh = shapes.make("car", 1)
+    return write_off(tmp_path_factory.mktemp("cars") / "car_0001.off", mesh.vertices, mesh.faces)
+
+
+def test_a_scan(run: Run, car: Path, tmp_path: Path) -> None:
+    out, picture = tmp_path / "scan.ply", tmp_path / "scan.png"
+    given = ("scan", car, "--sensor", "vlp-32c", "--range", 15, "--azimuth", 30, "--method", "embree")
+    outcome = run(*given, "--out", out, "--picture", picture)
+    assert outcome.code == 0, outcome.err
+    n_points = int(outcome.out.split()[0])
+    assert n_points > 100
+    assert len(trimesh.load(out).vertices) == n_points
+    with Image.open(picture) as image:
+        assert len(image.getcolors(10**7)) > 100
+    assert run(*given, "--out", tmp_path / "scan.npy").code == 0
+    table = np.load(tmp_path / "scan.npy")
+    assert {"x", "nx", "range", "incidence", "intensity", "ring", "column", "instance", "n_returns"} <= set(
+        table.dtype.names
+    )
+    eye = 15.0 * np.array([np.cos(np.radians(30)), np.sin(np.radians(30)), 0.0])
+    positions = np.stack([table["x"], table["y"], table["z"]], axis=1)
+    assert np.allclose(np.linalg.norm(positions - eye, axis=1), table["range"])
+    assert np.ptp(positions, axis=0).max() < 4.7  # a car of 4.5 m, and noise
+    again = run(*given, "--keep-clean", "--set-sensor", "noise=0", "--out", tmp_path / "clean.csv")
+    assert again.code == 0, again.err
+    header, *rows = (tmp_path / "clean.csv").read_text().splitlines()
+    clean = np.array([[float(x) for x in row.split(",")] for row in rows])
+    assert np.allclose(clean[:, header.split(",").index("range")], clean[:, header.split(",").index("clean_range")])
+
+
+def test_a_street(run: Run, car: Path, tmp_path: Path) -> None:
+    out = tmp_path / "street.npy"
+    given = ("scan", car, "--sensor", "vlp-16", "--range", 12, "--scene", "street", "--hidden", ".3..0.5")
+    outcome = run(*given, "--keep", "all", "--method", "embree", "--out", out)
+    assert outcome.code == 0, outcome.err
+    assert "of the object hidden by others" in outcome.out
+    table = np.load(out)
+    assert {0, 1} < set(table["instance"].tolist())
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--range", "0"), "--range must be metres above 0"),
+        (("--range", "2"), "the range must be more than half the object's 4.5 m; it is 2 m. Raise --range."),
+        (("--range", "near"), "--range must be a number, or two as A..B; got 'near'."),
+        (("--sensor", "vlp-17"), "sensor must be one of vlp-16,"),
+        (("--sensor", "surface"), "scan needs a sensor; `zbuf-occlude visible` samples the surface."),
+        (("--set-sensor", "colums=3"), "a number of the sensor vlp-32c must be one of"),
+        (("--set-sensor", "columns"), "--set-sensor must be given KEY=VALUE; got 'columns'."),
+        (("--size", "car=0"), "--size must be 'file', metres, or CLASS=metres"),
+        (("--hidden", "0.2"), "--hidden needs a scene that can hide"),
+        (("--scene", "none.json"), "a scene must be readable JSON"),
+        (("--picture", "a.gif"), "--picture must end in .png"),
+        (("--out", "scan.xyz"), "--out must end in .ply, .npy, .csv"),
+    ],
+)
+def test_what_is_typed_wrongly(run: Run, car: Path, tmp_path: Path, given: tuple[str, ...], words: str) -> None:
+    outcome = run("scan", car, "--out", tmp_path / "scan.ply", *given)
+    assert outcome.code == 2
+    assert words in outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+
+
+def test_a_class_without_a_size(run: Run, car: Path, tmp_path: Path) -> None:
+    gizmo = tmp_path / "gizmo.off"
+    gizmo.write_bytes(car.read_bytes())
+    outcome = run("scan", gizmo, "--out", tmp_path / "scan.ply")
+    assert outcome.code == 2
+    assert "every class must have a size in metres; 'gizmo' has none. Give --size gizmo=METRES" in outcome.err
+    assert run("scan", gizmo, "--size", "gizmo=3", "--out", tmp_path / "scan.ply", "--method", "embree").code == 0

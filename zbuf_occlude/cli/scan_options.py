@@ -1,0 +1,111 @@
+"""Options of everything that scans: sensor, range, size, scene; and how they become a setup."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zbuf_occlude import sensors
+from zbuf_occlude.cli.options import literal
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.scenes.files import read_scene
+from zbuf_occlude.scenes.kinds import KINDS
+from zbuf_occlude.scenes.sizes import parse_sizes
+from zbuf_occlude.sensors.scan import default_caster
+from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
+from zbuf_occlude.visibility import find_method
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+SCAN_OPTIONS = (
+    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
+)  # fmt: skip
+"""Names of the parameters that `scan_options` adds."""
+
+
+def scan_options(sensor: str) -> Decorator:
+    """--sensor and what goes with it; `sensor` is the default."""
+    scenes = ", ".join(f"{kind.name} ({kind.summary})" for kind in KINDS)
+    options = (
+        click.option(
+            "--sensor",
+            default=sensor,
+            show_default=True,
+            help="A name of `zbuf-occlude sensors`, a YAML or CSV of your own, pinhole:width=320,height=240,fov=60"
+            + (", or surface: no sensor, points uniform over the visible surface." if sensor == SURFACE else "."),
+        ),
+        click.option(
+            "--set-sensor",
+            metavar="KEY=VALUE",
+            multiple=True,
+            help="A number of the sensor, e.g. columns=900, noise=0 (no imperfections); repeatable.",
+        ),
+        click.option(
+            "--range", "range_", metavar="M|A..B", help="Metres from sensor to object. [default: from the views]"
+        ),
+        click.option(
+            "--size",
+            metavar="CLASS=M,...|M|file",
+            default="",
+            help="Longest sides in metres; file: the files are in metres. [default: by class]",
+        ),
+        click.option("--scene", default="none", show_default=True, help=f"{scenes}, or a JSON file (docs/sensors.md)."),
+        click.option("--hidden", metavar="A..B", help="Share of the object that others hide. [default: the scene's]"),
+        click.option(
+            "--keep",
+            default="target",
+            show_default=True,
+            metavar="target|box|all",
+            help="Which points: the object's, those within its box (box:shift=.5,rotate,scale disturbs it), or all.",
+        ),
+        click.option("--keep-clean", is_flag=True, help="Keep the ranges without noise too."),
+        click.option("--sensor-height", type=float, help="Metres above the ground. [default: the scene's]"),
+    )
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def parse_setup(method: str | None, given: dict[str, Any]) -> Setup | None:
+    """Turn the options of `scan_options` into a setup; None without a sensor.
+
+    Raises
+    ------
+    OptionError
+        What the setup refuses; options of scans without a sensor.
+    """
+    if given["sensor"] == SURFACE:
+        for name in SCAN_OPTIONS[1:]:
+            if given[name] not in (None, False, "", (), "none", "target"):
+                raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
+        return None
+    numbers: dict[str, Any] = {}
+    for setting in given["set_sensor"]:
+        key, equals, text = setting.partition("=")
+        if not equals or not key or not text:
+            raise OptionError(f"--set-sensor must be given KEY=VALUE; got {setting!r}.")
+        numbers[key.strip()] = literal(text.strip())
+    sensor = sensors.make(given["sensor"], **numbers)
+    sensor.rays()
+    scene, objects = given["scene"], list[dict[str, Any]]()
+    if Path(scene).suffix.lower() == ".json":
+        scene, objects = "file", read_scene(Path(scene))
+    name = method or default_caster()
+    find_method(name).check_first_hits()
+    return Setup(
+        document_of(sensor),
+        range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,
+        size=parse_sizes(given["size"]) if given["size"] else {},
+        scene=scene,
+        objects=objects,
+        hidden=parse_span("--hidden", given["hidden"]) if given["hidden"] is not None else None,
+        keep=given["keep"],
+        keep_clean=given["keep_clean"],
+        sensor_height=given["sensor_height"],
+        method=name,
+    )

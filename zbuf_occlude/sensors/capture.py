@@ -1,0 +1,225 @@
+"""A target seen by a sensor from its views, in a scene: one scan per view, of which the points asked for are kept."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.scenes.files import placed_of
+from zbuf_occlude.scenes.hiding import METHOD, Target, hidden_share
+from zbuf_occlude.scenes.kinds import WITHIN, Asked
+from zbuf_occlude.scenes.scene import Placed, Scene, moved
+from zbuf_occlude.scenes.sizes import size_of
+from zbuf_occlude.sensors.record import Scan
+from zbuf_occlude.sensors.scan import Ball, look_at, scan
+from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+Pool = Callable[[float], tuple[Mesh, str]]
+"""Returns an object of the surroundings by a number in [0, 1): a mesh standing on z = 0, in metres, and its class."""
+ViewSeeds = Callable[[str], np.random.SeedSequence]
+"""Returns the seed of a draw for one view, by what is drawn."""
+ENLARGED = 1.1
+"""A box that is kept has sides so many times the target's."""
+SCALED = (0.8, 1.2)
+"""Between what factors a box is scaled."""
+
+
+class Seeds(Protocol):
+    """Returns the seed of a draw, by what is drawn and the view's number."""
+
+    def __call__(self, what: str, view: int) -> np.random.SeedSequence:
+        """Return it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """One scan of a target.
+
+    Parameters
+    ----------
+    scan : Scan
+        What is kept of it; world space: metres, the middle of the target's box at the origin.
+    scene : Scene
+        What the rays met; of `keep` other than "all" only what may stand near them.
+    occluder : Occluder
+        The scene's, still open until the next capture.
+    pose : (4, 4) float
+        Sensor to world.
+    wanted, hidden : float
+        Share of the target that was to be hidden by others, and that is, by the mask.
+    reached : bool
+        Whether `hidden` is within 2 percent of the range asked for.
+    """
+
+    scan: Scan
+    scene: Scene
+    occluder: Occluder
+    pose: FloatArray
+    wanted: float = 0.0
+    hidden: float = 0.0
+    reached: bool = True
+
+
+def stand(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
+    """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side.
+
+    Raises
+    ------
+    MeshError
+        A mesh without extent.
+    OptionError
+        A class without a size.
+    """
+    if mesh.longest_side == 0.0:
+        raise MeshError(f"a mesh must have an extent to be scanned; all vertices of {mesh.name} coincide.")
+    size = size_of(label, setup.size, mesh.longest_side)
+    factor = size / mesh.longest_side
+    return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name), size
+
+
+def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
+    """Return where the sensor stands for each view, about the origin, metres.
+
+    Parameters
+    ----------
+    views : Views
+        Distances in the target's size. Where there is a ground only their azimuths count.
+    size : float
+        Metres.
+    floor : float
+        The ground's z.
+    setup : Setup
+    seeds : callable
+
+    Raises
+    ------
+    MeshError
+        A sensor within the target.
+    """
+    lengths = views.distance * size
+    if setup.range is not None:
+        low, high = setup.range
+        lengths = np.array([np.random.default_rng(seeds("range", i)).uniform(low, high) for i in range(len(views))])
+    azimuth, elevation, distance = views.azimuth, views.elevation, lengths
+    if setup.height is not None:
+        up = floor + setup.height
+        elevation, distance = np.arctan2(up, lengths), np.hypot(up, lengths)
+    if (lengths <= size / 2).any():
+        raise MeshError(
+            f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise --range."
+        )
+    return Views(azimuth, elevation, distance)
+
+
+def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
+    """Scan a target once per view.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In metres, the middle of its box at the origin (`stand`).
+    setup : Setup
+    places : Views
+        Of the sensor (`sensor_places`).
+    floor : float
+        The ground's z.
+    seeds : callable
+    pool : callable
+        Objects of the surroundings.
+
+    Yields
+    ------
+    Capture
+        Its occluder is open until the next one is asked for.
+    """
+    target, none = Placed(mesh, "target"), np.empty((0, 3))
+    if setup.share is None:  # the same scene for all views
+        alone = Asked(target, places.eyes[0], floor, none, None, pool)
+        placed = setup.kind.arrange(alone, np.random.default_rng(seeds("scene", 0))).placed
+        placed += placed_of([dict(each) for each in setup.objects], floor)
+        scene = Scene.joined(placed)
+        with prepare(scene.mesh, setup.method) as occluder:
+            for number, eye in enumerate(places.eyes):
+                yield _captured(mesh, scene, occluder, eye, setup, partial(seeds, view=number))
+        return
+    share = (setup.share[0], setup.share[1])
+    measured = Target.of(mesh, seeds("points", 0))
+    for number, (eye, shown) in enumerate(zip(places.eyes, measured.showing(places.eyes), strict=True)):
+        asked = Asked(target, eye, floor, measured.points.positions[shown], share, pool)
+        arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
+        near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
+        hidden = _hidden(arranged.placed, near, asked.positions, eye)
+        scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near)
+        with prepare(scene.mesh, setup.method) as occluder:
+            capture = _captured(mesh, scene, occluder, eye, setup, partial(seeds, view=number))
+            reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
+            yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
+
+
+def _captured(mesh: Mesh, scene: Scene, occluder: Occluder, eye: FloatArray, setup: Setup, seeds: ViewSeeds) -> Capture:
+    pose = _pose(eye, setup)
+    towards = None if setup.keep == "all" else Ball(np.zeros(3), _reach(mesh, setup))
+    found = scan(scene, setup.made_sensor, pose, seed=seeds("scan"), occluder=occluder, towards=towards)
+    kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box")))
+    return Capture(found.select(kept), scene, occluder, pose)
+
+
+def _pose(eye: FloatArray, setup: Setup) -> FloatArray:
+    """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it."""
+    level = setup.height is not None and setup.made_sensor.kind == "spinning"
+    return look_at(eye, [0.0, 0.0, eye[2]] if level and np.hypot(eye[0], eye[1]) > 0 else np.zeros(3))
+
+
+def _reach(mesh: Mesh, setup: Setup) -> float:
+    """How far from the origin anything is kept."""
+    half = mesh.diagonal / 2
+    if setup.box is None:
+        return half
+    return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
+
+
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> BoolArray:
+    """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
+    near = np.ones(len(placed), dtype=bool)
+    distance = float(np.linalg.norm(eye))
+    if distance <= reach:
+        return near
+    half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6
+    for number, each in enumerate(placed[1:], 1):
+        vertices = each.vertices
+        to_it = (vertices.min(axis=0) + vertices.max(axis=0)) / 2 - eye
+        radius, away = float(np.linalg.norm(np.ptp(vertices, axis=0))) / 2, float(np.linalg.norm(to_it))
+        if away > radius:
+            angle = np.arccos(np.clip(-to_it @ eye / (away * distance), -1.0, 1.0))
+            near[number] = angle <= half_angle + np.arcsin(radius / away)
+    return near
+
+
+def _hidden(placed: list[Placed], near: BoolArray, positions: FloatArray, eye: FloatArray) -> float:
+    """The share of positions that the eye sees of the target alone, and that anything else in the scene hides."""
+    others = np.append(False, near[1:])
+    if not len(positions) or not others.any():
+        return 0.0
+    with prepare(Scene.joined(placed, others).mesh, METHOD) as occluder:
+        return hidden_share(positions, eye, occluder)
+
+
+def _kept(found: Scan, mesh: Mesh, setup: Setup, rng: np.random.Generator) -> BoolArray:
+    if setup.keep == "all":
+        return np.ones(len(found), dtype=bool)
+    if setup.box is None:
+        return np.asarray(found.instances == 0)
+    sides = np.ptp(mesh.bounds, axis=0)
+    middle = rng.uniform(-1.0, 1.0, 3) * setup.box["shift"] * sides
+    angle = rng.uniform(-np.pi, np.pi) if setup.box["rotate"] else 0.0
+    factors = ENLARGED * (rng.uniform(*SCALED, 3) if setup.box["scale"] else np.ones(3))
+    local = (found.positions - middle) @ moved(yaw=angle)[:3, :3]
+    return np.asarray((np.abs(local) <= factors * sides / 2).all(axis=1))

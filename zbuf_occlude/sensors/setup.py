@@ -1,0 +1,161 @@
+"""How scans are to be made: sensor, range, size, scene, what is kept; checked once, and plain data for plans."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.checks import check_word, find_row
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.scenes.kinds import KINDS, Kind
+from zbuf_occlude.scenes.sizes import Sizes
+from zbuf_occlude.sensors.model import Imperfections, Sensor
+
+SURFACE = "surface"
+"""The word for no sensor: points sampled uniformly over the visible surface."""
+KEEPS = ("target", "box", "all")
+DISTURBANCES = {"shift": 0.0, "rotate": False, "scale": False}
+"""How a box that is kept may be disturbed, as ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How scans are made. Everything in it is plain data, so that a plan can keep it.
+
+    Parameters
+    ----------
+    sensor : mapping
+        As `document_of` writes a sensor.
+    range : (float, float) or None
+        Metres from the sensor to the middle of the target, drawn from between; on the ground where there is one. None:
+        as far as the views say, in multiples of the target's size.
+    size : mapping of class to metres, or "file"
+        Longest sides (`zbuf_occlude.scenes.sizes`).
+    scene : str
+        A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
+    objects : sequence of mapping
+        Of a scene from a file (`zbuf_occlude.scenes.files.read_scene`); it has a ground.
+    hidden : (float, float) or None
+        Share of the target that others hide, drawn from between; None: the scene's own.
+    keep : str
+        "target", "all", or "box" with how it is disturbed, ``box:shift=.5,rotate,scale``.
+    keep_clean : bool
+        Keep the ranges without noise too.
+    sensor_height : float or None
+        Metres above the ground; None: the scene's own.
+    method : str
+        Who casts the rays.
+
+    Raises
+    ------
+    OptionError
+        A value out of range, or not one of those there are.
+    """
+
+    sensor: Mapping[str, Any]
+    range: Sequence[float] | None = None
+    size: Sizes = ""
+    scene: str = "none"
+    objects: Sequence[Mapping[str, Any]] = ()
+    hidden: Sequence[float] | None = None
+    keep: str = "target"
+    keep_clean: bool = False
+    sensor_height: float | None = None
+    method: str = "exact"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", self.size or {})
+        if self.range is not None and not 0.0 < self.range[0] <= self.range[1] < np.inf:
+            raise OptionError(f"--range must be metres above 0, A or A..B with A <= B; got {_shown(self.range)}.")
+        if self.hidden is not None:
+            if not 0.0 <= self.hidden[0] <= self.hidden[1] <= 0.9:
+                raise OptionError(f"--hidden must be a share or A..B within 0..0.9; got {_shown(self.hidden)}.")
+            if self.hidden[1] > 0.0 and self.kind.share is None:
+                names = ", ".join(kind.name for kind in KINDS if kind.share is not None)
+                raise OptionError(f"--hidden needs a scene that can hide: {names}; got --scene {self.scene}.")
+        if self.sensor_height is not None and not (
+            self.kind.sensor_height is not None and 0.0 < self.sensor_height < np.inf
+        ):
+            raise OptionError(
+                f"--sensor-height must be metres above a ground, which --scene {self.scene} "
+                f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
+            )
+        _ = self.kind, self.box  # read for their errors
+
+    @cached_property
+    def kind(self) -> Kind:
+        """The scene's row; a file's stands on a ground."""
+        return find_row("scene", "ground" if self.scene == "file" else self.scene, KINDS)
+
+    @cached_property
+    def made_sensor(self) -> Sensor:
+        """The sensor."""
+        return sensor_of(self.sensor)
+
+    @cached_property
+    def box(self) -> dict[str, Any] | None:
+        """How the box that is kept is disturbed; None where none is."""
+        word, _, rest = self.keep.partition(":")
+        check_word("keep", word, KEEPS)
+        given: dict[str, Any] = dict(DISTURBANCES)
+        for part in filter(None, rest.split(",")):
+            match = re.fullmatch(r"(rotate|scale)|shift=(\d*\.?\d+)", part.strip())
+            if match is None or word != "box":
+                raise OptionError(f"--keep must be target, all or box[:shift=S,rotate,scale]; got {self.keep!r}.")
+            given |= {match[1]: True} if match[1] else {"shift": float(match[2])}
+        return given if word == "box" else None
+
+    @property
+    def share(self) -> Sequence[float] | None:
+        """Of the target to be hidden: the range asked for, or the scene's own; None where nothing is put before it."""
+        return self.kind.share if self.hidden is None or self.kind.share is None else self.hidden
+
+    @property
+    def height(self) -> float | None:
+        """Of the sensor above the ground, metres; None where there is none."""
+        return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
+
+
+def document_of(sensor: Sensor) -> dict[str, Any]:
+    """Return a sensor as plain data: name, kind and all numbers, for a plan."""
+    faults = {
+        name: _plain(getattr(sensor.imperfections, name))
+        for name, default in vars(Imperfections()).items()
+        if getattr(sensor.imperfections, name) != default
+    }
+    pattern = {name: _plain(value) for name, value in sensor.pattern.items()}
+    return {"name": sensor.name, "kind": sensor.kind, "pattern": pattern, "imperfections": faults}
+
+
+def sensor_of(document: Mapping[str, Any]) -> Sensor:
+    """Return the sensor that `document_of` wrote down."""
+    faults = Imperfections(**document["imperfections"])
+    return Sensor(document["name"], document["kind"], document["pattern"], faults)
+
+
+def parse_span(name: str, text: str) -> tuple[float, float]:
+    """Read ``A`` or ``A..B``.
+
+    Raises
+    ------
+    OptionError
+        Neither; the message has `name`.
+    """
+    first, dots, last = text.partition("..")
+    try:
+        return float(first), float(last if dots else first)
+    except ValueError:
+        raise OptionError(f"{name} must be a number, or two as A..B; got {text!r}.") from None
+
+
+def _shown(span: Sequence[float]) -> str:
+    return f"{span[0]:g}" if span[0] == span[1] else f"{span[0]:g}..{span[1]:g}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else value
