@@ -23,7 +23,7 @@ PROMISED = {
     "exact_gl": (True, True, ""),
     "oracle": (True, False, ""),
     "embree": (False, False, "embree"),
-    "pyrender": (False, False, ""),
+    "pyrender": (False, False, "pyrender"),
     "vertex_hsr": (False, False, ""),
     "vertex_hsr_culled": (False, False, ""),
     "exact_hsr": (True, False, ""),

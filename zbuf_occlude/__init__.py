@@ -2,27 +2,33 @@
 
     mesh -> surface points -> views -> visibility mask -> occluded cloud -> dataset
 
-Importing this package touches no GPU and imports no optional dependency.
+Importing this package touches no GPU and imports no dependency at all: each name is loaded when it is first used.
 """
 
-from zbuf_occlude import numba_cache, scenes, sensors, views
-from zbuf_occlude.errors import (
-    ArgumentError,
-    DatasetError,
-    GlError,
-    MeshError,
-    OccludeError,
-    OptionError,
-    UnavailableError,
-)
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.scenes import Scene
-from zbuf_occlude.sensors import scan
-from zbuf_occlude.views import Views
-from zbuf_occlude.visibility import METHODS, prepare
+import importlib
+import typing
+
+from zbuf_occlude import numba_cache
+
+if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
+    from zbuf_occlude import scenes, sensors, views
+    from zbuf_occlude.errors import (
+        ArgumentError,
+        DatasetError,
+        GlError,
+        MeshError,
+        OccludeError,
+        OptionError,
+        UnavailableError,
+    )
+    from zbuf_occlude.mesh import Mesh
+    from zbuf_occlude.meshes.collection import MeshCollection
+    from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.sampling import SurfacePoints, sample_surface
+    from zbuf_occlude.scenes import Scene
+    from zbuf_occlude.sensors import scan
+    from zbuf_occlude.views import Views
+    from zbuf_occlude.visibility import METHODS, prepare
 
 __version__ = "0.1.0"
 
@@ -50,3 +56,40 @@ __all__ = [
     "sensors",
     "views",
 ]
+
+_HOMES = {
+    "errors": (
+        "ArgumentError",
+        "DatasetError",
+        "GlError",
+        "MeshError",
+        "OccludeError",
+        "OptionError",
+        "UnavailableError",
+    ),
+    "mesh": ("Mesh",),
+    "meshes.collection": ("MeshCollection",),
+    "meshes.files": ("load_mesh",),
+    "sampling": ("SurfacePoints", "sample_surface"),
+    "scenes": ("Scene",),
+    "sensors": ("scan",),
+    "views": ("Views",),
+    "visibility": ("METHODS", "prepare"),
+}
+"""Module to the names that it gives; modules of `__all__` give themselves."""
+
+
+def __getattr__(name: str) -> typing.Any:
+    """Load a public name when it is first asked for."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = next((module for module, names in _HOMES.items() if name in names), None)
+    if home is None:
+        return importlib.import_module(f"{__name__}.{name}")
+    value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -8,6 +8,8 @@ import click
 from zbuf_occlude.cli import group
 from zbuf_occlude.errors import OccludeError, OptionError
 
+EXTRAS = {"matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
+"""Packages that commands draw and write pictures with, and the extras that bring them."""
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
@@ -29,6 +31,14 @@ def main() -> None:
         code = USAGE
     except OccludeError as error:
         click.echo(f"error: {error}", err=True)
+        code = FAILED
+    except ModuleNotFoundError as error:
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        click.echo(
+            f"error: this needs the package {error.name}; install it: pip install 'zbuf-occlude[{extra}]'", err=True
+        )
         code = FAILED
     except MemoryError as error:
         click.echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.summary import picture
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, read_finished
 from zbuf_occlude.dataset.gallery import write_gallery
@@ -33,4 +34,4 @@ def command(folder: Path, out: Path | None, table2: bool) -> None:
     source = open_dataset(folder)
     write_gallery(out / GALLERY, source, manifest, folder)
     write_contact_sheet(out / CONTACT_SHEET, source)
-    click.echo(f"gallery  {out / GALLERY}\npicture  {out / CONTACT_SHEET}")
+    click.echo(f"gallery  {out / GALLERY}\npicture  {picture(out / CONTACT_SHEET)}")

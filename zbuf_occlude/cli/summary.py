@@ -25,6 +25,11 @@ def measured(error: dict[str, Any]) -> str:
     )
 
 
+def picture(path: Path) -> str:
+    """Say where a contact sheet is, or what it would take."""
+    return str(path) if path.exists() else "none: that needs matplotlib, pip install 'zbuf-occlude[report]'"
+
+
 def summary(document: dict[str, Any], out: Path) -> str:
     """Say what was made, how wrong it is, and where it is."""
     counts, error, files = document["counts"], document["error"], document["files"]
@@ -42,7 +47,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
         measured(error),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
-        f"picture   {out / CONTACT_SHEET}",
+        f"picture   {picture(out / CONTACT_SHEET)}",
     ]
     if document["failures"]:
         lines.append(f"{counted(len(document['failures']), 'mesh', 'meshes')} failed:")

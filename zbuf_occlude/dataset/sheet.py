@@ -1,5 +1,6 @@
 """The contact sheet: some clouds of a dataset, from a fixed viewpoint and from their own camera's (Figs. 10-11)."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.drawing import draw_cloud, new_figure, set_title
 from zbuf_occlude.views import Views
 
 COLUMNS = 8
@@ -21,7 +21,7 @@ TELLING_ANGLE = np.radians(115.0)
 """Between camera and fixed viewpoint: far enough round to show that the far side is missing."""
 
 
-def write_contact_sheet(path: Path, source: Source) -> None:
+def write_contact_sheet(path: Path, source: Source) -> bool:
     """Draw one cloud of each class (of up to eight classes) from the first clouds of the first split.
 
     Parameters
@@ -29,7 +29,16 @@ def write_contact_sheet(path: Path, source: Source) -> None:
     path : Path
         The PNG.
     source : Source
+
+    Returns
+    -------
+    bool
+        Whether it was drawn: without matplotlib (extra `report`) there is no picture, and a dataset all the same.
     """
+    if find_spec("matplotlib") is None:
+        return False
+    from zbuf_occlude.drawing import draw_cloud, new_figure, set_title  # late: matplotlib is an extra
+
     classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
     clouds = next(source.batches(next(iter(source.order)), CONSIDERED))
     labels = clouds["label"][:, 0]
@@ -45,6 +54,7 @@ def write_contact_sheet(path: Path, source: Source) -> None:
         bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
     figure.suptitle("Above: from a fixed viewpoint. Below: from the camera of each cloud.", fontsize=9, color="0.35")
     atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
+    return True
 
 
 def choose(labels: NDArray[Any], poses: FloatArray) -> list[int]:

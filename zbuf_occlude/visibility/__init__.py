@@ -48,6 +48,7 @@ METHODS: tuple[Method, ...] = (
         "pyrender",
         "depth images by pyrender in a process of its own, and the depth test: the peer in image space",
         "zbuf_occlude.visibility.pyrender:prepare",
+        extra="pyrender",
         requires="pyrender",
         check="zbuf_occlude.visibility.pyrender:missing",
         no_first_hits="its pixels lie where its camera has them, not where the rays go",
