@@ -38,7 +38,8 @@ BLOCKED = (
 
 
 def run(program: str) -> str:
-    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    # ten minutes: kernels may have to be compiled first
+    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False)
     assert child.returncode == 0, child.stderr
     return child.stdout.strip()
 
