@@ -22,8 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
-from zbuf_occlude.dataset.folder import MANIFEST, PLAN, read_plan
-from zbuf_occlude.dataset.shard import FOLDER
+from zbuf_occlude.dataset.folder import MANIFEST, PLAN, SHARDS, read_plan
 
 ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "--set", "resolution=128"]
 """Of generate, when none are given: 60,000 small clouds of the built-in shapes."""
@@ -75,7 +74,7 @@ class Victim:
         """Return which fraction of the shards is done."""
         if not (self.out / PLAN).exists():
             return 0.0
-        return len(list((self.out / FOLDER).glob("*.json"))) / len(read_plan(self.out).shards)
+        return len(list((self.out / SHARDS).glob("*.json"))) / len(read_plan(self.out).shards)
 
     def _kill(self, kind: str) -> bool:
         """Kill one; False when there is none to kill."""

@@ -32,13 +32,14 @@ import numpy as np
 from tqdm import tqdm
 
 import zbuf_occlude as zo
-from zbuf_occlude.dataset.generate import claim, make_shards, run_here
+from zbuf_occlude.dataset.claim import claim
+from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path
 from zbuf_occlude.farm import local
-from zbuf_occlude.farm.supervisor import Limits
 from zbuf_occlude.farm.worker import resident_gigabytes
 from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 

@@ -13,7 +13,7 @@ FACE = "zbuf_occlude"
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names beside it
     {"errors": set(), "lanes": set(), "numba_cache": set(), "seeds": set(), "threads": set(), "versions": set()},
-    {"arrays": set(), "checks": set()},
+    {"arrays": set(), "checks": set(), "limits": set(), "origin": set()},
     {"cleaning": set()},
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
 from zbuf_occlude.cleaning import faulty_faces
 from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.origin import UNKNOWN, Origin
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""
@@ -31,6 +32,8 @@ class Mesh:
         For each face the face of the file it came from; ``arange(f)`` by default.
     dropped : dict of str to int
         What `cleaned` removed, by reason.
+    origin : Origin
+        What it was made of, where that is known: the content of its files, or a shape's recipe.
 
     Raises
     ------
@@ -50,6 +53,7 @@ class Mesh:
     name: str = "mesh"
     source_face_ids: IntArray | None = None
     dropped: dict[str, int] = field(default_factory=dict)
+    origin: Origin = UNKNOWN
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices")
@@ -72,7 +76,13 @@ class Mesh:
 
     @classmethod
     def of_checked(
-        cls, vertices: FloatArray, faces: IntArray, name: str, source_face_ids: IntArray, dropped: dict[str, int]
+        cls,
+        vertices: FloatArray,
+        faces: IntArray,
+        name: str,
+        source_face_ids: IntArray,
+        dropped: dict[str, int],
+        origin: Origin,
     ) -> "Mesh":
         """Take over arrays that were checked already, float64 and int32, and that nobody else will change."""
         mesh = object.__new__(cls)
@@ -82,6 +92,7 @@ class Mesh:
             ("name", name),
             ("source_face_ids", sealed(source_face_ids)),
             ("dropped", dropped),
+            ("origin", origin),
         ):
             object.__setattr__(mesh, key, value)
         return mesh
@@ -177,10 +188,12 @@ class Mesh:
             "duplicate": self.dropped.get("duplicate", 0) + int((duplicate & ~degenerate).sum()),
         }
         assert self.source_face_ids is not None  # set in __post_init__; for the type checker
-        return Mesh.of_checked(self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped)
+        return Mesh.of_checked(
+            self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped, self.origin
+        )
 
     def _with_vertices(self, vertices: FloatArray) -> "Mesh":
-        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped)
+        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin)
 
 
 def _normals(corners: FloatArray) -> FloatArray:

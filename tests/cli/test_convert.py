@@ -7,7 +7,6 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.packed import PackedDataset
 
 SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 300, "--sample-size", 32, "--workers", 1)
 
@@ -49,22 +48,6 @@ def test_another_format_in_the_folder_is_an_error(run: Run, modelnet: Path, tmp_
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL)
     assert outcome.code == 1
     assert "must be empty or hold this same plan" in outcome.err
-
-
-def test_packed_resumes_between_its_last_steps(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    """Shards moved to their place, the manifest not written: the same command goes on from there."""
-    out = tmp_path / "out"
-    arguments = ("generate", modelnet, "--out", out, *SMALL, "--format", "packed", "--shard", "0/1")
-    assert run(*arguments[:-2]).code == 0
-    before = (out / "packed-000000.zip").read_bytes()
-    # the state after a kill: the sidecar is there, one shard moved, no manifest
-    other = tmp_path / "other"
-    assert run("generate", modelnet, "--out", other, *SMALL, "--format", "packed", "--shard", "0/2").code == 0
-    assert (other / "shards" / "000000.zip").exists()
-    (other / "shards" / "000000.zip").rename(other / "packed-000000.zip")
-    assert run("generate", modelnet, "--out", other, *SMALL, "--format", "packed").code == 0
-    assert (other / "packed-000000.zip").read_bytes() == before
-    assert len(PackedDataset(other)) == 32
 
 
 def test_convert(run: Run, modelnet: Path, tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ def test_a_plan_that_is_none(run: Run, modelnet: Path, tmp_path: Path) -> None:
     del good["fingerprint"]
     for text in ("{}", "[]", "no JSON", json.dumps(good)):
         (dataset / "plan.json").write_text(text)
+        outcome = run("generate", modelnet, "--out", dataset, *SMALL, "--overwrite")
+        assert (outcome.code, "Copy it again from where it was made; or delete" in outcome.err) == (1, True)
         for command in commands(dataset, tmp_path / "other")[:-1]:  # merge has nothing to do
             outcome = run(*command)
             assert outcome.code == 1, command
@@ -63,21 +65,37 @@ def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str
         assert "Traceback" not in outcome.err
 
 
-def test_a_shard_that_was_cut(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    dataset = tmp_path / "clouds"
-    common = ("generate", modelnet, "--out", dataset, *SMALL)
-    assert run(*common, "--shard", "0/2").code == 0
-    shard = dataset / "shards" / "000000.npy"
-    shard.write_bytes(shard.read_bytes()[:-600])
-    outcome = run("merge", dataset)
-    assert outcome.code == 1
-    assert f"error: {shard} must be as it was written; " in outcome.err
-    assert outcome.err.endswith(" Delete it and 000000.json; the same command makes them again.\n")
-    sidecar = shard.with_suffix(".json")
-    sidecar.write_text("{}")
-    for command in (("merge", dataset), ("status", dataset)):
-        outcome = run(*command)
-        assert (outcome.code, f"error: {sidecar} must be as it was written" in outcome.err) == (1, True)
-    shard.unlink()
-    sidecar.unlink()
-    assert run(*common).code == 0, "what it says helps"
+@pytest.mark.parametrize("damage", ["cut", "flipped", "missing", "sidecar"])
+@pytest.mark.parametrize("format", ["hdf5", "packed"])
+def test_a_damaged_shard_is_said_and_made_again(
+    run: Run, modelnet: Path, tmp_path: Path, format: str, damage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_SHARD", 8)  # four meshes a shard
+    dataset, common = tmp_path / "clouds", ("generate", modelnet, *SMALL, "--format", format)
+    assert run(*common, "--out", tmp_path / "whole").code == 0
+    assert run(*common, "--out", dataset, "--shard", "0/2").code == 0
+    shard = dataset / ("packed-000000.zip" if format == "packed" else "shards/000000.npy")
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 4
+    if damage == "cut":
+        shard.write_bytes(content[:-600])
+    elif damage == "flipped":
+        shard.write_bytes(content)
+    elif damage == "missing":
+        shard.unlink()
+    else:
+        sidecar = dataset / "shards" / "000000.json"
+        sidecar.write_text(sidecar.read_text().replace('"n_checked": 5', '"n_checked": 6'))
+    name = "000000.json" if damage == "sidecar" else shard.name
+    fault = f"its {name} is {'missing' if damage == 'missing' else 'damaged'}"
+    if damage != "flipped":  # of data only the size is looked at
+        status = run("status", dataset)
+        assert (status.code, f"again       shard 0: {fault}" in status.out) == (0, True), status.out
+        assert "shards      0 of 2 done" in status.out
+    assert run(*common, "--out", dataset, "--shard", "1/2").code == 0
+    merged = run("merge", dataset)
+    assert (merged.code, f"shard 0 is not: {fault}. Run it first" in merged.err) == (1, True), merged.err
+    again = run(*common, "--out", dataset)
+    assert (again.code, f"shard 0 is made again: {fault}" in again.err) == (0, True), again.err
+    for path in (tmp_path / "whole").glob("*[0-9].[hz]*"):
+        assert (dataset / path.name).read_bytes() == path.read_bytes()

@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.errors import GlError, OptionError
-from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import MeshCollection
 
 SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 50, "--sample-size", 8, "--workers", 1)

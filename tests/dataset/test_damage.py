@@ -12,7 +12,7 @@ from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.damage import DAMAGES, reading
 from zbuf_occlude.dataset.folder import checksums, read_manifest
 from zbuf_occlude.dataset.formats import FORMATS
-from zbuf_occlude.dataset.generate import generate, make_shards, merge, run_here
+from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import DatasetError
@@ -141,25 +141,6 @@ def test_a_manifest_that_lacks_anything_that_is_read_of_it(tmp_path: Path) -> No
             read_manifest(tmp_path)
     path.write_text(json.dumps(good))
     assert read_manifest(tmp_path) == good
-
-
-def test_a_damaged_shard_or_sidecar_says_how_it_is_made_again(tmp_path: Path) -> None:
-    plan = Plan(shapes.collection(n_members=1), RECIPE)
-    generate(plan, tmp_path, part=(1, 2))  # plan.json, and no shard
-    make_shards(plan, tmp_path, run_here, lambda n: None)
-    shard, sidecar = tmp_path / "shards" / "000000.npy", tmp_path / "shards" / "000000.json"
-    content, document = shard.read_bytes(), sidecar.read_text()
-    for damaged in (b"", content[:-7], content[:40], content.replace(b"visible_fraction", b"visible_friction")):
-        shard.write_bytes(damaged)
-        with pytest.raises(DatasetError, match=r"000000\.npy must be as .* Delete it and 000000\.json; the same comm"):
-            merge(plan, tmp_path, {})
-    shard.write_bytes(content)
-    for damage in ("{", "[]", "{}", document.replace('"n_clouds"', '"clouds"')):
-        sidecar.write_text(damage)
-        with pytest.raises(DatasetError, match=r"000000\.json must be as .* Delete it; `zbuf-occlude generate`"):
-            merge(plan, tmp_path, {})
-    sidecar.write_text(document)
-    assert merge(plan, tmp_path, {})["counts"]["clouds"] == 16
 
 
 def test_what_was_said_already_and_what_is_no_damage_pass(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_what_killed_processes_left_is_no_other_file(plan: Plan, tmp_path: Path,
     if left == "finished":
         generate(plan, out)
     out.mkdir(exist_ok=True)
-    for name in (".plan.json.4711.part", ".ply_data_train0.h5.4711.part"):
+    for name in (".zbuf-0123456789abcdef.part", ".zbuf-fedcba9876543210.part"):
         (out / name).write_bytes(b"half")
     generate(plan, out, overwrite=True)
     assert files(out) == files(fresh)

@@ -13,6 +13,7 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import DatasetError, Mesh, OptionError
+from zbuf_occlude.dataset.claim import strangers
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.formats.published import names_of
@@ -80,6 +81,11 @@ def fits(complete: np.ndarray, partial: np.ndarray) -> None:
     assert (partial.max(axis=0) <= complete.max(axis=0) + 0.01).all()
     on_sides = [np.abs(partial - side * np.array([0.125, 0.25, 0.5])) < 1e-3 for side in (-1, 1)]
     assert 1 <= (np.mean(on_sides, axis=1) > 0.03).sum() <= 3, "a camera sees at most three sides of a box"
+
+
+@pytest.mark.parametrize("format", PUBLISHED)
+def test_every_file_has_a_name_that_its_plan_says(made: Made, format: str) -> None:
+    assert strangers(made(format), plan(format)) == []
 
 
 def test_pcn_as_its_loaders_read_it(made: Made) -> None:

@@ -20,7 +20,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path, read_sidecar, run_shard
 from zbuf_occlude.farm import local, supervisor
 from zbuf_occlude.farm.local import run_shards
-from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 RECIPE = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)
@@ -58,8 +58,8 @@ def contents(plan: Plan, out: Path) -> list[bytes]:
 
 
 def failures(plan: Plan, out: Path) -> dict[str, str]:
-    sidecars = [read_sidecar(out, shard, plan.fingerprint) for shard in range(len(plan.shards))]
-    return {key: why for sidecar in sidecars if sidecar for key, why in sidecar["failures"].items()}
+    sidecars = [read_sidecar(plan, out, shard) for shard in range(len(plan.shards))]
+    return {key: why for sidecar in sidecars if sidecar for key, why in sidecar.failures.items()}
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_nothing_half_written_is_taken_for_done(out: Path) -> None:
     plan = plan_of(ball, ball, ball)
     run_shard(plan, 0, out, None)
     data_path(plan, out, 1).write_bytes(b"half a file, and no sidecar")
-    assert read_sidecar(out, 1, plan.fingerprint) is None
+    assert read_sidecar(plan, out, 1) is None
     with pytest.raises(DatasetError, match="all 2 shards must be done; shard 1 is not"):
         dataset.merge(plan, out, {})
     run(plan, out)
@@ -150,7 +150,7 @@ def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
     plan = plan_of(ball)
     run_shard(plan, 0, out, None)
     with pytest.raises(DatasetError, match="must belong to plan"):
-        read_sidecar(out, 0, "another")
+        read_sidecar(plan_of(ball, ball), out, 0)
 
 
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tests.farm.test_local import ball, contents, failures, plan_of
 from zbuf_occlude import UnavailableError
 from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.farm import ray as engine
-from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.limits import Limits
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 

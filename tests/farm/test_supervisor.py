@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from zbuf_occlude.farm.supervisor import Limits, Message, supervise
+from zbuf_occlude.farm.supervisor import Message, supervise
+from zbuf_occlude.limits import GivenUp, Limits
 
 
 class Puppet:
@@ -14,7 +15,7 @@ class Puppet:
         self.said: list[Message] = [("ready", 1)] if room else []
         self.doomed, self.end = doomed, ""
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         if self.doomed:
             self.end = "the worker died"
         else:
@@ -59,12 +60,12 @@ class Mortal(Puppet):
 
     def __init__(self) -> None:
         super().__init__()
-        self.lost: dict[int, str] = {}
+        self.lost: dict[int, GivenUp] = {}
         self.fate = next(self.fates, None)
         if self.fate == "start":
             self.said, self.end = [], "the worker died"
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         self.lost = lost
         self.said.append(("mesh", shard))
         if self.fate == shard and shard not in lost:
@@ -101,4 +102,6 @@ def test_a_mesh_is_blamed_only_when_nothing_else_kills(
     shards = list(range(n_workers))
     supervise(shards, done.append, hire=hire, wait=lambda *_: None, n_workers=n_workers, limits=Limits())
     assert sorted(done) == shards
-    assert hired[-1].lost == ({0: f"the worker died at it, {fates.count(0)} times"} if given_up else {})
+    assert hired[-1].lost == (
+        {0: GivenUp(f"the worker died at it, {fates.count(0)} times", Limits())} if given_up else {}
+    )

@@ -35,7 +35,7 @@ from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
-from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
@@ -248,7 +248,9 @@ def command(
         mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
-            document = generate(one, folder, run=run, overwrite=overwrite, part=part, progress=bar.update)
+            document = generate(
+                one, folder, run=run, overwrite=overwrite, part=part, limits=limits, progress=bar.update
+            )
         if document:
             click.echo(summary(document, folder))
             failed |= bool(document["failures"])

@@ -7,8 +7,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
-from zbuf_occlude.dataset.generate import shards_done
-from zbuf_occlude.dataset.shard import read_sidecar
+from zbuf_occlude.dataset.shard import look_at
 
 
 @click.command()
@@ -32,6 +31,8 @@ def tell(report: dict[str, Any]) -> None:
     click.echo(f"folder      {report['folder']}")
     click.echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
     click.echo(f"shards      {report['shards_done']} of {report['shards']} done")
+    for shard, fault in report["shards_to_make_again"].items():
+        click.echo(f"again       shard {shard}: {fault}")
     click.echo(f"clouds      {report['clouds']}")
     if report["worker_seconds_left"]:
         click.echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
@@ -55,14 +56,17 @@ def gather(folder: Path) -> dict[str, Any]:
             "shards_done": len(plan.shards),
             "clouds": manifest["counts"]["clouds"],
             "failures": manifest["failures"],
+            "shards_to_make_again": {},
             "worker_seconds_left": 0.0,
         }
-    sidecars = [s for i in range(len(plan.shards)) if (s := read_sidecar(folder, i, plan.fingerprint)) is not None]
-    seconds = sum(sidecar["seconds"] for sidecar in sidecars)
-    n_left = len(plan.shards) - shards_done(plan, folder)
+    looked = [look_at(plan, folder, shard) for shard in range(len(plan.shards))]
+    sidecars = [sidecar for sidecar, _ in looked if sidecar is not None]
+    seconds = sum(sidecar.seconds for sidecar in sidecars)
+    n_left = len(plan.shards) - len(sidecars)
     return report | {
         "shards_done": len(sidecars),
-        "clouds": sum(sidecar["n_clouds"] for sidecar in sidecars),
-        "failures": {key: why for sidecar in sidecars for key, why in sidecar["failures"].items()},
+        "clouds": sum(sidecar.counts.n_clouds for sidecar in sidecars),
+        "failures": {key: why for sidecar in sidecars for key, why in sidecar.failures.items()},
+        "shards_to_make_again": {shard: fault for shard, (_, fault) in enumerate(looked) if fault},
         "worker_seconds_left": n_left * seconds / len(sidecars) if sidecars else None,
     }

@@ -4,23 +4,40 @@ import errno
 import json
 import os
 import re
-from collections.abc import Callable
+import secrets
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-_TEMPORARY = re.compile(r"\..+\.\d+\.part", re.DOTALL)
+_TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
 
 
-def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
-    """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False) -> None:
+    """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk.
+
+    Parameters
+    ----------
+    path : Path
+    fill : callable
+    exclusive : bool
+        Leave a file that is there already.
+
+    Raises
+    ------
+    FileExistsError
+        There is one, and this was to be exclusive.
+    OSError
+        It cannot be written.
+    """
+    # random, not the process's number: machines and containers that share a folder have the same numbers
+    temporary = path.with_name(f".zbuf-{secrets.token_hex(8)}.part")
     try:
-        with open(temporary, "wb") as file:
+        with open(temporary, "xb") as file:
             fill(file)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        _publish(temporary, path, exclusive)
     except OSError as error:
         if error.errno is None:  # from inside NumPy
             raise OSError(errno.EIO, "it could not be written whole; is the disk full?", str(path)) from error
@@ -32,15 +49,37 @@ def write(path: Path, fill: Callable[[IO[bytes]], object]) -> None:
             temporary.unlink()
 
 
-def leftovers(folder: Path) -> list[Path]:
-    """Return the temporary files that killed processes have left in a folder and below it."""
-    return [path for path in folder.rglob(".*.part") if _TEMPORARY.fullmatch(path.name)]
+def _publish(temporary: Path, path: Path, exclusive: bool) -> None:
+    if exclusive:
+        try:
+            os.link(temporary, path)
+            return
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            if path.exists():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+    os.replace(temporary, path)
 
 
-def write_json(path: Path, document: Any) -> None:
-    """Write plain data as indented JSON."""
+def leftovers(folders: Iterable[Path]) -> list[Path]:
+    """Return the temporary files that killed processes have left in some folders, not below them."""
+    found = []
+    for folder in folders:
+        with suppress(OSError):  # it is not there
+            found += [path for path in folder.iterdir() if is_temporary(path.name)]
+    return found
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file's name is one of those that files are written under."""
+    return _TEMPORARY.fullmatch(name) is not None
+
+
+def write_json(path: Path, document: Any, *, exclusive: bool = False) -> None:
+    """Write plain data as indented JSON; `exclusive` as in `write`."""
     text = json.dumps(document, indent=2, sort_keys=True) + "\n"
-    write(path, lambda file: file.write(text.encode()))
+    write(path, lambda file: file.write(text.encode()), exclusive=exclusive)
 
 
 def write_lines(path: Path, lines: list[str]) -> None:

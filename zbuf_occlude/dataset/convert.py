@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.claim import claim, own_names
 from zbuf_occlude.dataset.damage import REMEDY
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, checksums, read_finished, read_manifest
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.generate import claim, write_names
+from zbuf_occlude.dataset.generate import write_names
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import Numbers, Source
@@ -87,6 +88,7 @@ def convert(
         progress(len(numbers))
         return source.take(numbers)
 
+    own_names(plan)  # a format that cannot write them says so
     claim(plan, out)
     if (finished := read_manifest(out)) is not None:
         progress(sum(map(np.size, source.order.values())))

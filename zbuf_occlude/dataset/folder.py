@@ -9,12 +9,18 @@ from typing import Any
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.meshes.collection import SPLITS
 
 PLAN, MANIFEST = "plan.json", "manifest.json"
+SHARDS = "shards"
+"""Folder of unfinished work."""
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 ORIGINAL = "original"
 """Folder, in a dataset's own, of the dataset of complete clouds that some presets want beside it."""
+
+PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
+"""Without a plan nothing says what in the folder is the dataset's, so nothing is deleted."""
 
 Kinds = Mapping[str, Any]
 """What a JSON object must have: for each name a type or types, or, for an object in it, its own `Kinds`."""
@@ -54,13 +60,13 @@ def read_plan(out: Path) -> Plan:
     path = out / PLAN
     if not path.exists():
         raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
-    with reading(path):
+    with reading(path, PLAN_REMEDY):
         document = read_object(path, {"fingerprint": str})
         plan = Plan.from_document(document)
-    if plan.fingerprint != document["fingerprint"]:
+        found = plan.fingerprint
+    if found != document["fingerprint"]:
         raise DatasetError(
-            f"{path} must have the fingerprint {document['fingerprint']}; it has {plan.fingerprint}. "
-            "It was changed, or made by another version; generate again with --overwrite."
+            f"{path} must have the fingerprint {document['fingerprint']}; it has {found}. It was changed. {PLAN_REMEDY}"
         )
     return plan
 
@@ -122,16 +128,39 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
     return plan, manifest
 
 
-def checksums(out: Path, files: dict[str, list[str]]) -> dict[str, str]:
-    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name; of a list of files, with all it lists."""
-    return {name: _checksum(out, name) for names in files.values() for name in names}
+def checksums(out: Path, files: Mapping[str, list[str]]) -> dict[str, str]:
+    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name; of a list of files, with all it lists.
+
+    Parameters
+    ----------
+    out : Path
+    files : mapping of split to file names
+        As in the manifest. What labels and mesh ids stand for, and lists of files, are taken in beside them.
+    """
+    data = {name for of_split in files.values() for name in of_split}
+    beside = {name for name in (SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)) if (out / name).exists()} - data
+    return {
+        **{name: _checksum(out, name, with_listed=name.endswith("_files.txt")) for name in sorted(data)},
+        **{name: _checksum(out, name) for name in sorted(beside)},
+    }
 
 
-def _checksum(out: Path, name: str) -> str:
+def list_of(split: str) -> str:
+    """Return the name of the list of a split's files, which some formats have."""
+    return f"{split}_files.txt"
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file's content, in hexadecimal."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _checksum(out: Path, name: str, *, with_listed: bool = False) -> str:
     with reading(out / name):
-        with open(out / name, "rb") as file:
-            digest = hashlib.file_digest(file, "sha256")
-        if name.endswith("_files.txt"):
-            for listed in (out / name).read_text().splitlines():
-                digest.update(_checksum(out, listed).encode())
+        if not with_listed:
+            return sha256_of(out / name)
+        digest = hashlib.sha256((out / name).read_bytes())
+        for listed in (out / name).read_text().splitlines():
+            digest.update(_checksum(out, listed).encode())
     return digest.hexdigest()

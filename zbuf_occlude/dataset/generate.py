@@ -1,31 +1,26 @@
 """Generate a dataset in a folder: plan, shards, final files, picture, manifest. The same call again resumes."""
 
-import json
-import shutil
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.folder import (
-    CONTACT_SHEET,
-    GALLERY,
-    MANIFEST,
-    MESH_KEYS,
-    PLAN,
-    SHAPE_NAMES,
-    checksums,
-    read_manifest,
-)
-from zbuf_occlude.dataset.formats import FORMATS, find_format, packed
+from zbuf_occlude.dataset.claim import claim, own_names, remove, remove_shards
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, SHAPE_NAMES, checksums, read_manifest
+from zbuf_occlude.dataset.formats import find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.shard import FOLDER, data_path, read_sidecar, run_shard, source_of_shards
+from zbuf_occlude.dataset.shard import Sidecar, data_path, look_at, read_sidecar, run_shard, source_of_shards
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.origin import Origin
 from zbuf_occlude.visibility import find_method
+
+_LOG = logging.getLogger(__name__)
 
 Run = Callable[[Plan, list[int], Path, Callable[[int], None]], None]
 """Makes shards of a plan in a folder, telling each that is done: `run_here`, or an engine of the farm."""
@@ -38,6 +33,7 @@ def generate(
     run: Run | None = None,
     overwrite: bool = False,
     part: tuple[int, int] = (0, 1),
+    limits: Limits | None = None,
     progress: Callable[[int], None] = lambda clouds: None,
 ) -> dict[str, Any]:
     """Make the dataset of a plan in a folder.
@@ -50,9 +46,11 @@ def generate(
     run : callable, optional
         The engine; `run_here`, in this process, by default.
     overwrite : bool
-        Remove a dataset that is in the folder first (nothing else in it is touched).
+        Remove a dataset that is in the folder first; with anything else in it, nothing is removed and it is an error.
     part : (int, int)
         (i, n): make only the shards of the i-th (from 0) of n machines; `merge` then makes the dataset of them.
+    limits : Limits, optional
+        Those that the engine keeps: a mesh given up within others is tried again.
     progress : callable
         Told the number of clouds planned in a shard when the shard is done.
 
@@ -64,7 +62,8 @@ def generate(
     Raises
     ------
     DatasetError
-        The folder holds another plan's dataset, or files that are not a dataset; no mesh could be used.
+        The folder holds another plan's dataset, or files that are not a dataset; a mesh is another than what has been
+        made of it; no mesh could be used.
     GlError
         The method needs GL and there is none.
     OptionError, UnavailableError
@@ -72,47 +71,93 @@ def generate(
     """
     find_format(plan.format).check(plan)
     began = time.perf_counter()
+    own_names(plan)  # a format that cannot write them says so
     if overwrite:
         remove(out)
     claim(plan, out)
     if (finished := read_manifest(out)) is not None:
-        shutil.rmtree(out / FOLDER, ignore_errors=True)  # left when the run ended between its last two steps
+        check_origins(plan, {key: Origin.from_document(each) for key, each in finished.get("origins", {}).items()}, out)
+        remove_shards(plan, out)  # left when the run ended between its last two steps
         progress(plan.n_clouds)
         return finished
     try:
-        make_shards(plan, out, run or run_here, progress, part=part)
+        make_shards(plan, out, run or run_here, progress, part=part, limits=limits)
         if part != (0, 1):
             return {}
-        return merge(plan, out, {"making": time.perf_counter() - began})
+        return merge(plan, out, {"making": time.perf_counter() - began}, closely=False)
     except (DatasetError, OSError):
         # the same command may run twice at a time; whoever comes first takes the other's shards away
         if (finished := read_manifest(out)) is None or finished["fingerprint"] != plan.fingerprint:
             raise
-        shutil.rmtree(out / FOLDER, ignore_errors=True)
+        remove_shards(plan, out)
         return finished
 
 
 def make_shards(
-    plan: Plan, out: Path, run: Run, progress: Callable[[int], None], *, part: tuple[int, int] = (0, 1)
+    plan: Plan,
+    out: Path,
+    run: Run,
+    progress: Callable[[int], None],
+    *,
+    part: tuple[int, int] = (0, 1),
+    limits: Limits | None = None,
 ) -> None:
-    """Make the shards that are not done, by an engine; `part` (i, n) takes only every n-th, from the i-th on."""
+    """Make the shards that are not done, by an engine; `part` (i, n) takes only every n-th, from the i-th on.
+
+    Raises
+    ------
+    DatasetError
+        A mesh is another than what a finished shard was made of.
+    """
 
     def done(shard: int) -> None:
         progress(len(plan.shards[shard]) * plan.clouds_a_mesh)
 
-    missing = []
+    missing, made = [], []
     for shard in range(part[0], len(plan.shards), part[1]):
-        if read_sidecar(out, shard, plan.fingerprint) is None:
+        sidecar, fault = look_at(plan, out, shard, closely=True)
+        if sidecar is not None:
+            check_origins(plan, _of_made(sidecar), out)
+            again = [key for key in sidecar.failures if sidecar.may_be_made_now(key, plan, limits or Limits())]
+            fault = f"{again[0]}, which failed, may be another now" if again else ""
+        if fault:
+            _LOG.warning("shard %d is made again: %s", shard, fault)
+        if sidecar is None or fault:
             missing.append(shard)
         else:
-            done(shard)
+            made.append(shard)
+    for shard in made:
+        done(shard)
     if missing:
         run(plan, missing, out, done)
 
 
+def check_origins(plan: Plan, origins: Mapping[str, Origin], out: Path) -> None:
+    """Check that meshes are what data in a folder were made of; `origins` are what they were, by their keys.
+
+    Raises
+    ------
+    DatasetError
+        One is not.
+    """
+    for entry in plan.meshes:
+        then = origins.get(entry.key)
+        if then is None or (now := entry.origin_now(then)).sha256 == then.sha256:
+            continue
+        what = f"sha256 {now.sha256[:12]}..." if now.sha256 else "no longer readable"
+        raise DatasetError(
+            f"{entry.key} must be what the data in {out} were made of, sha256 {then.sha256[:12]}...; it is {what}. "
+            "Put it back, choose another folder, or make all clouds again with --overwrite."
+        )
+
+
+def _of_made(sidecar: Sidecar) -> dict[str, Origin]:
+    return {key: origin for key, origin in sidecar.origins.items() if key not in sidecar.failures}
+
+
 def shards_done(plan: Plan, out: Path) -> int:
     """Count the shards of a folder that are done."""
-    return sum(read_sidecar(out, shard, plan.fingerprint) is not None for shard in range(len(plan.shards)))
+    return sum(read_sidecar(plan, out, shard) is not None for shard in range(len(plan.shards)))
 
 
 def run_here(plan: Plan, shards: list[int], out: Path, done: Callable[[int], None]) -> None:
@@ -128,41 +173,53 @@ def run_here(plan: Plan, shards: list[int], out: Path, done: Callable[[int], Non
             done(shard)
 
 
-def merge(plan: Plan, out: Path, seconds: dict[str, float]) -> dict[str, Any]:
+def merge(plan: Plan, out: Path, seconds: dict[str, float], *, closely: bool = True) -> dict[str, Any]:
     """Write the final files, the picture and the manifest from finished shards; then remove the shards.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    seconds : dict of str to float
+        Wall-clock times of what was done before.
+    closely : bool
+        Check the shards' data first. Not needed where that, or they, were just made.
 
     Raises
     ------
     DatasetError
-        A shard is missing, or none has a cloud.
+        A shard is missing or damaged, a mesh has changed since it was used, or no mesh has a cloud.
     """
     began = time.perf_counter()
     sidecars = []
     for shard in range(len(plan.shards)):
-        sidecar = read_sidecar(out, shard, plan.fingerprint)
+        sidecar, fault = look_at(plan, out, shard, closely=closely)
         if sidecar is None:
             raise DatasetError(
-                f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not. Run it first."
+                f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not{fault and f': {fault}'}. "
+                "Run it first: the `zbuf-occlude generate` that made the others."
             )
         sidecars.append(sidecar)
-    if not any(sidecar["n_clouds"] for sidecar in sidecars):
-        reasons = [reason for sidecar in sidecars for reason in sidecar["failures"].values()]
+    check_origins(plan, {key: origin for sidecar in sidecars for key, origin in _of_made(sidecar).items()}, out)
+    if not any(sidecar.counts.n_clouds for sidecar in sidecars):
+        reasons = [reason for sidecar in sidecars for reason in sidecar.failures.values()]
         raise DatasetError(
             f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: "
             f"{reasons[0] if reasons else 'its views see nothing'}"
         )
-    shards = [data_path(plan, out, shard) for shard in range(len(plan.shards))]
     row = find_format(plan.format)
-    files = packed.adopt(plan, shards, out) if row.all_points else row.load().write(source_of_shards(plan, shards), out)
+    if row.all_points:
+        files = packed.files_of(plan)
+    else:
+        shards = [data_path(plan, out, shard) for shard in range(len(plan.shards))]
+        files = row.load().write(source_of_shards(plan, shards), out)
     source = row.load().read(out, plan, files)
     write_names(plan, out)
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = summed_up(plan, sidecars, files, source.n_clouds, {**seconds, "writing": time.perf_counter() - began})
     document["sha256"] = checksums(out, files)
     atomic.write_json(out / MANIFEST, document)
-    shutil.rmtree(out / FOLDER, ignore_errors=True)  # all that matters is done
-    for path in atomic.leftovers(out):
-        path.unlink(missing_ok=True)
+    remove_shards(plan, out)  # all that matters is done
     return document
 
 
@@ -170,40 +227,3 @@ def write_names(plan: Plan, out: Path) -> None:
     """Write what labels and mesh ids stand for."""
     atomic.write_lines(out / SHAPE_NAMES, plan.classes)
     atomic.write_lines(out / MESH_KEYS, [entry.key for entry in plan.meshes])
-
-
-def claim(plan: Plan, out: Path) -> None:
-    """Make the folder this plan's, or find that it is already."""
-    path = out / PLAN
-    if path.exists():
-        try:
-            found = json.loads(path.read_text())["fingerprint"]
-        except (ValueError, KeyError, TypeError):
-            found = "unreadable"
-        if found == plan.fingerprint:
-            return
-        if (out / MANIFEST).exists() or any((out / FOLDER).glob("*.json")):
-            raise DatasetError(
-                f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {found}. "
-                "Choose another folder, or generate with --overwrite."
-            )
-        remove(out)  # nothing of that plan was finished
-    elif out.is_dir() and set(out.iterdir()) - set(atomic.leftovers(out)):
-        raise DatasetError(f"{out} must be empty or hold a dataset; it has other files. Choose another folder.")
-    out.mkdir(parents=True, exist_ok=True)
-    atomic.write_json(path, {"fingerprint": plan.fingerprint, **plan.document})
-
-
-def remove(out: Path) -> None:
-    """Remove a dataset, and only what a dataset consists of, from a folder."""
-    if not (out / PLAN).exists():
-        return
-    shutil.rmtree(out / FOLDER, ignore_errors=True)
-    patterns = {pattern for row in FORMATS for pattern in row.patterns}
-    patterns |= {MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, PLAN}
-    for path in [*(path for pattern in sorted(patterns) for path in out.glob(pattern)), *atomic.leftovers(out)]:
-        path.unlink(missing_ok=True)
-        folder = path.parent
-        while folder != out and not any(folder.iterdir()):
-            folder.rmdir()
-            folder = folder.parent

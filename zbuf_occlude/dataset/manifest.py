@@ -2,15 +2,17 @@
 
 from typing import Any
 
+from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.shard import Sidecar
 from zbuf_occlude.versions import versions
 
 
 def summed_up(
     plan: Plan,
-    sidecars: list[dict[str, Any]],
+    sidecars: list[Sidecar],
     files: dict[str, list[str]],
     n_clouds: dict[str, int],
     seconds: dict[str, float],
@@ -20,8 +22,8 @@ def summed_up(
     Parameters
     ----------
     plan : Plan
-    sidecars : list of dict
-        As `run_shard` writes them, one for each shard.
+    sidecars : list of Sidecar
+        One for each shard.
     files : dict of split to file names
     n_clouds : dict of split to number of clouds
     seconds : dict of str to float
@@ -31,19 +33,13 @@ def summed_up(
     -------
     dict
         ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point,
-        the oracle says hidden) and *false_hidden* (the other way round).
+        the oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that
+        are wrong in more than `counts.BAD_VIEW` of their checked points, and which was the worst. ``origins`` says what
+        each mesh was made of.
     """
-    total = {
-        name: sum(sidecar[name] for sidecar in sidecars)
-        for name in ("n_clouds", "n_blind_views", "n_with_repeats", "n_checked", "false_visible", "false_hidden")
-    }
-    failures = {key: reason for sidecar in sidecars for key, reason in sidecar["failures"].items()}
-    dropped: dict[str, int] = {}
-    for sidecar in sidecars:
-        for reason, count in sidecar["faces_dropped"].items():
-            dropped[reason] = dropped.get(reason, 0) + count
-    renderers = sorted({sidecar["renderer"] for sidecar in sidecars} - {"none"})
-    n_checked = total["n_checked"]
+    counts = sum((sidecar.counts for sidecar in sidecars), Counts())
+    failures = {key: reason for sidecar in sidecars for key, reason in sidecar.failures.items()}
+    renderers = sorted({sidecar.renderer for sidecar in sidecars} - {"none"})
     return {
         "fingerprint": plan.fingerprint,
         "seed": plan.recipe.seed,
@@ -57,23 +53,38 @@ def summed_up(
             "meshes_failed": len(failures),
             "views": len(plan.views),
             "variations": plan.recipe.variations,
-            "clouds": total["n_clouds"],
+            "clouds": counts.n_clouds,
             "clouds_by_split": n_clouds,
-            "views_that_see_nothing": total["n_blind_views"],
-            "clouds_with_repeated_points": total["n_with_repeats"],
-            "faces_dropped": dropped,
+            "views_that_see_nothing": counts.n_blind_views,
+            "clouds_with_repeated_points": counts.n_with_repeats,
+            "faces_dropped": dict(counts.faces_dropped),
         },
         "failures": failures,
+        "origins": {
+            key: origin.document
+            for sidecar in sidecars
+            for key, origin in sidecar.origins.items()
+            if key not in failures
+        },
         "files": files,
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
         "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
-        "error": {
-            "false_visible": total["false_visible"] / n_checked if n_checked else None,
-            "false_hidden": total["false_hidden"] / n_checked if n_checked else None,
-            "n_checked": n_checked,
-        },
+        "error": error_of(counts),
         "seconds": {
             **{name: round(value, 3) for name, value in seconds.items()},
-            "shards": round(sum(sidecar["seconds"] for sidecar in sidecars), 3),
+            "shards": round(sum(sidecar.seconds for sidecar in sidecars), 3),
         },
+    }
+
+
+def error_of(counts: Counts) -> dict[str, Any]:
+    """Say how wrong the checked answers are; None where nothing was checked."""
+    n, n_views, worst = counts.n_checked, counts.n_views_checked, counts.worst
+    return {
+        "false_visible": counts.false_visible / n if n else None,
+        "false_hidden": counts.false_hidden / n if n else None,
+        "n_checked": n,
+        "n_views_checked": n_views,
+        "bad_views": counts.n_bad_views / n_views if n_views else None,
+        "worst_view": None if worst is None else worst._asdict(),
     }

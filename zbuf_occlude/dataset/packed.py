@@ -55,14 +55,19 @@ OPEN_FILES, KEPT_BLOCKS = 16, 4
 """Archives held open, and blocks held unpacked, by one reader in one process."""
 
 
+def shard_name(shard: int) -> str:
+    """Return what a shard's archive is called in the dataset's folder."""
+    return f"packed-{shard:06d}.zip"
+
+
 class PackedStore:
     """Collects the points and bits of a shard."""
-
-    suffix: ClassVar[str] = ".zip"
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._members: list[tuple[str, bytes]] = []
+
+    suffix: ClassVar[str] = ".zip"
 
     def keep(
         self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int

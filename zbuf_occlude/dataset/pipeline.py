@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
@@ -26,7 +27,7 @@ Keep = Callable[[SurfacePoints, BoolArray, Views, str, int], Kept]
 
 def occlude(
     mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, keep: Keep[Kept]
-) -> tuple[list[Kept], dict[str, Any]]:
+) -> tuple[list[Kept], Counts, str]:
     """Make all clouds of one mesh.
 
     Parameters
@@ -46,13 +47,14 @@ def occlude(
     -------
     kept : list
         What `keep` returned, variation by variation.
-    facts : dict
-        renderer; n_clouds, n_with_repeats; n_checked, false_visible, false_hidden (pairs of view and point, against the
-        oracle).
+    counts : Counts
+        Of its clouds, of what cleaning took away, and of what was asked again of the oracle.
+    renderer : str
+        "none" without OpenGL.
     """
     views = views.around(mesh.centre, mesh.longest_side)
     kept, renderer = [], "none"
-    total = dict.fromkeys(("n_clouds", "n_with_repeats", "n_checked", "false_visible", "false_hidden"), 0)
+    counts = Counts(faces_dropped=mesh.dropped)
     with ExitStack() as stack:
         occluder = None
         if not recipe.complete:
@@ -61,20 +63,20 @@ def occlude(
             renderer = occluder.renderer
         for variation in range(recipe.variations):
             points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
-            counts = {}
             if occluder is None:
                 mask = np.ones((len(views), len(points)), dtype=bool)
             else:
                 mask = occluder.visible(points, views.eyes)
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
-                counts = check(mesh, points, views, mask, rng)
+                counts += check(mesh, points, views, mask, rng, key, variation)
             n_visible = mask.sum(axis=1)
-            counts["n_clouds"] = int((n_visible > 0).sum())
-            counts["n_with_repeats"] = int(((n_visible > 0) & (n_visible < recipe.sample_size)).sum())
-            for name, count in counts.items():
-                total[name] += count
+            counts += Counts(
+                n_clouds=int((n_visible > 0).sum()),
+                n_blind_views=int((n_visible == 0).sum()),
+                n_with_repeats=int(((n_visible > 0) & (n_visible < recipe.sample_size)).sum()),
+            )
             kept.append(keep(points, mask, views, key, variation))
-    return kept, {"renderer": renderer, **total}
+    return kept, counts, renderer
 
 
 def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
@@ -93,15 +95,28 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
     return points.select(order[np.argsort(points.face_ids[order], kind="stable")])
 
 
-def check(mesh: Mesh, points: SurfacePoints, views: Views, mask: BoolArray, rng: np.random.Generator) -> dict[str, int]:
-    """Ask the oracle about a random few of the answers and count where they differ."""
+def check(
+    mesh: Mesh,
+    points: SurfacePoints,
+    views: Views,
+    mask: BoolArray,
+    rng: np.random.Generator,
+    key: str,
+    variation: int,
+) -> Counts:
+    """Ask the oracle about a random few of the answers and count where they differ, view by view."""
     some_views = rng.choice(len(views), min(CHECKED_VIEWS, len(views)), replace=False)
     some_points = rng.choice(len(points), min(CHECKED_POINTS, len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
-    return {
-        "n_checked": truth.size,
-        "false_visible": int((answer & ~truth).sum()),
-        "false_hidden": int((~answer & truth).sum()),
-    }
+    shares = (answer != truth).mean(axis=1)
+    worst = int(shares.argmax())
+    return Counts(
+        n_checked=truth.size,
+        false_visible=int((answer & ~truth).sum()),
+        false_hidden=int((~answer & truth).sum()),
+        n_views_checked=len(truth),
+        n_bad_views=int((shares > BAD_VIEW).sum()),
+        worst=WorstView(float(shares[worst]), key, variation, int(some_views[worst])),
+    )

@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sampling import MAX_POINTS
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import parse as parse_views
@@ -21,6 +22,10 @@ SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
+DATA_VERSION = 2
+"""Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
+CLOUDS_A_FILE = 2048
+"""Clouds of a file in the formats that put many into one."""
 CLOUDS_A_SHARD = 500
 """A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
 
@@ -143,6 +148,17 @@ class Plan:
         """Clouds in the whole dataset when every mesh succeeds and sees something from everywhere."""
         return len(self.meshes) * self.clouds_a_mesh
 
+    @property
+    def splits(self) -> list[str]:
+        """The splits that have meshes."""
+        return [split for split in SPLITS if any(entry.split == split for entry in self.meshes)]
+
+    @property
+    def n_files(self) -> dict[str, int]:
+        """For each split the files that its clouds fill at most, in formats that put many into one."""
+        n_meshes = Counter(entry.split for entry in self.meshes)
+        return {split: -(-n * self.clouds_a_mesh // CLOUDS_A_FILE) for split, n in n_meshes.items()}
+
     @cached_property
     def shards(self) -> list[range]:
         """Mesh indices of each shard. Does not depend on the number of workers."""
@@ -157,25 +173,52 @@ class Plan:
             "format": self.format,
             "views": np.stack([self.views.azimuth, self.views.elevation, self.views.distance], axis=1).tolist(),
             "classes": self.classes,
-            "meshes": [[entry.key, entry.label, entry.split] for entry in self.meshes],
+            "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
             "clouds_a_shard": CLOUDS_A_SHARD,
+            "data_version": DATA_VERSION,
         }
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Plan":
         """Read a plan back from its document, without its meshes: enough to merge, count and check, not to generate."""
         entries = [
-            MeshEntry(key, label, split, partial(_not_loadable, key)) for key, label, split in document["meshes"]
+            MeshEntry(key, label, split, partial(_not_loadable, key), up=up[0] if up else "")
+            for key, label, split, *up in document["meshes"]
         ]
         azimuth, elevation, distance = np.asarray(document["views"]).T
         views = Views(azimuth, elevation, distance)
-        return cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
+        plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
+        stored = {name: value for name, value in document.items() if name != "fingerprint"}
+        plan.__dict__["document"] = stored  # by which it is known, whatever a later version would write
+        return plan
+
+    def differences(self, document: Mapping[str, Any]) -> list[str]:
+        """Say in words in what another plan's document differs from this one's."""
+        return list(_differences(document, self.document))
 
     @cached_property
     def fingerprint(self) -> str:
         """A hash of `document`, the reason left out: two runs with one fingerprint make the same dataset."""
         decisive = self.document | {"recipe": self.document["recipe"] | {"reason": ""}}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator[str]:
+    for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
+        then, now = (document["recipe"].get(name) for document in (theirs, mine))
+        if then != now and name != "reason":
+            yield f"{name} was {then!r:.60}, and is {now!r:.60}"
+    meshes = {row[0]: row[1:] for row in theirs["meshes"]}, {row[0]: row[1:] for row in mine["meshes"]}
+    for here, there, what in ((*meshes, "is not among the meshes now"), (*meshes[::-1], "was not among the meshes")):
+        if gone := [key for key in here if key not in there]:
+            yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
+    for key in meshes[0].keys() & meshes[1].keys():
+        for what, then, now in zip(("class", "split", "up"), meshes[0][key], meshes[1][key], strict=False):
+            if then != now:
+                yield f"{what} of {key} was {then!r}, and is {now!r}"
+    for name, what in (("format", "format"), ("clouds_a_shard", "shards' size"), ("data_version", "data version")):
+        if theirs.get(name) != mine.get(name):
+            yield f"{what} was {theirs.get(name)!r}, and is {mine.get(name)!r}"
 
 
 def _not_loadable(key: str) -> Mesh:

@@ -20,11 +20,11 @@ from zbuf_occlude.views import Views
 class RecordStore:
     """Collects the clouds of a shard."""
 
-    suffix: ClassVar[str] = ".npy"
-
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._parts = [np.empty(0, record_type(plan.recipe))]
+
+    suffix: ClassVar[str] = ".npy"
 
     def keep(self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int) -> NDArray[Any]:
         """Draw the clouds of one sampling of a mesh."""
@@ -57,7 +57,7 @@ def source_of_records(plan: Plan, paths: list[Path]) -> Source:
     """
     shards = []
     for path in paths:
-        with reading(path, f"Delete it and {path.with_suffix('.json').name}; the same command makes them again."):
+        with reading(path, "The same `zbuf-occlude generate` makes it again."):
             shards.append(_mapped(path, plan))
     owners = np.concatenate([np.full(len(shard), i) for i, shard in enumerate(shards)])
     rows = np.concatenate([np.arange(len(shard)) for shard in shards])

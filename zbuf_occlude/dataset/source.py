@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import CLOUDS_A_FILE, Plan
 from zbuf_occlude.meshes.collection import SPLITS
 from zbuf_occlude.seeds import seed_of
-
-CLOUDS_A_FILE = 2048
-"""Clouds of a file in the formats that put many into one."""
 
 Numbers = NDArray[np.intp]
 

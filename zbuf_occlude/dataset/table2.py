@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from zbuf_occlude.dataset.folder import MANIFEST, MESH_KEYS, PLAN, SHAPE_NAMES, read_finished
-from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.claim import own_names
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, read_finished
 
 
 class Row(NamedTuple):
@@ -44,8 +44,7 @@ def row_of(folder: Path) -> Row:
         There is no complete dataset in the folder.
     """
     plan, manifest = read_finished(folder)
-    patterns = {*find_format(plan.format).patterns, PLAN, MANIFEST, SHAPE_NAMES, MESH_KEYS}
-    files = {path for pattern in patterns for path in folder.glob(pattern)}
+    files = [path for name in own_names(plan) - {CONTACT_SHEET, GALLERY} if (path := folder / name).exists()]
     return Row(
         f"This one ({plan.format})",
         manifest["counts"]["clouds"],

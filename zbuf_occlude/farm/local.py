@@ -10,8 +10,9 @@ from typing import Any
 
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.farm.supervisor import Limits, Message, Worker, supervise
+from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import resident_gigabytes, serve
+from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.visibility import find_method
 
 
@@ -42,7 +43,7 @@ class LocalWorker:
             self.process.start()
         theirs.close()
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         """Send a request."""
         with suppress(OSError):  # it has died; `ending` will tell
             self.connection.send((shard, lost))

@@ -12,8 +12,9 @@ from typing import Any
 
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import GlError, UnavailableError
-from zbuf_occlude.farm.supervisor import Limits, Message, Worker, supervise
+from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import resident_gigabytes, work
+from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.visibility import find_method
 
 LISTEN_SECONDS = 0.4
@@ -99,7 +100,7 @@ class _Actor:
         self.thread = threading.Thread(target=work, args=arguments, daemon=True)
         self.thread.start()
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         self.connection.send((shard, lost))
 
     def listen(self) -> tuple[list[Message], float]:
@@ -136,7 +137,7 @@ class RayWorker:
         self.heard: float | None = None  # when it last answered; None until it has started
         self.future = actor.listen.remote()
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         """Send a request."""
         self.actor.assign.remote(shard, lost)
 

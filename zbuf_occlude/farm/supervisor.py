@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.limits import GivenUp, Limits
 
 _LOG = logging.getLogger(__name__)
 
@@ -30,31 +31,10 @@ Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], int | str]
 better."""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What one mesh may take before its worker is killed and the mesh counted as failed.
-
-    Parameters
-    ----------
-    seconds : float
-        Wall-clock time for one mesh, all its views and variations.
-    gigabytes : float
-        Resident memory of the worker process while it is at the mesh.
-    """
-
-    seconds: float = 600.0
-    gigabytes: float = 8.0
-
-    def __post_init__(self) -> None:
-        for what, value in (("seconds", self.seconds), ("gigabytes", self.gigabytes)):
-            if not value > 0:
-                raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
-
-
 class Worker(Protocol):
     """A process somewhere that makes shards, as an engine offers it."""
 
-    def assign(self, shard: int, lost: dict[int, str]) -> None:
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         """Have it make a shard; meshes in `lost` are failures with their reasons. Never raises: death is told later."""
 
     def listen(self) -> list[Message]:
@@ -95,10 +75,11 @@ class _Book:
 
     queue: deque[int]
     left: set[int]
+    limits: Limits
     deaths: Counter[int] = field(default_factory=Counter)
     n_innocent: int = 0
     innocent_before: dict[int, int] = field(default_factory=dict)
-    lost: dict[int, str] = field(default_factory=dict)
+    lost: dict[int, GivenUp] = field(default_factory=dict)
     n_broken: int = 0
 
 
@@ -137,7 +118,7 @@ def supervise(
     exceeds the limits, becomes a failure in the shard's sidecar. What a shard holds depends on the plan alone, never on
     the worker that made it, so any number of deaths leaves the same bytes.
     """
-    book = _Book(deque(shards), set(shards))
+    book = _Book(deque(shards), set(shards), limits)
     seats: dict[int, _Seat] = {}
     last_ready = time.monotonic()
     try:
@@ -149,7 +130,7 @@ def supervise(
                 _assign(seat, book)  # all of them: the last shard must not wait for a replacement that finds no room
             wait([seat.worker for seat in seats.values()], GRACE)
             for number, seat in list(seats.items()):
-                if _look_after(seat, book, limits, done):
+                if _look_after(seat, book, done):
                     del seats[number]
             if any(seat.ready for seat in seats.values()):
                 last_ready = time.monotonic()
@@ -169,7 +150,7 @@ def _assign(seat: _Seat, book: _Book) -> None:
         seat.worker.assign(seat.shard, dict(book.lost))
 
 
-def _look_after(seat: _Seat, book: _Book, limits: Limits, done: Callable[[int], None]) -> bool:
+def _look_after(seat: _Seat, book: _Book, done: Callable[[int], None]) -> bool:
     """Take in what a worker says and how it is; True when its seat is free again."""
     ending = seat.worker.ending()  # asked first: what it said before it ended is heard all the same
     for message in seat.worker.listen():
@@ -177,7 +158,7 @@ def _look_after(seat: _Seat, book: _Book, limits: Limits, done: Callable[[int], 
     if ending:
         _bury(seat, book, ending)
         return True
-    if excess := _excess(seat, limits):
+    if excess := _excess(seat, book.limits):
         seat.worker.kill()
         _bury(seat, book, excess, at_once=True)
         return True
@@ -221,12 +202,12 @@ def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> No
     if mesh_id is None:
         book.n_innocent += 1
     elif at_once:
-        book.lost[mesh_id] = reason
+        book.lost[mesh_id] = GivenUp(reason, book.limits)
     else:
         book.deaths[mesh_id] += 1
         elsewhere = book.n_innocent - book.innocent_before.setdefault(mesh_id, book.n_innocent)
         if book.deaths[mesh_id] >= DEATHS_A_MESH + elsewhere:
-            book.lost[mesh_id] = f"{reason} at it, {book.deaths[mesh_id]} times"
+            book.lost[mesh_id] = GivenUp(f"{reason} at it, {book.deaths[mesh_id]} times", book.limits)
     if seat.shard is not None:
         book.queue.appendleft(seat.shard)
         _LOG.warning("shard %d is made again: %s", seat.shard, reason)
@@ -236,8 +217,4 @@ def _excess(seat: _Seat, limits: Limits) -> str:
     """Say which limit a worker's mesh has exceeded; empty when none."""
     if seat.mesh_id is None:
         return ""
-    if time.monotonic() - seat.mesh_began > limits.seconds:
-        return f"a mesh may take {limits.seconds:g} seconds; this one took longer. Raise --mesh-seconds."
-    if seat.worker.gigabytes() > limits.gigabytes:
-        return f"a mesh may take {limits.gigabytes:g} GB of memory; this one took more. Raise --mesh-gigabytes."
-    return ""
+    return limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())

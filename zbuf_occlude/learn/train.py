@@ -116,7 +116,7 @@ def train(
             if finished["history"] and not (folder / MODEL).exists():
                 write_document(folder / CHECKPOINT, finished | about)
             raise
-    for path in atomic.leftovers(folder):
+    for path in atomic.leftovers([folder]):
         path.unlink(missing_ok=True)
     return load_trained(folder, config.device)
 

@@ -12,10 +12,12 @@ from typing import overload
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.files import UP, load_mesh
+from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
+from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
+from zbuf_occlude.origin import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
 _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
@@ -39,6 +41,10 @@ class MeshEntry:
         Returns the `Mesh`, or raises `MeshError`. Can be pickled when the entry comes from a file.
     path : Path, optional
         Of the file, if it comes from one.
+    up : str
+        The axis that points up in the file, "z" or "y"; empty without a file.
+    origin : Origin
+        Of a mesh that is computed; a file's is known when it has been read (`Mesh.origin`).
     """
 
     key: str
@@ -46,10 +52,22 @@ class MeshEntry:
     split: str
     load: Callable[[], Mesh] = field(repr=False)
     path: Path | None = None
+    up: str = ""
+    origin: Origin = UNKNOWN
 
     def __post_init__(self) -> None:
         if self.split not in SPLITS:
             raise ArgumentError(f"split must be one of {', '.join(SPLITS)}; got {self.split!r} for {self.key}.")
+
+    def origin_now(self, then: Origin) -> Origin:
+        """Return what a mesh made of `then` would be made of now; files that look the same stay closed."""
+        if self.path is None:
+            return self.origin if self.origin.sha256 else then
+        return origin_now(self.path, then)
+
+    def origin_of_failure(self) -> Origin:
+        """Return what shows of a mesh that cannot be used: if it shows something else one day, it may be used then."""
+        return self.origin if self.path is None else origin_unread(self.path)
 
 
 class MeshCollection(Sequence[MeshEntry]):
@@ -158,7 +176,8 @@ class MeshCollection(Sequence[MeshEntry]):
                     if file.name == ALL
                     else partial(load_mesh, file, up=up or layout.up, name=key)
                 )
-                entries[key] = MeshEntry(key, _printable(place.label), place.split, load, file)
+                up_there = up or layout.up or default_up(file)
+                entries[key] = MeshEntry(key, _printable(place.label), place.split, load, file, up_there)
         found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
         return found if labels is None else found.labelled(labels)
 

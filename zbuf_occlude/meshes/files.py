@@ -10,13 +10,14 @@ import numpy as np
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.archives import read_bytes
 from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.obj import read_obj
 from zbuf_occlude.meshes.off import read_off
 from zbuf_occlude.meshes.ply import read_ply
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
+from zbuf_occlude.origin import Origin
 
 _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".off": read_off,
@@ -85,17 +86,23 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
             raise MeshError(
                 f"a mesh file must end in one of {', '.join(SUFFIXES)}; this ends in {suffix!r}. Convert it."
             )
-        data = read_bytes(path)
+        files = MeshFiles(path)
+        data = files.read(path)
         try:
-            polygons = read_gltf(data, path.parent) if suffix in _GLTF else _READERS[suffix](data)
-            return _finished(polygons, path.stem if name is None else name, up or ("y" if suffix in _GLTF else "z"))
+            polygons = read_gltf(data, path.parent, files.read) if suffix in _GLTF else _READERS[suffix](data)
+            return _finished(polygons, path.stem if name is None else name, up or default_up(path), files.origin)
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
 
 
-def _finished(polygons: Polygons, name: str, up: str) -> Mesh:
+def default_up(path: Path) -> str:
+    """Return the axis that points up in a file of this ending: "y" in glTF, as its standard says, else "z"."""
+    return "y" if path.suffix.lower() in _GLTF else "z"
+
+
+def _finished(polygons: Polygons, name: str, up: str, origin: Origin) -> Mesh:
     """Cut into triangles, turn z up, clean."""
     if not (polygons.counts >= 3).any():
         raise MeshError(
@@ -114,7 +121,7 @@ def _finished(polygons: Polygons, name: str, up: str) -> Mesh:
         vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
     ids = polygon_ids.astype(np.int32)
     dropped = {reason: n for reason, n in dropped.items() if n}
-    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped)  # by `Polygons`
+    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin)  # by `Polygons`
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
         return mesh.cleaned()
 

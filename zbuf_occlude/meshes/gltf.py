@@ -3,6 +3,7 @@
 import base64
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -26,7 +27,7 @@ _REPEATED = 6_000_000
 _DEEPEST = 200  # levels of nodes; trimesh's time grows with their square
 
 
-def read_gltf(data: bytes, folder: Path) -> Polygons:
+def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Polygons:
     """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it.
 
     Parameters
@@ -35,6 +36,8 @@ def read_gltf(data: bytes, folder: Path) -> Polygons:
         The whole .gltf or .glb file.
     folder : Path
         Where the buffers that the file names must lie.
+    read : callable
+        Returns the content of such a file.
 
     Returns
     -------
@@ -56,9 +59,9 @@ def read_gltf(data: bytes, folder: Path) -> Polygons:
     """
     try:
         document, binary = _split(data)
-        buffers = {str(i): _buffer(i, b, binary, folder) for i, b in enumerate(document.get("buffers", []))}
+        buffers = {str(i): _buffer(i, b, binary, folder, read) for i, b in enumerate(document.get("buffers", []))}
         document["buffers"] = [{"uri": name} for name in buffers]
-        n_bytes = sum(map(len, buffers.values()))
+        n_bytes = sum({id(view.obj): len(view) for view in buffers.values()}.values())  # shared ones once
         _prepare_meshes(document, n_bytes)
         _prepare_nodes(document, 3 * n_bytes + _REPEATED)
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError, OSError) as error:
@@ -103,7 +106,9 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
     return document, binary
 
 
-def _buffer(buffer_id: int, buffer: Json, binary: bytes | None, folder: Path) -> memoryview:
+def _buffer(
+    buffer_id: int, buffer: Json, binary: bytes | None, folder: Path, read: Callable[[Path], bytes]
+) -> memoryview:
     """Bytes of a buffer; as a view, for trimesh slices it once for every view in the file."""
     uri = buffer.get("uri")
     if uri is None:
@@ -115,7 +120,7 @@ def _buffer(buffer_id: int, buffer: Json, binary: bytes | None, folder: Path) ->
     path = (folder / unquote(uri)).resolve()
     if "://" in uri or not path.is_relative_to(folder.resolve()) or not path.is_file():
         raise MeshError(f"a buffer of glTF must be a file in its folder; there is no {uri[:80]!r}. Copy it there.")
-    return memoryview(path.read_bytes())
+    return memoryview(read(path))
 
 
 def _prepare_meshes(document: Json, n_bytes: int) -> None:

@@ -1,7 +1,8 @@
 """The table of formats, and what each of them is: one file here, one row, written from a source and read as one.
 
-A format's module has two functions:
+A format's module has three functions:
 
+    names(plan) -> iterator of str                        names of all files that it may write for a plan
     write(source, out) -> dict of split to file names    writes its files into a folder; each is whole or not there
     read(out, plan, files) -> Source                      reads them back, when and as far as they are asked for
 
@@ -10,7 +11,7 @@ and, where its loaders have numbers in their code or a package is needed, one mo
     check(plan)                                           raises what says which plan it can hold, before work begins
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -19,14 +20,13 @@ from typing import Any, Protocol
 from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.meshes.collection import SPLITS
-
-REST = "clouds_*.npy"
-"""Matches what published layouts have no place for (`published`)."""
 
 
 class Module(Protocol):
     """What a format's module has."""
+
+    def names(self, plan: Plan) -> Iterator[str]:
+        """Yield the names of the files that `write` may write, lists of files left out; refuse those that cannot be."""
 
     def write(self, source: Source, out: Path) -> dict[str, list[str]]:
         """Write all clouds of a source; return the names of the files of each split."""
@@ -45,8 +45,6 @@ class Format:
         Also the name of its module.
     summary : str
         One line.
-    patterns : tuple of str
-        Match its files in a dataset's folder.
     all_points : bool
         Whether it keeps all points of the objects, and not only those that were drawn for each cloud.
     pairs : bool
@@ -59,7 +57,6 @@ class Format:
 
     name: str
     summary: str
-    patterns: tuple[str, ...]
     all_points: bool = False
     pairs: bool = False
     complete: bool = False
@@ -88,56 +85,46 @@ class Format:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format(
-        "hdf5",
-        "the PointNet layout: data (n, size, 3) and label, 2,048 clouds a file",
-        ("ply_data_*.h5", "*_files.txt"),
-    ),
+    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds a file"),
     Format(
         "packed",
         "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",
-        ("packed-[0-9]*.zip",),
         all_points=True,
     ),
-    Format("webdataset", "tar shards for streaming", tuple(f"{split}-[0-9]*.tar" for split in SPLITS)),
-    Format("npz", "NumPy archives of 2,048 clouds", tuple(f"{split}-[0-9]*.npz" for split in SPLITS)),
-    Format("ply", "a file for each cloud, to look at", ("ply/*/*/*.ply", "*_files.txt")),
-    Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ("data/*.parquet", "README.md")),
-    Format("scanobjectnn", "data, label, mask", ("*_objectdataset.h5", REST)),
-    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy", ("**/data_*_[0-9]*.npy", "**/label.npy", REST)),
-    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz", ("*/*/*.xyz", "*_files.txt", REST)),
+    Format("webdataset", "tar shards for streaming"),
+    Format("npz", "NumPy archives of 2,048 clouds"),
+    Format("ply", "a file for each cloud, to look at"),
+    Format("huggingface", "Parquet shards and a card, for datasets.load_dataset"),
+    Format("scanobjectnn", "data, label, mask"),
+    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy"),
+    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz"),
     Format(
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",
-        ("*/complete/*/*.pcd", "*/partial/*/*/*.pcd", "PCN.json", "*_files.txt", REST),
         pairs=True,
         options={"views": "fibonacci:8", "scale": "object"},
     ),
     Format(
         "completion3d",
         "pairs as HDF5 files, 2,048 points, 1 view",
-        ("*/partial/*/*.h5", "*/gt/*/*.h5", "*.list", "*_files.txt", REST),
         pairs=True,
         options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "mvp",
         "pairs in HDF5, 2,048 points, 26 views",
-        ("MVP_*_CP.h5", REST),
         pairs=True,
         options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
-        ("projected_partial_noise/*/*/models/*.pcd", "shapenet_pc/*.npy", "*.txt", REST),
         pairs=True,
         options={"views": "fibonacci:16", "scale": "object"},
     ),
     Format(
         "shapenet55",
         "complete clouds of 8,192 points",
-        ("shapenet_pc/*.npy", "*.txt", REST),
         complete=True,
         options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),

@@ -22,6 +22,7 @@ from zbuf_occlude.dataset.formats.published import (
     names_of,
     read_each,
     read_published,
+    rest_name,
     write_list,
     write_rest,
 )
@@ -34,6 +35,15 @@ SIZE = 2_048
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
     check_pairs(plan, "completion3d", n_complete=SIZE, n_views=1, size=SIZE)
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    names = names_of(plan)
+    yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.list"))
+    for mesh_id, entry in enumerate(plan.meshes):
+        place = f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}.h5"
+        yield from (f"{entry.split}/{kind}/{place}" for kind in ("partial", "gt"))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

@@ -1,5 +1,6 @@
 """The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds a file, listed in train_files.txt."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Numbers, Source, source_of_files
 
@@ -24,16 +26,25 @@ UNITS = {
 }
 
 
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of as many files as the plan's clouds may need."""
+    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+
+
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write 2,048 clouds a file; the memory of one file's clouds is needed."""
     files: dict[str, list[str]] = {}
     for split in source.order:
-        names = files.setdefault(split, [])
+        names_of_split = files.setdefault(split, [])
         for records in source.batches(split):
-            names.append(f"ply_data_{split}{len(names)}.h5")
-            _write_file(out / names[-1], records, source.plan)
-        atomic.write_lines(out / f"{split}_files.txt", names)
+            names_of_split.append(_name(split, len(names_of_split)))
+            _write_file(out / names_of_split[-1], records, source.plan)
+        atomic.write_lines(out / list_of(split), names_of_split)
     return files
+
+
+def _name(split: str, number: int) -> str:
+    return f"ply_data_{split}{number}.h5"
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -6,6 +6,7 @@ README.md                        the card: splits, types of the columns, names o
 datasets.load_dataset("FOLDER")  reads it; nothing is uploaded.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +28,21 @@ def check(plan: Plan) -> None:
     _arrow()
 
 
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the card's name, and of as many shards as the plan's clouds may need."""
+    yield CARD
+    yield from (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+
+
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write 2,048 clouds a shard, and the card."""
     files: dict[str, list[str]] = {}
     (out / "data").mkdir(exist_ok=True)
     for split in source.order:
-        names = files.setdefault(split, [])
+        shards = files.setdefault(split, [])
         for records in source.batches(split):
-            names.append(f"data/{split}-{len(names):06d}.parquet")
-            _write_shard(out / names[-1], records, source.plan)
+            shards.append(_name(split, len(shards)))
+            _write_shard(out / shards[-1], records, source.plan)
     atomic.write(out / CARD, lambda file: file.write(_card(source).encode()))
     for split in files:
         files[split].append(CARD)
@@ -46,6 +53,10 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these shards; the last shard used is kept in memory."""
     paths = {split: [out / name for name in names if name != CARD] for split, names in files.items()}
     return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan)))
+
+
+def _name(split: str, number: int) -> str:
+    return f"data/{split}-{number:06d}.parquet"
 
 
 def _arrow() -> Any:

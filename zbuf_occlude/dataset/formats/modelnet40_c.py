@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.formats.published import Records, read_published, without_points, write_rest
+from zbuf_occlude.dataset.formats.published import Records, read_published, rest_name, without_points, write_rest
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Numbers, Source
 from zbuf_occlude.errors import OptionError
@@ -31,6 +31,13 @@ def check(plan: Plan) -> None:
         raise OptionError(
             f"modelnet40-c must have one cloud per object and view; got --variations {plan.recipe.variations}. Give 1."
         )
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    for split in plan.splits:
+        yield from (rest_name(split), f"{_folder(split)}{LABELS}")
+        yield from (_name(split, view) for view in range(len(plan.views)))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

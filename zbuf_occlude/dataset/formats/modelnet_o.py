@@ -15,11 +15,20 @@ from zbuf_occlude.dataset.formats.published import (
     names_of,
     read_each,
     read_published,
+    rest_name,
     write_list,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Numbers, Source
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    names = names_of(plan)
+    yield from map(rest_name, plan.splits)
+    for mesh_id, entry in enumerate(plan.meshes):
+        yield from (_name(entry.split, names, mesh_id, number) for number in range(plan.clouds_a_mesh))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
@@ -31,7 +40,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
         def parts(split: str = split, written: list[str] = written) -> Iterator[Records]:
             for records in source.batches(split):
                 for record in records:
-                    written.append(_name(split, names, record, source.plan))
+                    written.append(_name_of(split, names, record, source.plan))
                     _write_xyz(out / written[-1], record["data"])
                 yield records
 
@@ -45,15 +54,18 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     names = names_of(plan)
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_each((out / _name(split, names, record, plan) for record in rest), _read_xyz, plan)
+        return read_each((out / _name_of(split, names, record, plan) for record in rest), _read_xyz, plan)
 
     return read_published(out, plan, files, points)
 
 
-def _name(split: str, names: Names, record: Any, plan: Plan) -> str:
-    mesh_id = int(record["mesh_id"])
-    number = int(record["variation"]) * len(plan.views) + int(record["view_id"])
+def _name(split: str, names: Names, mesh_id: int, number: int) -> str:
     return f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number:03d}.xyz"
+
+
+def _name_of(split: str, names: Names, record: Any, plan: Plan) -> str:
+    number = int(record["variation"]) * len(plan.views) + int(record["view_id"])
+    return _name(split, names, int(record["mesh_id"]), number)
 
 
 def _write_xyz(path: Path, positions: NDArray[Any]) -> None:

@@ -21,6 +21,7 @@ from zbuf_occlude.dataset.formats.published import (
     complete_cloud,
     read_published,
     read_rows,
+    rest_name,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
@@ -33,6 +34,11 @@ N_VIEWS, SIZE = 26, 2_048
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
     check_pairs(plan, "mvp", n_complete=SIZE, n_views=N_VIEWS, size=SIZE)
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    return (name for split in plan.splits for name in (_name(split), rest_name(split)))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

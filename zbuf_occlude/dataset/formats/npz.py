@@ -1,5 +1,6 @@
 """NumPy archives: train-000000.npz and so on, an array for each field of the records."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,25 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of as many files as the plan's clouds may need."""
+    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+
+
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write 2,048 clouds a file."""
     files: dict[str, list[str]] = {}
     for split in source.order:
-        names = files.setdefault(split, [])
+        names_of_split = files.setdefault(split, [])
         for records in source.batches(split):
-            names.append(f"{split}-{len(names):06d}.npz")
+            names_of_split.append(_name(split, len(names_of_split)))
             fields = {name: np.ascontiguousarray(records[name]) for name in records.dtype.names or ()}
-            atomic.write(out / names[-1], lambda file, fields=fields: np.savez(file, **fields))  # type: ignore[misc]
+            atomic.write(out / names_of_split[-1], lambda file, fields=fields: np.savez(file, **fields))  # type: ignore[misc]
     return files
+
+
+def _name(split: str, number: int) -> str:
+    return f"{split}-{number:06d}.npz"
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -1,9 +1,9 @@
 """All points of the objects, a bit for each point and view: the shards (`dataset.packed`) are the files."""
 
-import os
+from collections.abc import Iterator
 from pathlib import Path
 
-from zbuf_occlude.dataset.packed import Archives
+from zbuf_occlude.dataset.packed import Archives, shard_name
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError
@@ -22,14 +22,15 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
     )
 
 
-def adopt(plan: Plan, shards: list[Path], out: Path) -> dict[str, list[str]]:
-    """Move finished shards to where they stay; those that were moved already are found there."""
-    names = [f"packed-{path.stem}.zip" for path in shards]
-    for path, name in zip(shards, names, strict=True):
-        if path.exists():
-            os.replace(path, out / name)
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of the shards."""
+    return map(shard_name, range(len(plan.shards)))
+
+
+def files_of(plan: Plan) -> dict[str, list[str]]:
+    """Return the shards that each split has meshes in."""
     files: dict[str, list[str]] = {}
-    for shard, name in zip(plan.shards, names, strict=True):
+    for shard, name in zip(plan.shards, names(plan), strict=True):
         for split in sorted({plan.meshes[mesh_id].split for mesh_id in shard}):
             files.setdefault(split, []).append(name)
     return files
@@ -37,5 +38,5 @@ def adopt(plan: Plan, shards: list[Path], out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds as `generate` would draw them, in the order in which it would write them."""
-    names = sorted({name for names in files.values() for name in names})
-    return Archives(plan, [out / name for name in names]).source()
+    all_names = sorted({name for of_split in files.values() for name in of_split})
+    return Archives(plan, [out / name for name in all_names]).source()

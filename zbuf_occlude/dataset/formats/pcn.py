@@ -21,6 +21,7 @@ from zbuf_occlude.dataset.formats.published import (
     names_of,
     read_each,
     read_published,
+    rest_name,
     write_list,
     write_rest,
 )
@@ -37,6 +38,15 @@ VIEWS = {"train": 8, "val": 1, "test": 1}
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
     check_pairs(plan, "pcn", n_complete=N_COMPLETE, n_views=VIEWS["train"])
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    names = names_of(plan)
+    yield from (INDEX, *map(rest_name, plan.splits))
+    for mesh_id, entry in enumerate(plan.meshes):
+        yield _complete(entry.split, names, mesh_id)
+        yield from (_partial(entry.split, names, mesh_id, view) for view in range(VIEWS[entry.split]))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
@@ -56,10 +66,10 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                 label = source.plan.meshes[mesh_id].label
                 row = {"taxonomy_id": taxonomy, "taxonomy_name": label, **{other: [] for other in SPLITS}}
                 listed.setdefault(taxonomy, row)[split].append(name)
-                written.append(f"{split}/complete/{taxonomy}/{name}.pcd")
+                written.append(_complete(split, names, mesh_id))
                 write_pcd(out / written[-1], complete_cloud(source, records, N_COMPLETE))
                 for record in records:
-                    written.append(_partial(split, names, record))
+                    written.append(_partial(split, names, mesh_id, int(record["view_id"])))
                     write_pcd(out / written[-1], record["data"])
                 yield records
 
@@ -74,11 +84,18 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     names = names_of(plan)
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_each((out / _partial(split, names, record) for record in rest), read_pcd, plan)
+        return read_each(
+            (out / _partial(split, names, int(mesh_id), int(view)) for mesh_id, view in rest[["mesh_id", "view_id"]]),
+            read_pcd,
+            plan,
+        )
 
     return read_published(out, plan, files, points)
 
 
-def _partial(split: str, names: Names, record: Any) -> str:
-    mesh_id = int(record["mesh_id"])
-    return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}/{int(record['view_id']):02d}.pcd"
+def _complete(split: str, names: Names, mesh_id: int) -> str:
+    return f"{split}/complete/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}.pcd"
+
+
+def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
+    return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}/{view:02d}.pcd"

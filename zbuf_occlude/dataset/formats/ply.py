@@ -5,6 +5,9 @@ Vertices are x, y, z (float32) and face_id (int32); a comment in the header hold
 
 import json
 import re
+from collections.abc import Iterator
+from functools import partial
+from itertools import product, starmap
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.dataset.source import Source, source_of_files
@@ -21,18 +25,27 @@ from zbuf_occlude.dataset.source import Source, source_of_files
 VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")])
 
 
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all clouds."""
+    return starmap(
+        partial(_name, plan), product(*map(range, (len(plan.meshes), plan.recipe.variations, len(plan.views))))
+    )
+
+
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write a file a cloud, and for each split the list of its files."""
     files = {}
     for split in source.order:
-        names = []
+        names_of_split = []
         for records in source.batches(split):
             for record in records:
-                names.append(_name(record, source.plan))
-                (out / names[-1]).parent.mkdir(parents=True, exist_ok=True)
-                _write_cloud(out / names[-1], record)
-        files[split] = [f"{split}_files.txt"]
-        atomic.write_lines(out / files[split][0], names)
+                names_of_split.append(
+                    _name(source.plan, int(record["mesh_id"]), int(record["variation"]), int(record["view_id"]))
+                )
+                (out / names_of_split[-1]).parent.mkdir(parents=True, exist_ok=True)
+                _write_cloud(out / names_of_split[-1], record)
+        files[split] = [list_of(split)]
+        atomic.write_lines(out / files[split][0], names_of_split)
     return files
 
 
@@ -45,14 +58,11 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     return source_of_files(plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe)[rows])
 
 
-def _name(record: Any, plan: Plan) -> str:
-    entry = plan.meshes[int(record["mesh_id"])]
+def _name(plan: Plan, mesh_id: int, variation: int, view: int) -> str:
+    entry = plan.meshes[mesh_id]
     stem = re.sub(r"[^\w.+-]", "_", PurePosixPath(entry.key).stem)
     label = re.sub(r"[^\w.+-]", "_", entry.label)
-    return (
-        f"ply/{entry.split}/{label}/{int(record['mesh_id']):05d}-{stem}-{int(record['variation'])}"
-        f"-{int(record['view_id']):03d}.ply"
-    )
+    return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
 
 
 def _write_cloud(path: Path, record: Any) -> None:

@@ -21,6 +21,7 @@ from zbuf_occlude.dataset.formats.published import (
     names_of,
     read_each,
     read_published,
+    rest_name,
     write_list,
     write_rest,
 )
@@ -35,6 +36,15 @@ N_VIEWS = 16
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
     check_pairs(plan, "projected-shapenet", n_complete=N_COMPLETE, n_views=N_VIEWS)
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    names = names_of(plan)
+    yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.txt"))
+    for mesh_id in range(len(plan.meshes)):
+        yield f"{FOLDER}/{complete_name(names, mesh_id)}"
+        yield from (_partial(names, mesh_id, view) for view in range(N_VIEWS))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
@@ -52,7 +62,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                 written.append(f"{FOLDER}/{listed[-1]}")
                 write_npy(out / written[-1], complete_cloud(source, records, N_COMPLETE))
                 for record in records:
-                    written.append(_partial(names, record))
+                    written.append(_partial(names, int(record["mesh_id"]), int(record["view_id"])))
                     write_pcd(out / written[-1], record["data"])
                 yield records
 
@@ -67,12 +77,15 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     names = names_of(plan)
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_each((out / _partial(names, record) for record in rest), read_pcd, plan)
+        return read_each(
+            (out / _partial(names, int(mesh_id), int(view)) for mesh_id, view in rest[["mesh_id", "view_id"]]),
+            read_pcd,
+            plan,
+        )
 
     return read_published(out, plan, files, points)
 
 
-def _partial(names: Names, record: Any) -> str:
-    mesh_id = int(record["mesh_id"])
+def _partial(names: Names, mesh_id: int, view: int) -> str:
     where = f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}"
-    return f"projected_partial_noise/{where}/models/{int(record['view_id'])}.pcd"
+    return f"projected_partial_noise/{where}/models/{view}.pcd"

@@ -13,9 +13,14 @@ import h5py
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.formats.published import Records, read_published, read_rows, write_rest
+from zbuf_occlude.dataset.formats.published import Records, read_published, read_rows, rest_name, write_rest
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Numbers, Source
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    return (name for split in plan.splits for name in (_name(split), rest_name(split)))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

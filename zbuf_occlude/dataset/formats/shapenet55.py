@@ -20,6 +20,7 @@ from zbuf_occlude.dataset.formats.published import (
     names_of,
     read_each,
     read_published,
+    rest_name,
     write_list,
     write_rest,
 )
@@ -33,6 +34,13 @@ N_COMPLETE = 8_192
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
     check_pairs(plan, "shapenet55", n_complete=N_COMPLETE, size=N_COMPLETE)
+
+
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of all files."""
+    names = names_of(plan)
+    yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.txt"))
+    yield from (f"{FOLDER}/{complete_name(names, mesh_id)}" for mesh_id in range(len(plan.meshes)))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

@@ -14,6 +14,7 @@ there is the package webdataset (extra ``webdataset``), and any program that kno
 import io
 import json
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -30,17 +31,26 @@ MEMBERS = 4
 """Of each cloud."""
 
 
+def names(plan: Plan) -> Iterator[str]:
+    """Yield the names of as many files as the plan's clouds may need."""
+    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+
+
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write 2,048 clouds a shard."""
     files: dict[str, list[str]] = {}
     for split in source.order:
-        names = files.setdefault(split, [])
+        names_of_split = files.setdefault(split, [])
         number = 0
         for records in source.batches(split):
-            names.append(f"{split}-{len(names):06d}.tar")
-            _write_shard(out / names[-1], records, number, source.plan)
+            names_of_split.append(_name(split, len(names_of_split)))
+            _write_shard(out / names_of_split[-1], records, number, source.plan)
             number += len(records)
     return files
+
+
+def _name(split: str, number: int) -> str:
+    return f"{split}-{number:06d}.tar"
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

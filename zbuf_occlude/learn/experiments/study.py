@@ -107,7 +107,7 @@ def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
                 f"({theirs['name']}, {theirs['objects']}), with other {', '.join(different)}. Choose another folder."
             )
         return study
-    if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers(folder)):
+    if folder.is_dir() and set(folder.iterdir()) - set(atomic.leftovers([folder])):
         raise DatasetError(f"{folder} must be empty or hold a study; it has other files. Choose another folder.")
     folder.mkdir(parents=True, exist_ok=True)
     study = {"size": size.document, "objects": objects, "date": date.today().isoformat()}

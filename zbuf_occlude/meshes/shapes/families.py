@@ -15,6 +15,7 @@ from zbuf_occlude.meshes.shapes import airplane, bed, bookshelf, bottle, car, ch
 from zbuf_occlude.meshes.shapes.draw import Draw
 from zbuf_occlude.meshes.shapes.finish import finished
 from zbuf_occlude.meshes.shapes.kit import Part
+from zbuf_occlude.origin import Origin
 
 Style = Callable[[Draw], Part]
 
@@ -31,6 +32,9 @@ STYLES: MappingProxyType[str, tuple[Style, ...]] = MappingProxyType(
     }
 )
 """For each class the functions that model one member; one named twice is twice as common."""
+
+VERSION = 1
+"""Raised whenever a shape changes, so that datasets half made of the old ones are not gone on with."""
 
 CLASSES = tuple(STYLES)
 """The paper's ModelNet8 (section 4.3), in alphabetical order."""
@@ -78,7 +82,8 @@ def make(label: str, index: int, seed: int = 0, *, detail: float | None = None) 
     order = np.random.default_rng(np.random.SeedSequence([seed, number, turn, len(styles)])).permutation(len(styles))
     draw = Draw(np.random.default_rng(np.random.SeedSequence([seed, number, index])), detail)
     vertices, faces = finished(styles[order[place]](draw), draw)
-    return Mesh(vertices, faces, name=f"{label}_{index:04d}").cleaned()
+    origin = _origin(label, index, seed, detail)
+    return Mesh(vertices, faces, name=f"{label}_{index:04d}", origin=origin).cleaned()
 
 
 def split_of(index: int) -> str:
@@ -117,10 +122,20 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     if n_members < 1:
         raise OptionError(f"n_members must be at least 1; got {n_members}.")
     return MeshCollection(
-        MeshEntry(key_of(label, index, seed), label, split_of(index), partial(make, label, index, seed))
+        MeshEntry(
+            key_of(label, index, seed),
+            label,
+            split_of(index),
+            partial(make, label, index, seed),
+            origin=_origin(label, index, seed, None),
+        )
         for label in CLASSES
         for index in range(n_members)
     )
+
+
+def _origin(label: str, index: int, seed: int, detail: float | None) -> Origin:
+    return Origin.of_recipe("shape", VERSION, label, int(index), int(seed), repr(detail))
 
 
 def _check(label: str, index: int, seed: int) -> None:

@@ -1,0 +1,130 @@
+"""Whose a folder is: nothing that no plan of ours names is ever removed, and no plan is taken for another."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.dataset.test_generate import files
+from zbuf_occlude.dataset import claim as claiming
+from zbuf_occlude.dataset.claim import State, claim, look, remove, strangers
+from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.meshes import shapes
+
+RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+PLAN = Plan(shapes.collection(n_members=1), RECIPE)
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("plan", ['{"x": 1}', "no JSON", "[]", '{"fingerprint": "0123456789abcdef", "meshes": []}'])
+def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: str, overwrite: bool) -> None:
+    for name in ("shards/weights.tar", "my_files.txt", "train-000.tar", "train-000000.tar", "ply/a/b/scan.ply"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("years of work")
+    (tmp_path / "plan.json").write_text(plan)
+    before = files(tmp_path)
+    assert look(tmp_path).state is State.FOREIGN
+    with pytest.raises(DatasetError, match=r"plan\.json must be as it was written"):
+        generate(PLAN, tmp_path, overwrite=overwrite)
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("format", [row.name for row in FORMATS if not row.options])
+def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_path: Path, format: str) -> None:
+    out, plan = tmp_path / "out", replace(PLAN, format=format)
+    generate(plan, out)
+    assert look(out).state is State.FINISHED
+    assert strangers(out, plan) == []
+    others = (
+        "notes.txt",
+        "train-9.tar",
+        "ply_data_train7.h5",
+        "packed-000099.zip",
+        "shards/0.npy",
+        "ply/train/x.ply",
+        "empty/",
+    )
+    for name in others:
+        path = out / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir() if name.endswith("/") else path.write_text("mine")
+        before = files(out)
+        with pytest.raises(
+            DatasetError, match="must hold nothing but its dataset to be overwritten; it has other files"
+        ):
+            generate(plan, out, overwrite=True)
+        assert files(out) == before
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for folder in (path.parent, path.parent.parent):
+            if out in folder.parents and not any(folder.iterdir()):
+                folder.rmdir()
+    remove(out)
+    assert list(out.iterdir()) == []
+
+
+def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    claim(PLAN, out)
+    elsewhere.mkdir()
+    (elsewhere / "000000.npy").write_text("mine")
+    (out / "shards").symlink_to(elsewhere)
+    with pytest.raises(DatasetError, match="it has other files: shards/"):
+        remove(out)
+    assert (elsewhere / "000000.npy").read_text() == "mine"
+
+
+def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> None:
+    generate(PLAN, tmp_path, part=(1, 2))
+    (tmp_path / "shards").mkdir(exist_ok=True)
+    (tmp_path / "shards" / "notes.txt").write_text("mine")
+    generate(PLAN, tmp_path)
+    assert (tmp_path / "shards" / "notes.txt").read_text() == "mine"
+    assert [path.name for path in (tmp_path / "shards").iterdir()] == ["notes.txt"]
+
+
+def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
+    claim(PLAN, tmp_path)
+    other = Plan(PLAN.meshes, replace(RECIPE, seed=7, n_points=60))
+    with pytest.raises(DatasetError, match=r"in which n_points was 50, and is 60; seed was 0, and is 7\. Choose"):
+        generate(other, tmp_path)
+    assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == PLAN.fingerprint
+    assert generate(other, tmp_path, overwrite=True)["seed"] == 7
+
+
+def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other comes between the look at the empty folder and the writing of the plan."""
+    other = Plan(PLAN.meshes, replace(RECIPE, seed=7))
+    found = look(tmp_path)
+    claim(other, tmp_path)
+    monkeypatch.setattr(claiming, "look", lambda out: found)
+    with pytest.raises(DatasetError, match="seed was 7, and is 0"):
+        claim(PLAN, tmp_path)
+    claim(other, tmp_path)  # the same plan twice is one run more
+    assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == other.fingerprint
+
+
+def test_a_plan_of_an_earlier_version_is_read_and_not_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim(PLAN, tmp_path)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.DATA_VERSION", 1000)
+    newer = Plan(PLAN.meshes, RECIPE)
+    assert look(tmp_path).state is State.UNFINISHED
+    with pytest.raises(DatasetError, match="in which data version was 2, and is 1000"):
+        claim(newer, tmp_path)
+
+
+def test_names_too_long_for_a_file_are_said_before_anything_is_made(tmp_path: Path) -> None:
+    (entry,) = PLAN.meshes[:1]
+    long = replace(entry, key="x" * 250)
+    plan = Plan(type(PLAN.meshes)([long]), RECIPE, "ply")
+    with pytest.raises(DatasetError, match="names of files must be of at most 255 bytes"):
+        generate(plan, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    generate(replace(plan, format="npz"), tmp_path / "out")
