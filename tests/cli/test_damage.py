@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.dataset.formats import FORMATS
 
 SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 100, "--sample-size", 8, "--workers", 1)
 SUFFIXES = (".h5", ".zip", ".tar", ".npz", ".ply")
@@ -51,7 +50,7 @@ def test_a_plan_that_is_none(run: Run, modelnet: Path, tmp_path: Path) -> None:
             )
 
 
-@pytest.mark.parametrize("format", [row.name for row in FORMATS])
+@pytest.mark.parametrize("format", ["hdf5", "packed", "webdataset", "npz", "ply"])
 def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str) -> None:
     dataset = tmp_path / "clouds"
     assert run("generate", modelnet, "--out", dataset, *SMALL, "--format", format).code == 0
