@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from zbuf_occlude import ArgumentError, Mesh, SurfacePoints, sample_surface
+from zbuf_occlude.hilbert import hilbert_order
+from zbuf_occlude.sampling import by_face_along_curve, exact_counts
 
 UNEQUAL = Mesh(
     [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]], [[0, 1, 2], [3, 4, 5]]
@@ -72,3 +74,27 @@ def test_free_points_have_no_face() -> None:
     assert free.face_ids.tolist() == [-1, -1]
     with pytest.raises(ArgumentError, match="Transpose it"):
         SurfacePoints.free(np.zeros((3, 100)))
+
+
+def test_the_curve_keeps_the_order_of_faces_and_of_what_shares_a_cell() -> None:
+    rng = np.random.default_rng(0)
+    face_ids = rng.integers(0, 7, 5000).astype(np.int32)
+    points = SurfacePoints(rng.integers(0, 9, (5000, 3)), face_ids, np.zeros((5000, 3)))  # many share a cell
+    along = hilbert_order(points.positions)
+    expected = along[np.argsort(face_ids[along], kind="stable")]
+    assert by_face_along_curve(points).positions.tobytes() == points.positions[expected].tobytes()
+    assert by_face_along_curve(points).face_ids.tolist() == sorted(face_ids)
+
+
+def test_counts_are_those_of_a_search_for_every_draw() -> None:
+    rng = np.random.default_rng(5)
+    for areas in (rng.random(300) ** 8, np.array([0.0, 1.0, 0.0, 2.0, 0.0]), np.array([1e-320]), np.full(7, 1e300)):
+        edges, draws = np.cumsum(areas), np.random.default_rng(1).random(2000)
+        faces = np.minimum(np.searchsorted(edges, draws * edges[-1], side="right"), len(areas) - 1)
+        expected = np.bincount(faces, minlength=len(areas))
+        assert exact_counts(areas, 2000, np.random.default_rng(1)).tolist() == expected.tolist()
+
+
+def test_an_area_that_overflows_is_refused() -> None:
+    with pytest.raises(ArgumentError, match="must have a finite area"):
+        exact_counts(np.array([1e308, 1e308]), 5, np.random.default_rng(0))

@@ -1,12 +1,15 @@
 """Random points on a mesh's surface: Algorithms 1 and 2 of the paper (section 3.4)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
@@ -63,10 +66,20 @@ class SurfacePoints:
         positions = as_vectors(positions, "positions")
         return cls(positions, np.full(len(positions), -1, dtype=np.int32), np.zeros_like(positions))
 
+    @classmethod
+    def of_checked(cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray) -> "SurfacePoints":
+        """Take over arrays that were checked already, and that nobody else will change."""
+        points = object.__new__(cls)
+        for name, array in (("positions", positions), ("face_ids", face_ids), ("normals", normals)):
+            object.__setattr__(points, name, sealed(array))
+        return points
+
     def select(self, which: ArrayLike) -> "SurfacePoints":
         """Return the points that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
-        return SurfacePoints(self.positions[chosen], self.face_ids[chosen], self.normals[chosen])
+        if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
+            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
+        return SurfacePoints.of_checked(self.positions[chosen], self.face_ids[chosen], self.normals[chosen])
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
         """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
@@ -113,11 +126,8 @@ def sample_surface(
         counts = stochastic_counts(mesh.areas, density, rng)
     else:
         counts = exact_counts(mesh.areas, n_points or 0, rng)
-    face_ids = np.repeat(np.arange(len(mesh.faces), dtype=np.int32), counts)
-    positions = points_in_triangles(mesh.corners[face_ids], rng)
-    lengths = np.linalg.norm(mesh.face_normals, axis=1, keepdims=True)
-    unit_normals = np.divide(mesh.face_normals, lengths, out=np.zeros_like(mesh.face_normals), where=lengths > 0)
-    return SurfacePoints(positions, face_ids, unit_normals[face_ids])
+    positions = points_in_triangles(mesh.corners, counts, rng)
+    return SurfacePoints.of_checked(positions, *_of_faces(mesh.face_normals, counts, len(positions)))
 
 
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
@@ -141,17 +151,88 @@ def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> 
     if not total > 0:
         raise ArgumentError("a mesh must have area to be sampled; this one has none.")
     edges = np.cumsum(areas)
-    # scaling by the last edge, not by the sum, keeps every draw inside the table
-    drawn = np.searchsorted(edges, rng.random(n_points) * edges[-1], side="right")
-    return np.bincount(np.minimum(drawn, len(areas) - 1), minlength=len(areas)).astype(np.int32)
+    if not np.isfinite(edges[-1]):
+        raise ArgumentError("a mesh must have a finite area to be sampled; this one overflows. Scale it down.")
+    return np.asarray(_counted(rng.random(n_points), edges))
 
 
-def points_in_triangles(corners: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Algorithm 2 for all points at once: corners (n, 3, 3) -> one uniform point in each triangle, (n, 3)."""
-    r1, r2 = rng.random((2, len(corners)))
-    outside = r1 + r2 > 1.0
-    r1 = np.where(outside, 1.0 - r1, r1)[:, None]
-    r2 = np.where(outside, 1.0 - r2, r2)[:, None]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    p1 = b - r1 * (b - a)
-    return np.asarray(p1 + r2 * (c - b))
+def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Algorithm 2: of each triangle, corners (f, 3, 3), as many uniform points as `counts` (f,) says, (n, 3)."""
+    return np.asarray(_placed(corners, counts, rng.random((2, int(counts.sum())))))
+
+
+def by_face_along_curve(points: SurfacePoints) -> SurfacePoints:
+    """Return the points face by face, and within a face in Hilbert order."""
+    return points.select(_grouped(hilbert_order(points.positions), points.face_ids))
+
+
+@njit(cache=True)
+def _counted(draws, edges):  # type: ignore[no-untyped-def]
+    """How many draws, in [0, 1) of the last edge, fall between the edges of each face and of the one before."""
+    n = len(edges)
+    counts, guide = np.zeros(n, np.int32), np.empty(n, np.int64)
+    face = 0
+    for cell in range(n):  # the first face that draws of each n-th part may fall on
+        while face < n - 1 and edges[face] / edges[-1] * n < cell:
+            face += 1
+        guide[cell] = face
+    for draw in draws:
+        face, place = guide[min(int(draw * n), n - 1)], draw * edges[-1]
+        while face > 0 and edges[face - 1] > place:  # rounding
+            face -= 1
+        while face < n - 1 and edges[face] <= place:
+            face += 1
+        counts[face] += 1
+    return counts
+
+
+@njit(cache=True)
+def _placed(corners, counts, draws):  # type: ignore[no-untyped-def]
+    """Points of uniform draws (2, n) in triangles."""
+    positions = np.empty((draws.shape[1], 3))
+    i = 0
+    for face in range(len(counts)):
+        for _ in range(counts[face]):
+            r1, r2 = draws[0, i], draws[1, i]
+            if r1 + r2 > 1.0:
+                r1, r2 = 1.0 - r1, 1.0 - r2
+            for axis in range(3):
+                a, b, c = corners[face, 0, axis], corners[face, 1, axis], corners[face, 2, axis]
+                positions[i, axis] = b - r1 * (b - a) + r2 * (c - b)
+            i += 1
+    return positions
+
+
+@njit(cache=True)
+def _of_faces(face_normals, counts, n_points):  # type: ignore[no-untyped-def]
+    """Face and unit normal of each point, the points in the order of the faces; no normal where there is no area."""
+    face_ids, normals = np.empty(n_points, np.int32), np.empty((n_points, 3))
+    end = 0
+    for face in range(len(counts)):
+        begin, end = end, end + counts[face]
+        x, y, z = face_normals[face]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            x, y, z = x / length, y / length, z / length
+        for i in range(begin, end):
+            face_ids[i] = face
+            normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
+    return face_ids, normals
+
+
+@njit(cache=True)
+def _grouped(order, groups):  # type: ignore[no-untyped-def]
+    """Put an order into that of ascending groups; within a group it stays."""
+    n_groups = 0
+    for group in groups:
+        n_groups = max(n_groups, group + 1)
+    places = np.zeros(n_groups + 1, np.int64)
+    for group in groups:
+        places[group + 1] += 1
+    for group in range(n_groups):
+        places[group + 1] += places[group]
+    grouped = np.empty_like(order)
+    for i in order:
+        grouped[places[groups[i]]] = i
+        places[groups[i]] += 1
+    return grouped

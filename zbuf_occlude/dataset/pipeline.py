@@ -9,9 +9,8 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.sampling import SurfacePoints, by_face_along_curve, sample_surface
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -91,8 +90,7 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
         points = sample_surface(mesh, density=recipe.density / mesh.longest_side**2, seed=seed)
         if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
             points = sample_surface(mesh, n_points=1, seed=seed)
-    order = hilbert_order(points.positions)
-    return points.select(order[np.argsort(points.face_ids[order], kind="stable")])
+    return by_face_along_curve(points)
 
 
 def check(

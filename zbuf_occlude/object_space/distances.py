@@ -61,7 +61,7 @@ class SampleDistances:
         if area > 0.0:
             counts = stochastic_counts(mesh.areas, n_samples / area, rng)
         counts = np.maximum(counts, 1)
-        self.positions = points_in_triangles(np.repeat(mesh.corners, counts, axis=0), rng)
+        self.positions = points_in_triangles(mesh.corners, counts, rng)
         self._first = np.cumsum(counts) - counts
 
     def of(self, eye: FloatArray) -> FloatArray:
