@@ -29,7 +29,7 @@ def faulty_faces(vertices: FloatArray, faces: IntArray, no_area: float) -> tuple
 
 
 @njit(cache=True)
-def _first_equal_rows(rows):  # type: ignore[no-untyped-def]
+def _first_equal_rows(rows):
     """For each row of (n, 3) int64 the first row that equals it, (n,) int64; a hash table with open addresses."""
     size = 16
     while size < 2 * len(rows):
@@ -55,7 +55,7 @@ def _first_equal_rows(rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _duplicates(positions, faces):  # type: ignore[no-untyped-def]
+def _duplicates(positions, faces):
     """Whether each face has the positions, given by number, of one before it."""
     rows = np.empty((len(faces), 3), np.int64)
     for i in range(len(faces)):
@@ -67,7 +67,7 @@ def _duplicates(positions, faces):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _degenerate(vertices, faces, no_area):  # type: ignore[no-untyped-def]
+def _degenerate(vertices, faces, no_area):
     """Whether the normal n = (b - a) x (c - a) of each face is as good as none."""
     found = np.empty(len(faces), np.bool_)
     for i in range(len(faces)):

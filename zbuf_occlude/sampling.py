@@ -5,15 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.mesh import Mesh
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
 """Counts and ids are int32."""
+
+CELLS = 2.0**16
+"""Of the curve that `curve_order` follows, along each axis."""
+
+_FEW = 16
+_SPREADING = ((16, 0x001F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249))
+"""Shifts and masks that put two zeros between the bits of numbers of 16 bits."""
 
 Seed = int | np.random.SeedSequence | np.random.Generator
 
@@ -161,13 +167,27 @@ def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Ge
     return np.asarray(_placed(corners, counts, rng.random((2, int(counts.sum())))))
 
 
-def by_face_along_curve(points: SurfacePoints) -> SurfacePoints:
-    """Return the points face by face, and within a face in Hilbert order."""
-    return points.select(_grouped(hilbert_order(points.positions), points.face_ids))
+def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
+    """Order points that come face by face along a Morton curve within each face: a tenth of the cost of Hilbert's.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Of ascending `face_ids`.
+    lower : (3,) float64
+        Lower corner of the cube of that `side` which is divided into 2^16 cells along each axis; what shares a cell
+        keeps its order.
+    side : float
+
+    Returns
+    -------
+    (n,) int64, a permutation for `SurfacePoints.select`.
+    """
+    return np.asarray(_curve_order(points.positions, points.face_ids, lower, CELLS / side if side > 0 else 0.0))
 
 
 @njit(cache=True)
-def _counted(draws, edges):  # type: ignore[no-untyped-def]
+def _counted(draws, edges):
     """How many draws, in [0, 1) of the last edge, fall between the edges of each face and of the one before."""
     n = len(edges)
     counts, guide = np.zeros(n, np.int32), np.empty(n, np.int64)
@@ -187,7 +207,7 @@ def _counted(draws, edges):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _placed(corners, counts, draws):  # type: ignore[no-untyped-def]
+def _placed(corners, counts, draws):
     """Points of uniform draws (2, n) in triangles."""
     positions = np.empty((draws.shape[1], 3))
     i = 0
@@ -204,7 +224,7 @@ def _placed(corners, counts, draws):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _of_faces(face_normals, counts, n_points):  # type: ignore[no-untyped-def]
+def _of_faces(face_normals, counts, n_points):
     """Face and unit normal of each point, the points in the order of the faces; no normal where there is no area."""
     face_ids, normals = np.empty(n_points, np.int32), np.empty((n_points, 3))
     end = 0
@@ -221,18 +241,42 @@ def _of_faces(face_normals, counts, n_points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _grouped(order, groups):  # type: ignore[no-untyped-def]
-    """Put an order into that of ascending groups; within a group it stays."""
-    n_groups = 0
-    for group in groups:
-        n_groups = max(n_groups, group + 1)
-    places = np.zeros(n_groups + 1, np.int64)
-    for group in groups:
-        places[group + 1] += 1
-    for group in range(n_groups):
-        places[group + 1] += places[group]
-    grouped = np.empty_like(order)
-    for i in order:
-        grouped[places[groups[i]]] = i
-        places[groups[i]] += 1
-    return grouped
+def _curve_order(positions, face_ids, lower, scale):
+    """Merge sort by (code, place), face by face."""
+    n = len(positions)
+    codes, order, spare = np.zeros(n, np.uint64), np.arange(n), np.empty(n, np.int64)
+    for i in range(n):
+        for axis in range(3):
+            cell = (positions[i, axis] - lower[axis]) * scale
+            bits = np.uint64(min(max(cell, 0.0), CELLS - 1.0))
+            for shift, mask in _SPREADING:
+                bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+            codes[i] |= bits << np.uint64(axis)
+    end = 0
+    while end < n:
+        begin = end
+        while end < n and face_ids[end] == face_ids[begin]:
+            end += 1
+        for first in range(begin, end, _FEW):  # runs of a few by insertion, then merged two by two
+            for i in range(first + 1, min(first + _FEW, end)):
+                j, code = i, codes[order[i]]
+                moved = order[i]
+                while j > first and codes[order[j - 1]] > code:
+                    order[j] = order[j - 1]
+                    j -= 1
+                order[j] = moved
+        width = _FEW
+        while width < end - begin:
+            for left in range(begin, end - width, 2 * width):
+                middle, right = left + width, min(left + 2 * width, end)
+                i, j = left, middle
+                for place in range(left, right):
+                    if j == right or (i < middle and codes[order[i]] <= codes[order[j]]):
+                        spare[place] = order[i]
+                        i += 1
+                    else:
+                        spare[place] = order[j]
+                        j += 1
+                order[left:right] = spare[left:right]
+            width *= 2
+    return order

@@ -10,7 +10,7 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, by_face_along_curve, sample_surface
+from zbuf_occlude.sampling import SurfacePoints, curve_order, sample_surface
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -81,7 +81,7 @@ def occlude(
 def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
     """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
 
-    The points come face by face, and within a face in Hilbert order: neighbours in space are neighbours in memory,
+    The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory,
     which every method likes and which makes packed datasets small. (The order within a cloud is random all the same.)
     """
     if recipe.density is None:
@@ -90,7 +90,7 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
         points = sample_surface(mesh, density=recipe.density / mesh.longest_side**2, seed=seed)
         if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
             points = sample_surface(mesh, n_points=1, seed=seed)
-    return by_face_along_curve(points)
+    return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
 
 
 def check(

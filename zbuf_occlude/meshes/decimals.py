@@ -33,7 +33,7 @@ _ONE, _ZERO = np.uint64(1), np.uint64(0)
 
 
 @njit(inline="always")
-def _product(a, b):  # type: ignore[no-untyped-def]
+def _product(a, b):
     """The 128 bits of a product of two uint64: (high, low)."""
     a_low, a_high, b_low, b_high = a & _LOW, a >> np.uint64(32), b & _LOW, b >> np.uint64(32)
     low, cross, other = a_low * b_low, a_high * b_low, a_low * b_high
@@ -43,7 +43,7 @@ def _product(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit
-def nearest_double(digits, exponent):  # type: ignore[no-untyped-def]
+def nearest_double(digits, exponent):
     """Round ``digits * 10**exponent`` to the nearest float64, ties to even.
 
     Parameters
@@ -98,7 +98,7 @@ def nearest_double(digits, exponent):  # type: ignore[no-untyped-def]
 
 
 @njit
-def read_decimal(text, i, bits, values, place):  # type: ignore[no-untyped-def]
+def read_decimal(text, i, bits, values, place):
     """Read a number at a place in a text.
 
     Parameters

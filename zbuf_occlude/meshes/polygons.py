@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.predicates import cross, dot, minus
+from zbuf_occlude.vectors import cross, dot, minus
 
 Ints = NDArray[np.int64]
 
@@ -137,7 +137,7 @@ def _with_gaps(ears: Ints, n: int) -> Ints:
 
 
 @njit(cache=True)
-def _whole_numbers(given, vertices):  # type: ignore[no-untyped-def]
+def _whole_numbers(given, vertices):
     """Corners as integers, and the first that is none or out of range, the first of an unusable vertex; else -1."""
     corners = np.empty(len(given), np.int64)
     for i in range(len(given)):
@@ -154,7 +154,7 @@ def _whole_numbers(given, vertices):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _hubs(vertices, corners, starts, counts):  # type: ignore[no-untyped-def]
+def _hubs(vertices, corners, starts, counts):
     """The corner that each polygon is fanned out from, its first or its second; `_EARS` where neither will do."""
     hubs = np.zeros(len(counts), np.int64)
     for polygon in range(len(counts)):
@@ -180,7 +180,7 @@ def _hubs(vertices, corners, starts, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fans(corners, starts, hubs, ends):  # type: ignore[no-untyped-def]
+def _fans(corners, starts, hubs, ends):
     """Fill the triangles (f, 3) of fans, leaving those of ears empty, and the polygon of every triangle, (f,)."""
     triangles = np.empty((ends[-1], 3), np.int64)
     polygon_ids = np.empty(ends[-1], np.int64)
@@ -197,7 +197,7 @@ def _fans(corners, starts, hubs, ends):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _planes(vertices, corners, starts, counts):  # type: ignore[no-untyped-def]
+def _planes(vertices, corners, starts, counts):
     """Corners of polygons from the first of each, (c, 3), and two axes of the plane of each, (p, 2, 3)."""
     positions, axes = np.empty((counts.sum(), 3)), np.empty((len(counts), 2, 3))
     end = 0

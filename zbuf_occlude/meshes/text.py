@@ -145,7 +145,7 @@ def _number(token: bytes) -> float:
 
 
 @njit(cache=True)
-def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold):  # type: ignore[no-untyped-def]
+def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold):
     """Find the lines and read their numbers.
 
     Returns

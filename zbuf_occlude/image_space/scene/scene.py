@@ -10,8 +10,8 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, ROUNDOFF, UPPER
 from zbuf_occlude.image_space.scene.clusters import make_clusters
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import cross, dot, minus
 from zbuf_occlude.threads import shared, take, together
+from zbuf_occlude.vectors import cross, dot, minus
 
 Float32 = NDArray[np.float32]
 
