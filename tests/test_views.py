@@ -1,5 +1,6 @@
 """Views: the paper's positions computed by hand, the other sets' properties, every spec and every error."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -120,7 +121,7 @@ def test_specs(spec: str, expected: Views) -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("paper", f"views must be {views.SPECS}; got 'paper'."),
+        ("paper", f"views must be {views.forms()}; got 'paper'."),
         ("ring:12", "got 'ring:12'."),
         ("ring:x@20", "got 'ring:x@20'."),
         ("grid:3", "got 'grid:3'."),
@@ -195,3 +196,176 @@ def test_views_cannot_be_changed() -> None:
     assert repr(made) == "Views(100)"
     with pytest.raises(ValueError, match="read-only"):
         made.azimuth[0] = 1.0
+
+
+def test_roll_turns_the_top_to_the_right() -> None:
+    made = Views(np.radians([0.0]), np.radians([0.0]), np.array([2.0]), roll=np.radians([90.0]))
+    # from +x the camera's right is +y; what was up, +z, now points there
+    assert np.allclose(made.ups, [[0, 1, 0]], atol=1e-12)
+    plain, rolled = views.ring(1, 0.3).poses[0], Views([0.0], [0.3], 4.0, roll=np.pi / 3).poses[0]
+    turn = rolled[:3, :3] @ plain[:3, :3].T
+    assert np.allclose(turn[2], [0, 0, 1], atol=1e-12), "about the axis"
+    assert np.isclose(np.trace(turn), 1 + 2 * np.cos(np.pi / 3))
+
+
+def test_random_so3_is_uniform_over_rotations() -> None:
+    made = views.random_so3(20_000, seed=3)
+    rotations = made.poses[:, :3, :3]
+    # the mean of a uniform rotation is 0, and its angle t has the density (1 - cos t) / pi: mean pi / 2 + 2 / pi
+    assert np.abs(rotations.mean(axis=0)).max() < 4 * np.sqrt(1 / 3 / 20_000)
+    angles = np.arccos(np.clip((np.trace(rotations, axis1=1, axis2=2) - 1) / 2, -1, 1))
+    assert abs(angles.mean() - (np.pi / 2 + 2 / np.pi)) < 4 * 0.65 / np.sqrt(20_000)
+
+
+def test_distances_are_drawn_between_two() -> None:
+    made = views.parse("ring:5000@20", distance=2.0, farthest=4.0, seed=1)
+    lengths = made.distance
+    assert (lengths.min() >= 2.0, lengths.max() <= 4.0) == (True, True)
+    assert abs(lengths.mean() - 3.0) < 0.05
+    assert np.array_equal(made.azimuth, views.ring(5000, np.radians(20)).azimuth)
+    with pytest.raises(OptionError, match=r"distances must run upwards; got 4\.\.2"):
+        views.parse("ring:5@20", distance=4.0, farthest=2.0)
+
+
+def test_a_look_at_point_and_a_field_of_view() -> None:
+    made = views.ring(4, 0.3, 3.0).looking([0.5, 0.0, 0.2], np.radians(60))
+    point = np.array([[0.5, 0.0, 0.2]])
+    for pose in made.poses:
+        x, y, z = pose[:3, :3] @ point[0] + pose[:3, 3]
+        assert np.allclose([x, y], 0, atol=1e-12)
+        assert z < 0
+    assert made.shows(point).all()
+    right = (
+        made.eyes[0] - 2 * made.poses[0, 2, :3] + np.tan(np.radians([29.0, 31.0]))[:, None] * 2 * made.poses[0, 0, :3]
+    )
+    assert made.shows(right)[0].tolist() == [True, False]
+    assert not made.shows(made.eyes + made.poses[:, 2, :3])[np.arange(4), np.arange(4)].any(), "behind the camera"
+
+
+@pytest.mark.parametrize("columns", [3, 4, 13, 17])
+def test_a_table_holds_all_that_is_known(columns: int) -> None:
+    made = {
+        3: views.ring(3, 0.2),
+        4: views.random_so3(3),
+        13: views.ring(3, 0.2).looking([0.1, 0, 0]),
+        17: views.ring(3, 0.2).looking([0.1, 0, 0], 0.5),
+    }[columns]
+    assert made.table.shape == (3, columns)
+    back = Views.from_table(made.table.tolist())
+    assert np.allclose(back.poses, made.poses, atol=1e-15)
+    assert (back.windows is None) == (columns < 17)
+    with pytest.raises(ArgumentError, match="a table of views must be"):
+        Views.from_table(np.zeros((2, 5)))
+
+
+# two cameras, OpenCV's way: world to eye space, y down, z forward
+CAMERA_EYES = np.array([[3.0, 0.5, 1.0], [-1.0, 4.0, 2.0]])
+FOCAL, WIDTH, HEIGHT = 500.0, 640.0, 480.0
+
+
+def opencv() -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and translations of cameras that look at (0.1, 0.2, 0.3), upright."""
+    rotations = []
+    for eye in CAMERA_EYES:
+        forward = np.array([0.1, 0.2, 0.3]) - eye
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        rotations.append([right, np.cross(forward, right), forward])
+    return np.array(rotations), -np.einsum("kij,kj->ki", rotations, CAMERA_EYES)
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    w = np.sqrt(max(0.0, 1 + np.trace(rotation))) / 2
+    x, y, z = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+    return np.array([w, x / (4 * w), y / (4 * w), z / (4 * w)])
+
+
+def write_cameras(folder: Path, form: str) -> str:
+    rotations, translations = opencv()
+    intrinsics = [[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]
+    items = [
+        {"K": intrinsics, "R": r.tolist(), "t": t.tolist(), "width": WIDTH, "height": HEIGHT}
+        for r, t in zip(rotations, translations, strict=True)
+    ]
+    if form == "json":
+        (folder / "c.json").write_text(json.dumps(items))
+        return str(folder / "c.json")
+    if form == "jsonl":
+        (folder / "c.jsonl").write_text("\n".join(map(json.dumps, items)))
+        return str(folder / "c.jsonl")
+    if form == "csv":
+        names = [*(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "t1", "t2", "t3"]
+        names += ["fx", "fy", "cx", "cy", "width", "height"]
+        rows = [
+            [*r.ravel(), *t, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT]
+            for r, t in zip(rotations, translations, strict=True)
+        ]
+        (folder / "c.csv").write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
+        return str(folder / "c.csv")
+    if form == "nerf":
+        frames = []
+        for r, eye in zip(rotations, CAMERA_EYES, strict=True):
+            to_world = np.eye(4)
+            to_world[:3, :3], to_world[:3, 3] = r.T @ np.diag([1, -1, -1]), eye
+            frames.append({"file_path": "x.png", "transform_matrix": to_world.tolist()})
+        angle = 2 * np.arctan(WIDTH / 2 / FOCAL)
+        document = {"camera_angle_x": angle, "w": WIDTH, "h": HEIGHT, "frames": frames}
+        (folder / "transforms.json").write_text(json.dumps(document))
+        return str(folder / "transforms.json")
+    (folder / "cameras.txt").write_text(
+        "# cameras\n1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0\n"
+    )
+    lines = ["# images"]
+    for i, (r, t) in enumerate(zip(rotations, translations, strict=True)):
+        lines += [" ".join(map(str, [i + 1, *quaternion(r), *t, i + 1, "x.png"])), "1 2 3" if i else ""]
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    return str(folder / "images.txt")
+
+
+@pytest.mark.parametrize("form", ["json", "jsonl", "csv", "nerf", "colmap"])
+def test_cameras_from_files(tmp_path: Path, form: str) -> None:
+    made = views.parse(write_cameras(tmp_path, form))
+    assert np.allclose(made.eyes, CAMERA_EYES, atol=1e-9)
+    assert np.allclose(made.around([1, 2, 3], 7.0).eyes, CAMERA_EYES, atol=1e-9), "they stand where they are"
+    points = np.random.default_rng(0).uniform(-3, 3, (500, 3))
+    rotations, translations = opencv()
+    x, y, z = (points @ rotations[1].T + translations[1]).T
+    u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
+    seen = (z > 0) & (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
+    assert 50 < seen.sum() < 450
+    assert (made.shows(points)[1] == seen).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.json", "{", "must be JSON; it cannot be read"),
+        ("a.json", "[]", "must hold cameras, each with R and t; it cannot be read (it holds none)"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,1]]}]', "it cannot be read (no 't')"),
+        ("a.json", '[{"R": [[2,0,0],[0,1,0],[0,0,1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
+        (
+            "a.json",
+            '[{"R": [[1,0,0],[0,1,0],[0,0,1]], "t": [0,0,0]}]',
+            "a camera must not stand at the object's centre",
+        ),
+        ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must hold cameras"),
+        ("images.txt", "1 1 0 0\n", "must hold cameras"),
+    ],
+)
+def test_bad_cameras(tmp_path: Path, name: str, content: str, message: str) -> None:
+    (tmp_path / name).write_text(content)
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    with pytest.raises(OptionError, match=re.escape(message)) as caught:
+        views.parse(str(tmp_path / name))
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_distortion_is_refused(tmp_path: Path) -> None:
+    path = write_cameras(tmp_path, "colmap")
+    (tmp_path / "cameras.txt").write_text(
+        "1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0.1\n"
+    )
+    with pytest.raises(OptionError, match="camera 2 is a SIMPLE_RADIAL with distortion; undistort"):
+        views.parse(path)

@@ -82,14 +82,14 @@ def view_matrices(eyes: ArrayLike, targets: ArrayLike, ups: ArrayLike | None = N
             f"an up vector must not lie along the line of sight; that of eye {int(np.argmin(lengths))} does."
         )
     right /= lengths[:, None]
-    return _rigid(np.stack([right, np.cross(backward, right), backward], axis=1), eyes)
+    return rigid_matrices(np.stack([right, np.cross(backward, right), backward], axis=1), eyes)
 
 
 def cube_view_matrices(eyes: ArrayLike) -> FloatArray:
     """Return six view matrices an eye, looking along +x, -x, +y, -y, +z, -z: (k, 6, 4, 4) float64."""
     eyes = as_vectors(eyes, "eyes")
     rotations = np.broadcast_to(_CUBE_AXES, (len(eyes), 6, 3, 3))
-    return _rigid(rotations, np.broadcast_to(eyes[:, None], (len(eyes), 6, 3)))
+    return rigid_matrices(rotations, np.broadcast_to(eyes[:, None], (len(eyes), 6, 3)))
 
 
 def cube_faces(directions: ArrayLike) -> FloatArray:
@@ -100,7 +100,8 @@ def cube_faces(directions: ArrayLike) -> FloatArray:
     return np.asarray(2 * axis + negative)
 
 
-def _rigid(rotations: FloatArray, eyes: FloatArray) -> FloatArray:
+def rigid_matrices(rotations: FloatArray, eyes: FloatArray) -> FloatArray:
+    """Return the view matrices (..., 4, 4) of cameras at `eyes` (..., 3) turned by `rotations` (..., 3, 3)."""
     matrices = np.zeros((*rotations.shape[:-2], 4, 4))
     matrices[..., :3, :3] = rotations
     matrices[..., :3, 3] = -np.einsum("...ij,...j->...i", rotations, eyes)

@@ -11,6 +11,7 @@ from zbuf_occlude.cli.options import (
     OutFolder,
     choice_options,
     collect,
+    distance_option,
     given,
     parse_settings,
     up_option,
@@ -26,12 +27,12 @@ from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
 from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.views import SPECS
+from zbuf_occlude.views import forms
 from zbuf_occlude.views import parse as parse_views
 
 BUILT_IN_MESHES = 8
 DEFAULT_SECONDS = 3.0
-OF_MESHES = ("methods", "views", "most_views", "points", "limit", "up", "labels", "classes", "splits")
+OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "up", "labels", "classes", "splits")
 """Options that say what meshes are asked; a preset has questions and methods of its own."""
 
 
@@ -58,7 +59,8 @@ OF_MESHES = ("methods", "views", "most_views", "points", "limit", "up", "labels"
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="ModelNet40's folder, for the objects of table1a and table1b; built-in shapes stand in for those it lacks.",
 )
-@click.option("--views", default="paper100", show_default=True, help=f"Camera positions: {SPECS}.")
+@click.option("--views", default="paper100", show_default=True, help=f"Camera positions: {forms()}.")
+@distance_option
 @click.option(
     "--most-views",
     type=click.IntRange(1),
@@ -100,6 +102,7 @@ def command(
     presets: tuple[str, ...],
     modelnet: Path | None,
     views: str,
+    distance: tuple[float, float | None],
     most_views: int,
     points: int,
     judge_points: int | None,
@@ -134,7 +137,7 @@ def command(
     cases: list[Case] = []
     if meshes or not presets:
         collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
-        parsed = parse_views(views, seed=seed)
+        parsed = parse_views(views, distance=distance[0], farthest=distance[1], seed=seed)
         cases += of_meshes(collection, subjects, parsed, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
         cases += preset(name, root=modelnet, seed=seed, budget=seconds)

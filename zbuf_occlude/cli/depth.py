@@ -1,11 +1,12 @@
 """`zbuf-occlude depth`: the depth buffer of one view, as a picture or as numbers."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 import numpy as np
 
-from zbuf_occlude import Views, load_mesh
+from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
 
@@ -16,9 +17,7 @@ from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
 @click.option("--size", type=click.IntRange(1, 8192), default=512, show_default=True, help="Pixels along a side.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
-def command(
-    mesh: Path, azimuth: float, elevation: float, distance: float, size: int, up: str | None, out: Path
-) -> None:
+def command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | None, out: Path) -> None:
     """Write the depth buffer that one camera has of MESH.
 
     .npy and .exr (channel Z) hold eye depth, the distance along the camera's axis in the mesh's own units, infinite
@@ -34,9 +33,8 @@ def command(
 
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     loaded = load_mesh(mesh, up=up)
-    view = Views(np.radians([azimuth]), np.radians([elevation]), np.array([distance]))
     with GlContext.open() as gl:
-        depths = depth_image(gl, loaded, view.around(loaded.centre, loaded.longest_side), size)
+        depths = depth_image(gl, loaded, camera(loaded), size)
         renderer = gl.renderer
     write = {".png": write_png, ".npy": write_npy, ".exr": write_exr}[suffix]
     write(out, depths)

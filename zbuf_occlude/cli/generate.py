@@ -18,6 +18,7 @@ from zbuf_occlude.cli.options import (
     choice_options,
     chosen_method,
     collect,
+    distance_option,
     given,
     method_options,
     parse_settings,
@@ -39,7 +40,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
-from zbuf_occlude.views import SPECS
+from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method, prepare
 
 FORMULAS = "formulas"
@@ -77,7 +78,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given beside it override it.",
 )
 @method_options(also=(AUTO,))
-@click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {SPECS}.")
+@click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {forms()}.")
+@distance_option
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
 @click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
@@ -188,6 +190,7 @@ def command(
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     points, density = recipe.pop("points"), recipe.pop("density")
+    recipe["distance"], recipe["farthest"] = recipe["distance"]
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:

@@ -1,6 +1,7 @@
 """Options that several commands share: meshes, method, camera; and how key=value becomes Python."""
 
 import ast
+import functools
 import math
 import os
 from collections.abc import Callable, Collection
@@ -8,12 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default
 from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.labels import FORMS
+from zbuf_occlude.views import Views
+from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -73,32 +78,112 @@ def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]
     return choice
 
 
-def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:
-    if not math.isfinite(value):
+def _finite(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.")
     return value
 
 
+class Distance(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """A distance D, or distances D0..D1 to be drawn from; the value is (nearest, farthest or None)."""
+
+    name = "D|D0..D1"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the two numbers."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            numbers = [float(part) for part in str(value).split("..")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (1, 2) or not all(math.isfinite(number) and number > 0 for number in numbers):
+            self.fail(f"it must be D or D0..D1, positive and finite; got {value!r}.", param, ctx)
+        if len(numbers) == 2 and not numbers[0] < numbers[1]:
+            self.fail(f"distances must run upwards; got {value}.", param, ctx)
+        return numbers[0], (numbers[1] if len(numbers) == 2 else None)
+
+
+distance_option = click.option(
+    "--distance",
+    type=Distance(),
+    default="4",
+    show_default=True,
+    help="Of the cameras from the object's centre, in multiples of its longest side; D0..D1: drawn for each view.",
+)
+
+
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """--azimuth, --elevation, --distance of a single view."""
-    function = click.option(
-        "--distance",
-        type=click.FloatRange(0, min_open=True),
-        default=4.0,
-        show_default=True,
-        callback=_finite,
-        help="From the mesh's centre, in multiples of its longest side.",
-    )(function)
-    function = click.option(
-        "--elevation",
-        type=click.FloatRange(-90, 90),
-        required=True,
-        callback=_finite,
-        help="Degrees above the xy plane; 90 is +z.",
-    )(function)
-    return click.option("--azimuth", type=float, required=True, callback=_finite, help="Degrees from +x towards +y.")(
-        function
+    """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units."""
+
+    @functools.wraps(function)
+    def command(
+        *,
+        azimuth: float | None,
+        elevation: float | None,
+        distance: float,
+        roll: float,
+        look_at: tuple[float, float, float] | None,
+        fov: float | None,
+        cameras: str | None,
+        index: int,
+        **others: Any,
+    ) -> Any:
+        if (cameras is None) == (azimuth is None or elevation is None):
+            raise click.UsageError("give --azimuth and --elevation, or --cameras.")
+        if cameras is not None:
+            views = parse_views(cameras)
+            if index >= len(views):
+                raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
+            view = views.select([index])
+        else:
+            angles = np.radians([azimuth or 0.0, elevation or 0.0, roll])
+            view = Views(angles[:1], angles[1:2], np.array([distance]), roll=angles[2:])
+
+        def camera(mesh: Mesh) -> Views:
+            placed = view.around(mesh.centre, mesh.longest_side)
+            return placed.looking(look_at, None if fov is None else math.radians(fov))
+
+        return function(camera=camera, **others)
+
+    options = (
+        click.option("--azimuth", type=float, callback=_finite, help="Degrees from +x towards +y."),
+        click.option(
+            "--elevation",
+            type=click.FloatRange(-90, 90),
+            callback=_finite,
+            help="Degrees above the xy plane; 90 is +z.",
+        ),
+        click.option(
+            "--distance",
+            type=click.FloatRange(0, min_open=True),
+            default=4.0,
+            show_default=True,
+            callback=_finite,
+            help="From the mesh's centre, in multiples of its longest side.",
+        ),
+        click.option("--roll", type=float, default=0.0, callback=_finite, help="Degrees; the top turns to the right."),
+        click.option(
+            "--look-at",
+            type=(float, float, float),
+            metavar="X Y Z",
+            help="In the mesh's coordinates.  [default: centre]",
+        ),
+        click.option(
+            "--fov",
+            type=click.FloatRange(0, 180, min_open=True, max_open=True),
+            help="Degrees; what lies outside this square picture is not seen.  [default: everything is in it]",
+        ),
+        click.option(
+            "--cameras",
+            metavar="FILE",
+            help="Instead of angles: JSON or CSV of K, R, t, NeRF's transforms.json, or COLMAP's images.txt.",
+        ),
+        click.option("--index", type=click.IntRange(0), default=0, help="Which of the cameras, from 0."),
     )
+    for option in reversed(options):
+        command = option(command)
+    return command
 
 
 up_option = click.option(

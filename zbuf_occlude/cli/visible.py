@@ -1,5 +1,6 @@
 """`zbuf-occlude visible`: the occluded cloud that one camera sees of one mesh."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -34,9 +35,7 @@ def command(
     context: click.Context,
     /,
     mesh: Path,
-    azimuth: float,
-    elevation: float,
-    distance: float,
+    camera: Callable[[Mesh], Views],
     method: str,
     settings: tuple[str, ...],
     points: int,
@@ -58,7 +57,6 @@ def command(
     choice = chosen_method(context, method, settings)
     method = choice.method
     options = parse_settings(method, settings)
-    view = Views(np.radians([azimuth]), np.radians([elevation]), np.array([distance]))
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     asked: Mesh | SurfacePoints
     if positions is not None:
@@ -69,9 +67,10 @@ def command(
     else:
         asked = box = load_mesh(mesh, up=up)
         samples = sample_surface(asked, n_points=points, seed=seed)
-    eyes = view.around(box.centre, box.longest_side).eyes
+    view = camera(box)
+    eyes = view.eyes
     with prepare(asked, method, **options) as occluder:
-        cloud = samples.select(occluder.visible(samples, eyes)[0])
+        cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
         renderer = occluder.renderer
     if suffix == ".npy":
         np.save(out, cloud.positions)

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
@@ -80,7 +79,7 @@ def gather_clouds(
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
     whole = fit(points.positions) if recipe.scale == "object" else None
-    poses = view_matrices(views.eyes, views.target, views.ups)
+    poses = views.poses
     for record, view in zip(records, seeing, strict=True):
         rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))
         visible = np.flatnonzero(mask[view])

@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
@@ -236,7 +235,7 @@ class Archives:
         return Block(
             SurfacePoints(positions, unpack_faces(faces, n_points), np.zeros_like(positions)),
             unpack_mask(bits, len(self.plan.views), n_points),
-            self.plan.views.around(facts["centre"], facts["longest_side"]),
+            self.plan.views_of(self.plan.meshes[mesh_id].key).around(facts["centre"], facts["longest_side"]),
         )
 
     def _archive(self, path: Path) -> zipfile.ZipFile:
@@ -356,6 +355,6 @@ class PackedDataset(Sequence[PackedCloud]):
             variation,
             view,
             np.array([one.azimuth[0], one.elevation[0], one.distance[0]]),
-            view_matrices(one.eyes, one.target, one.ups)[0],
+            one.poses[0],
             len(points),
         )

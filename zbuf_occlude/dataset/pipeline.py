@@ -68,6 +68,8 @@ def occlude(
                 mask = occluder.visible(points, views.eyes)
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, key, variation)
+            if views.windows is not None:
+                mask = mask & views.shows(points.positions)
             n_visible = mask.sum(axis=1)
             counts += Counts(
                 n_clouds=int((n_visible > 0).sum()),

@@ -15,14 +15,15 @@ from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sampling import MAX_POINTS
-from zbuf_occlude.views import PAPER_DISTANCE, Views
+from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 2
+DATA_VERSION = 3
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_A_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
@@ -46,6 +47,8 @@ class Recipe:
         A specification of `zbuf_occlude.views.parse`.
     distance : float
         Of the camera, in longest sides of the object (the paper's 4.1: 4).
+    farthest : float or None
+        Distances are drawn for each object and view, uniformly between `distance` and this one.
     n_points : int or None
         Points sampled on each object before HSR; exactly one of `n_points` and `density` is given.
     density : float or None
@@ -75,6 +78,7 @@ class Recipe:
     reason: str = ""
     views: str = "modelnet8"
     distance: float = PAPER_DISTANCE
+    farthest: float | None = None
     n_points: int | None = 20_000
     density: float | None = None
     variations: int = 1
@@ -93,6 +97,7 @@ class Recipe:
             ("variations", self.variations, MAX_POINTS),
             ("sample size", self.sample_size, MAX_SAMPLE_SIZE),
             ("distance", self.distance, np.finfo(np.float64).max),
+            ("distance", self.farthest, np.finfo(np.float64).max),
         ):
             if value is not None and not value > 0:
                 raise OptionError(f"{name} must be positive; got {value}.")
@@ -104,9 +109,15 @@ class Recipe:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
 
-    def make_views(self) -> Views:
-        """Return the camera positions, distances in longest sides, about the origin."""
-        return parse_views(self.views, distance=self.distance, seed=self.seed)
+    def make_views(self, key: str = "") -> Views:
+        """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""
+        seed = seed_of(self.seed, key + "/views")
+        return parse_views(self.views, distance=self.distance, seed=seed, farthest=self.farthest)
+
+    @property
+    def draws_views(self) -> bool:
+        """Whether each mesh has views of its own."""
+        return self.farthest is not None or is_drawn(self.views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +132,8 @@ class Plan:
     format : str
         Name in the table of formats: what is kept of a mesh, and what the final files are.
     views : Views, optional
-        The camera positions, distances in longest sides, about the origin; the recipe's by default.
+        Distances in longest sides, about the origin; the recipe's by default. Where each mesh has its own (`views_of`),
+        these only say how many.
     """
 
     meshes: MeshCollection
@@ -137,6 +149,10 @@ class Plan:
     def classes(self) -> list[str]:
         """Names of the classes; the index in here is the label of a cloud."""
         return self.meshes.classes
+
+    def views_of(self, key: str) -> Views:
+        """Return the views of the mesh of a key, distances in longest sides, about the origin."""
+        return self.recipe.make_views(key) if self.recipe.draws_views else self.views
 
     @property
     def clouds_a_mesh(self) -> int:
@@ -171,7 +187,7 @@ class Plan:
         return {
             "recipe": asdict(self.recipe),
             "format": self.format,
-            "views": np.stack([self.views.azimuth, self.views.elevation, self.views.distance], axis=1).tolist(),
+            "views": self.views.table.tolist(),
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
             "clouds_a_shard": CLOUDS_A_SHARD,
@@ -185,8 +201,7 @@ class Plan:
             MeshEntry(key, label, split, partial(_not_loadable, key), up=up[0] if up else "")
             for key, label, split, *up in document["meshes"]
         ]
-        azimuth, elevation, distance = np.asarray(document["views"]).T
-        views = Views(azimuth, elevation, distance)
+        views = Views.from_table(document["views"])
         plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
         plan.__dict__["document"] = stored  # by which it is known, whatever a later version would write

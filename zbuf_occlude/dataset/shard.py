@@ -212,7 +212,9 @@ def run_shard(
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id].reason)
             mesh = entry.load()
-            kept, of_mesh, renderer_of_mesh = occlude(mesh, plan.recipe, plan.views, entry.key, gl, store.keep)
+            kept, of_mesh, renderer_of_mesh = occlude(
+                mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, store.keep
+            )
         except (MeshError, ArgumentError) as error:  # the options have been tried: it is the mesh's numbers
             failures[entry.key], origins[entry.key] = str(error), entry.origin_of_failure()
             continue

@@ -3,7 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.camera import Frusta, fitted_frusta, view_matrices
+from zbuf_occlude.camera import Frusta, fitted_frusta, rigid_matrices
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
@@ -25,9 +25,9 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
     gl : GlContext
     mesh : Mesh
     view : Views
-        One view, distance in world units; the camera looks at its target.
+        One view, distance in world units; its picture is its window, or holds the mesh.
     size : int
-        Pixels along a side. Pixels are square; the frustum is as small as holds the mesh.
+        Pixels along a side. Pixels are square; of a picture that is not, its middle is the image's.
 
     Returns
     -------
@@ -45,8 +45,11 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
     used, faces = np.unique(mesh.faces, return_inverse=True)
     positions = unit.to(mesh.vertices[used])
     eyes = unit.to(view.eyes)
-    views = view_matrices(eyes, unit.to(np.asarray(view.target)), view.ups)
+    views = rigid_matrices(view.poses[:, :3, :3], eyes)
     fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
+    if view.windows is not None:
+        left, right, bottom, top = view.windows.T
+        fits, frusta = frusta.near > 0, frusta._replace(left=left, right=right, bottom=bottom, top=top)
     if not fits[0]:
         raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
     cameras = reversed_depth(views, _square(frusta))

@@ -1,0 +1,133 @@
+"""Poses at the command line: views drawn for each object, distances, cameras from files, look-at, field of view."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run, write_off
+from zbuf_occlude.dataset.convert import open_dataset
+
+SMALL = ("--method", "oracle", "--points", 400, "--sample-size", 32, "--workers", 1)
+
+
+def records(out: Path) -> np.ndarray:
+    source = open_dataset(out)
+    return np.concatenate([source.take(numbers) for numbers in source.order.values()])
+
+
+@pytest.mark.parametrize("spec", ["random-so3:3", "random:3@0..60", "ring:3@20"])
+def test_random_views_are_drawn_for_each_object(run: Run, modelnet: Path, tmp_path: Path, spec: str) -> None:
+    arguments = ("generate", modelnet, *SMALL, "--views", spec, "--distance", "2..5")
+    assert run(*arguments, "--out", tmp_path / "a").code == 0
+    found = records(tmp_path / "a")
+    assert len(found) == 8 * 3
+    own = [found["view"][found["mesh_id"] == i] for i in range(8)]
+    assert len({tuple(view) for views in own for view in views}) == 24, "each object has views of its own"
+    if spec.startswith("random:"):
+        assert (found["view"][:, 1] >= 0).all()
+    part = run(*arguments, "--limit", 2, "--out", tmp_path / "b")
+    assert part.code == 0
+    some = records(tmp_path / "b")
+    keys = (
+        (tmp_path / "a" / "mesh_keys.txt").read_text().split(),
+        (tmp_path / "b" / "mesh_keys.txt").read_text().split(),
+    )
+    for record in some:
+        same = found[
+            (found["mesh_id"] == keys[0].index(keys[1][record["mesh_id"]])) & (found["view_id"] == record["view_id"])
+        ]
+        assert np.array_equal(same[0]["pose"], record["pose"]), "drawn by the object's key, whatever else is made"
+
+
+def test_packed_knows_the_views_of_each_object(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    arguments = ("generate", modelnet, *SMALL, "--views", "random-so3:3", "--distance", "2..5")
+    assert run(*arguments, "--out", tmp_path / "a").code == 0
+    assert run(*arguments, "--out", tmp_path / "p", "--format", "packed").code == 0
+    one, two = (np.sort(records(tmp_path / name), order=["mesh_id", "view_id"]) for name in "ap")
+    assert np.array_equal(one["pose"], two["pose"])
+    assert np.array_equal(one["face_ids"], two["face_ids"])
+    assert run("verify", tmp_path / "p", modelnet).code == 0
+
+
+@pytest.fixture
+def plates(tmp_path: Path) -> Path:
+    """Two unit squares side by side in the plane x = 0, facing +x, 4 apart along y."""
+    square = np.array([[0, -0.5, -0.5], [0, 0.5, -0.5], [0, 0.5, 0.5], [0, -0.5, 0.5]])
+    vertices = np.concatenate([square + np.array([0, y, 0]) for y in (-2, 2)])
+    return write_off(tmp_path / "plates.off", vertices, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]))
+
+
+def camera_file(tmp_path: Path) -> Path:
+    """A camera at (10, 2, 0) that looks along -x, and sees 1 to either side at distance 10."""
+    rotation = np.array([[0, 1, 0], [0, 0, -1], [-1, 0, 0]])  # right is +y, down is -z, forward is -x
+    item = {
+        "K": [[500, 0, 50], [0, 500, 50], [0, 0, 1]], "width": 100, "height": 100,
+        "R": rotation.tolist(), "t": (-rotation @ [10, 2, 0]).tolist(),
+    }  # fmt: skip
+    (tmp_path / "camera.json").write_text(json.dumps([item]))
+    return tmp_path / "camera.json"
+
+
+def test_generate_from_a_list_of_cameras_keeps_to_their_pictures(run: Run, plates: Path, tmp_path: Path) -> None:
+    arguments = ("--views", camera_file(tmp_path), "--out", tmp_path / "out", "--scale", "mesh")
+    outcome = run("generate", plates, *SMALL, *arguments)
+    assert outcome.code == 0, outcome.err
+    with h5py.File(tmp_path / "out" / "ply_data_train0.h5") as h5:
+        assert (h5["data"][:, :, 1] > 1.4).all(), "only the plate at y = 2 is in the picture"
+        pose = h5["pose"][0]
+    assert np.allclose(-pose[:3, :3].T @ pose[:3, 3], [10, 2, 0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "plates_seen"),
+    [
+        (("--azimuth", 0, "--elevation", 0), 2),
+        (("--azimuth", 0, "--elevation", 0, "--look-at", 0, 2, 0, "--fov", 8), 1),
+        (("--azimuth", 0, "--elevation", 0, "--fov", 8), 0),
+        (("--cameras",), 1),
+    ],
+)
+def test_visible_sees_what_the_camera_shows(
+    run: Run, plates: Path, tmp_path: Path, arguments: tuple[object, ...], plates_seen: int
+) -> None:
+    if arguments == ("--cameras",):
+        arguments = ("--cameras", camera_file(tmp_path))
+    outcome = run("visible", plates, *arguments, "--method", "oracle", "--points", 500, "--out", tmp_path / "c.npy")
+    assert outcome.code == 0, outcome.err
+    cloud = np.load(tmp_path / "c.npy")
+    assert len(set(np.sign(cloud[:, 1]))) == plates_seen
+
+
+def test_depth_of_a_camera(run: Run, plates: Path, tmp_path: Path) -> None:
+    outcome = run("depth", plates, "--cameras", camera_file(tmp_path), "--size", 100, "--out", tmp_path / "d.npy")
+    if outcome.code and "no OpenGL" in outcome.err:
+        pytest.skip("no OpenGL here")
+    assert outcome.code == 0, outcome.err
+    depth = np.load(tmp_path / "d.npy")
+    seen = np.isfinite(depth)
+    assert np.allclose(depth[seen], 10, rtol=1e-4)
+    rows, columns = np.nonzero(seen)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (25, 74, 25, 74), (
+        "a unit square at f / z = 50 pixels"
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("visible", "--azimuth", 3), "give --azimuth and --elevation, or --cameras"),
+        (("visible", "--cameras", "CAMERA", "--azimuth", 3, "--elevation", 2), "give --azimuth and --elevation, or"),
+        (("visible", "--cameras", "CAMERA", "--index", 1), "--index must be below the 1 cameras of"),
+        (("generate", "--distance", "4..2"), "distances must run upwards; got 4..2"),
+        (("generate", "--distance", "-1"), "it must be D or D0..D1, positive and finite; got '-1'"),
+        (("generate", "--distance", "a..b"), "it must be D or D0..D1"),
+        (("compare", "--distance", "0"), "it must be D or D0..D1"),
+    ],
+)
+def test_usage(run: Run, plates: Path, tmp_path: Path, command: tuple[object, ...], message: str) -> None:
+    name, *arguments = (camera_file(tmp_path) if word == "CAMERA" else word for word in command)
+    outcome = run(name, plates, *arguments, "--out", tmp_path / ("c.ply" if name == "visible" else "out"))
+    assert (outcome.code, message in " ".join(outcome.err.split())) == (2, True), outcome.err

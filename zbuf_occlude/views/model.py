@@ -1,0 +1,197 @@
+"""Views: where cameras stand, how they are turned, and what their pictures show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
+from zbuf_occlude.camera import rigid_matrices, view_matrices
+from zbuf_occlude.errors import ArgumentError
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Camera positions about a target. Immutable.
+
+    Parameters
+    ----------
+    azimuth : (k,) float
+        Radians, from +x towards +y.
+    elevation : (k,) float
+        Radians, from the xy plane, in [-pi/2, pi/2]; +pi/2 is +z.
+    distance : (k,) float or float
+        Distance from the target, in world units, positive.
+    target : (3,) float
+        What the cameras stand about, and look at unless `rotations` say otherwise; world space.
+    roll : (k,) float or float
+        Radians, the camera turned about its axis; positive turns its top towards its right.
+    rotations : (k, 3, 3) float, optional
+        World space to eye space (x right, y up, looking along -z), for cameras that do not look at the target. Such
+        cameras stand where they are: `around` does not move them.
+    windows : (k, 4) float, optional
+        What the cameras' pictures show: tangents left, right, bottom, top (eye x or y over eye depth). By default all.
+
+    Raises
+    ------
+    ArgumentError
+        Different lengths, values out of range or not finite.
+    """
+
+    azimuth: FloatArray
+    elevation: FloatArray
+    distance: FloatArray
+    target: FloatArray | Sequence[float] = (0.0, 0.0, 0.0)
+    roll: FloatArray | float = 0.0
+    rotations: FloatArray | None = None
+    windows: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        given = {"azimuth": self.azimuth, "elevation": self.elevation, "distance": self.distance, "target": self.target}
+        try:
+            *angles, target = (np.asarray(values, dtype=np.float64) for values in given.values())
+            angles.append(np.asarray(self.roll, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"{', '.join(given)} must be numbers; {error}.") from None
+        try:
+            azimuth, elevation, distance, roll = np.broadcast_arrays(*map(np.atleast_1d, angles))
+        except ValueError:
+            raise ArgumentError(
+                "azimuth, elevation and distance must have one length; got "
+                f"{np.size(self.azimuth)}, {np.size(self.elevation)} and {np.size(self.distance)}."
+            ) from None
+        if azimuth.ndim != 1 or target.shape != (3,):
+            raise ArgumentError(f"angles must be (k,) and target (3,); got {azimuth.shape} and {target.shape}.")
+        fields = {"azimuth": azimuth, "elevation": elevation, "distance": distance, "target": target, "roll": roll}
+        for name, shape in (("rotations", (3, 3)), ("windows", (4,))):
+            if (values := getattr(self, name)) is not None:
+                fields[name] = np.asarray(values, dtype=np.float64)
+                if fields[name].shape != (len(azimuth), *shape):
+                    raise ArgumentError(f"{name} must be {(len(azimuth), *shape)}; got {fields[name].shape}.")
+        for name, values in fields.items():
+            if not np.isfinite(values).all():
+                raise ArgumentError(f"{name} must be finite; got {values[~np.isfinite(values)][0]}.")
+        if (np.abs(elevation) > np.pi / 2 + 1e-9).any():
+            worst = np.degrees(elevation[np.abs(elevation).argmax()])
+            raise ArgumentError(f"elevation must lie in [-pi/2, pi/2]; got {worst:g} degrees. Give radians.")
+        if (distance <= 0).any():
+            raise ArgumentError(f"distance must be positive; got {distance.min():g}.")
+        for name, values in fields.items():
+            object.__setattr__(self, name, frozen(values))
+
+    def __len__(self) -> int:
+        return len(self.azimuth)
+
+    def __repr__(self) -> str:
+        return f"Views({len(self)})"
+
+    @property
+    def eyes(self) -> FloatArray:
+        """Centres of projection, world space, (k, 3). At the poles the position is exactly on the z axis."""
+        flat = np.where(np.abs(self.elevation) >= np.pi / 2 - 1e-9, 0.0, np.cos(self.elevation))
+        direction = np.stack([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
+        return np.asarray(self.target + self.distance[:, None] * direction)
+
+    @property
+    def ups(self) -> FloatArray:
+        """Up vectors (k, 3), unit: the direction in which elevation grows, so that the poles have one too; rolled."""
+        if self.rotations is not None:
+            return self.rotations[:, 1]
+        sin, cos = np.sin(self.elevation), np.cos(self.elevation)
+        ups = np.stack([-sin * np.cos(self.azimuth), -sin * np.sin(self.azimuth), cos], axis=1)
+        if not np.any(self.roll):
+            return ups
+        rights = np.stack([-np.sin(self.azimuth), np.cos(self.azimuth), np.zeros(len(self))], axis=1)
+        roll = np.asarray(self.roll)[:, None]
+        return np.asarray(np.cos(roll) * ups + np.sin(roll) * rights)
+
+    @property
+    def poses(self) -> FloatArray:
+        """View matrices (k, 4, 4): world space to eye space."""
+        if self.rotations is None:
+            return view_matrices(self.eyes, self.target, self.ups)
+        return rigid_matrices(self.rotations, self.eyes)
+
+    def shows(self, positions: FloatArray) -> BoolArray:
+        """Return which positions (n, 3) lie within each camera's picture, (k, n); all where there are no windows."""
+        if self.windows is None:
+            return np.ones((len(self), len(positions)), dtype=bool)
+        inside = np.empty((len(self), len(positions)), dtype=bool)
+        for row, pose, (left, right, bottom, top) in zip(inside, self.poses, self.windows, strict=True):
+            x, y, z = (positions @ pose[:3, :3].T + pose[:3, 3]).T
+            row[:] = (z < 0) & (x >= left * -z) & (x <= right * -z) & (y >= bottom * -z) & (y <= top * -z)
+        return inside
+
+    def select(self, which: ArrayLike) -> "Views":
+        """Return the views that a boolean mask or an index array picks, in its order."""
+        chosen = np.asarray(which)
+        rotations, windows = (None if v is None else v[chosen] for v in (self.rotations, self.windows))
+        return Views(
+            self.azimuth[chosen],
+            self.elevation[chosen],
+            self.distance[chosen],
+            self.target,
+            np.asarray(self.roll)[chosen],
+            rotations,
+            windows,
+        )
+
+    def around(self, centre: ArrayLike, scale: float) -> "Views":
+        """Return the views about another target, all distances multiplied by `scale`.
+
+        ``views.around(mesh.centre, mesh.longest_side)`` turns distances in longest sides into world units. Cameras with
+        `rotations` stay where they are; their angles and distances become those about the new target.
+        """
+        target = np.asarray(centre, dtype=np.float64)
+        if self.rotations is not None:
+            return Views.of_cameras(self.eyes, self.rotations, self.windows, target)
+        return Views(self.azimuth, self.elevation, self.distance * scale, target, self.roll, None, self.windows)
+
+    def looking(self, at: ArrayLike | None = None, field_of_view: float | None = None) -> "Views":
+        """Return the views turned to look at a point (3,), and with square pictures of so many radians."""
+        rotations, windows = self.rotations, self.windows
+        if at is not None:
+            rotations = view_matrices(self.eyes, np.asarray(at, dtype=np.float64), self.ups)[:, :3, :3]
+        if field_of_view is not None:
+            side = np.tan(field_of_view / 2)
+            windows = np.tile([-side, side, -side, side], (len(self), 1))
+        return Views(self.azimuth, self.elevation, self.distance, self.target, self.roll, rotations, windows)
+
+    @classmethod
+    def of_cameras(
+        cls, eyes: FloatArray, rotations: FloatArray, windows: FloatArray | None = None, target: ArrayLike = (0, 0, 0)
+    ) -> "Views":
+        """Return cameras that stand at `eyes` (k, 3), world space, and are turned by `rotations` (k, 3, 3)."""
+        target = np.asarray(target, dtype=np.float64)
+        offsets = eyes - target
+        distance = np.linalg.norm(offsets, axis=1)
+        if not (distance > 0).all():
+            raise ArgumentError(f"a camera must not stand at the object's centre; {int(distance.argmin())} does.")
+        azimuth = np.arctan2(offsets[:, 1], offsets[:, 0])
+        elevation = np.arcsin(np.clip(offsets[:, 2] / distance, -1.0, 1.0))
+        return cls(azimuth, elevation, distance, target, 0.0, rotations, windows)
+
+    @property
+    def table(self) -> FloatArray:
+        """All that is known of views about the origin, a row each: azimuth, elevation, distance[, roll[, ...]]."""
+        columns = [self.azimuth[:, None], self.elevation[:, None], self.distance[:, None]]
+        if np.any(self.roll) or self.rotations is not None:
+            columns.append(np.asarray(self.roll)[:, None])
+        if self.rotations is not None:
+            columns.append(self.rotations.reshape(-1, 9))
+            if self.windows is not None:
+                columns.append(self.windows)
+        return np.concatenate(columns, axis=1)
+
+    @classmethod
+    def from_table(cls, table: ArrayLike) -> "Views":
+        """Return views from their `table`."""
+        rows = np.asarray(table, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] not in (3, 4, 13, 17):
+            raise ArgumentError(f"a table of views must be (k, 3), (k, 4), (k, 13) or (k, 17); got {rows.shape}.")
+        azimuth, elevation, distance = rows[:, :3].T
+        roll = rows[:, 3] if rows.shape[1] > 3 else 0.0
+        rotations = rows[:, 4:13].reshape(-1, 3, 3) if rows.shape[1] > 4 else None
+        windows = rows[:, 13:] if rows.shape[1] > 13 else None
+        return cls(azimuth, elevation, distance, roll=roll, rotations=rotations, windows=windows)
