@@ -1,5 +1,6 @@
 """Every format through one door: written from a source and read as one, nothing lost; shards, names, same bytes."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import h5py
@@ -13,6 +14,8 @@ from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Numbers, Source
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup, document_of
 
 SIZE = 6
 REORDERED = ("modelnet40-c",)  # which tests/dataset/test_published.py reads
@@ -20,18 +23,25 @@ DRAWN = [row for row in FORMATS if not (row.keeps_points or row.complete or row.
 ids = [row.name for row in DRAWN]
 
 
-def plan() -> Plan:
+SCANNING = asdict(Setup(document_of(make("vlp-16")), keep_clean=True))
+
+
+def plan(scanned: bool = False) -> Plan:
     entries = [
         MeshEntry(f"{label}/{split}/a b.{i}.off", label, split, box)
         for i, (label, split) in enumerate([("bed", "train"), ("arm chair", "test"), ("bed", "test")])
     ]
-    return Plan(MeshCollection(entries), Recipe(views="ring:2@10", variations=2, sample_size=SIZE))
+    return Plan(MeshCollection(entries), recipe(scanned))
 
 
-def random_records(n: int) -> np.ndarray:
+def recipe(scanned: bool) -> Recipe:
+    return Recipe(views="ring:2@10", variations=2, sample_size=SIZE, scanning=SCANNING if scanned else None)
+
+
+def random_records(n: int, scanned: bool = False) -> np.ndarray:
     """Records of every field filled with values that a careless format would change."""
     rng = np.random.default_rng(5)
-    records = np.zeros(n, record_type(Recipe(sample_size=SIZE)))
+    records = np.zeros(n, record_type(recipe(scanned)))
     for name in records.dtype.names or ():
         kind, shape = records[name].dtype, records[name].shape
         values = rng.normal(scale=1e6, size=shape) if kind.kind == "f" else rng.integers(-1, 2**31 - 1, shape)
@@ -42,16 +52,16 @@ def random_records(n: int) -> np.ndarray:
     return records
 
 
-@pytest.fixture
-def source(monkeypatch: pytest.MonkeyPatch) -> Source:
+@pytest.fixture(params=[False, True], ids=["surface", "scans"])
+def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Eleven of the plan's twelve clouds, of which each file takes three."""
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_FILE", 3)
     monkeypatch.setattr(Source.batches, "__defaults__", (3,))
-    records = random_records(11)
+    records = random_records(11, request.param)
     numbers: Numbers = np.random.default_rng(1).permutation(11)
     train = numbers[records["mesh_id"][numbers] == 0]
     test = numbers[records["mesh_id"][numbers] != 0]
-    return Source(plan(), {"train": train, "test": test}, lambda wanted: records[wanted])
+    return Source(plan(request.param), {"train": train, "test": test}, lambda wanted: records[wanted])
 
 
 def content(source: Source) -> dict[str, np.ndarray]:

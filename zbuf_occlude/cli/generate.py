@@ -3,6 +3,7 @@
 import os
 import shutil
 from contextlib import ExitStack
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from zbuf_occlude.cli.options import (
     up_option,
 )
 from zbuf_occlude.cli.overview import overview
+from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.clouds import record_type
@@ -40,6 +42,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
+from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method, prepare
 
@@ -78,6 +81,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given beside it override it.",
 )
 @method_options(also=(AUTO,))
+@scan_options(SURFACE)
 @click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {forms()}.")
 @distance_option
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
@@ -183,19 +187,24 @@ def command(
       zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
       zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
+      zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
     """
     idle = given(context, ("shapes",) if meshes else ("up",))
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
+    setup = pop_scan_options(context, recipe, method)
+    if setup is not None:
+        find_format(format).check_scans()
+        method = setup.method
     points, density = recipe.pop("points"), recipe.pop("density")
     recipe["distance"], recipe["farthest"] = recipe["distance"]
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    choice = Choice(method, "") if require_gpu else chosen_method(context, method, settings)
+    choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
     method = choice.method
     wanted = None if preset is None else find_preset(preset)
     choose = MeshCollection.interleaved if wanted is None else wanted.choose
@@ -211,6 +220,7 @@ def command(
         formulas=shapes == FORMULAS,
     )
     click.echo(overview(collection, wanted), err=True)
+    check_sizes(setup, collection)
     made = Recipe(
         method=method,
         reason=choice.reason,
@@ -218,6 +228,7 @@ def command(
         n_points=None if density is not None else points or 20_000,
         density=density,
         complete=find_format(format).complete,
+        scanning=None if setup is None else asdict(setup),
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
@@ -294,6 +305,8 @@ def describe(plan: Plan, out: Path) -> str:
     free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
     how = "complete" if recipe.complete else how
+    if recipe.setup is not None:
+        how = f"scanned by {recipe.setup.made_sensor.name}, rays {how}, scene {recipe.setup.scene}"
     size = f"about {megabytes(plan):.0f} MB"
     if not find_format(plan.format).keeps_points:
         size += ", twice that while working"

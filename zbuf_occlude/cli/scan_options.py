@@ -5,13 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from zbuf_occlude import sensors
 from zbuf_occlude.cli.options import literal
+from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.files import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import parse_sizes
+from zbuf_occlude.scenes.sizes import parse_sizes, size_of
 from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
 from zbuf_occlude.visibility import find_method
@@ -69,6 +72,38 @@ def scan_options(sensor: str) -> Decorator:
         return function
 
     return decorate
+
+
+def pop_scan_options(context: click.Context, given: dict[str, Any], method: str) -> Setup | None:
+    """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
+
+    Raises
+    ------
+    OptionError, click.UsageError
+        As `parse_setup`; options that say how points are sampled beside a sensor.
+    """
+    taken = {name: given.pop(name) for name in SCAN_OPTIONS}
+    if taken["sensor"] == SURFACE:
+        return parse_setup(None, taken)
+    named = context.get_parameter_source("method") is ParameterSource.COMMANDLINE
+    for name in ("points", "density", "settings"):
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            flag = {"settings": "--set"}.get(name, f"--{name}")
+            raise click.UsageError(f"{flag} is for points on the surface; a sensor decides itself. Leave it out.")
+    return parse_setup(method if named and method != AUTO else None, taken)
+
+
+def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
+    """Raise OptionError for a class without a size, or a range within an object of it."""
+    if setup is None or isinstance(setup.size, str):
+        return
+    for label in collection.classes:
+        size = size_of(label, setup.size, 1.0)
+        if setup.range is not None and setup.range[0] <= size / 2:
+            raise OptionError(
+                f"--range must be more than half of every object; one of class {label} has {size:g} m, the range is "
+                f"{setup.range[0]:g} m. Raise --range, or give --size {label}=METRES."
+            )
 
 
 def parse_setup(method: str | None, given: dict[str, Any]) -> Setup | None:

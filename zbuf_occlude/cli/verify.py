@@ -49,6 +49,9 @@ def check(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) 
     click.echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
         click.echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+    elif plan.recipe.setup is not None and verdict.n_checked:
+        same = "not all the same" if verdict.faults else "the same"
+        click.echo(f"{verdict.n_checked} points scanned again: {same}")
     elif collection is None and not plan.recipe.complete:
         click.echo("not asked of the oracle: give the meshes the dataset was made of")
     for fault in verdict.faults:

@@ -1,5 +1,7 @@
 """From a visibility mask to clouds of equal size: random subset, scale, frame, and where it all came from."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,35 @@ from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
+
+SCAN_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "range": ("<f4", ()),
+    "incidence": ("<f4", ()),
+    "intensity": ("<f4", ()),
+    "ring": ("<i4", ()),
+    "column": ("<i4", ()),
+    "instance": ("<i4", ()),
+    "n_returns": ("<i4", ()),
+    "normal": ("<f4", (3,)),
+    "clean_range": ("<f4", ()),
+}
+"""What a point of a scan has: metres, radians, ..., normals in the frame of the positions; docs/sensors.md explains."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPoints(SurfacePoints):
+    """The points of several scans one after the other, with what a sensor knows of each.
+
+    Parameters
+    ----------
+    columns : mapping of name to (n, ...)
+        Of each point, as `SCAN_COLUMNS`.
+    facts : mapping of name to (k,)
+        Of each scan: fields of the record.
+    """
+
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    facts: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def record_type(recipe: Recipe) -> np.dtype[Any]:
@@ -23,9 +54,17 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     pose : (4, 4) float64, view matrix: world space to eye space
     centre : (3,) float64; factor : float64
     n_visible : int32, visible points before the subset was drawn
-    visible_fraction : float32, of the object's points
+    visible_fraction : float32, of the object's points; of a scan what others do not hide of the object
+
+    Of scans (`Recipe.scanning`), positions are metres and the world's origin is the middle of the object's box; besides
+    there are `SCAN_COLUMNS`, a row per point, and
+
+    size : float64, metres of the object's longest side
+    hidden : float32, share of the object that others hide; hidden_reached : int32, whether it is as was asked for
     """
     sample_size = recipe.sample_size
+    scanned = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")] if recipe.setup else []
+    columns = [(name, kind, (sample_size, *shape)) for name, (kind, shape) in point_columns(recipe).items()]
     return np.dtype(
         [
             ("data", "<f4", (sample_size, 3)),
@@ -40,8 +79,17 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
             ("factor", "<f8"),
             ("n_visible", "<i4"),
             ("visible_fraction", "<f4"),
+            *columns,
+            *scanned,
         ]
     )
+
+
+def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Return the fields of a record besides data and face_ids that have a row per point: type, and shape of a row."""
+    if recipe.setup is None:
+        return {}
+    return {name: row for name, row in SCAN_COLUMNS.items() if name != "clean_range" or recipe.setup.keep_clean}
 
 
 def gather_clouds(
@@ -98,7 +146,18 @@ def gather_clouds(
         record["view"] = views.azimuth[view], views.elevation[view], views.distance[view]
         record["pose"], record["centre"], record["factor"] = poses[view], centre, factor
         record["n_visible"], record["visible_fraction"] = len(visible), len(visible) / len(points)
+        if isinstance(points, ScanPoints):
+            _fill_scan(record, points, chosen, int(view), poses[view] if recipe.frame == "camera" else None)
     return records
+
+
+def _fill_scan(record: Any, points: ScanPoints, chosen: NDArray[np.intp], view: int, pose: FloatArray | None) -> None:
+    for name, values in points.columns.items():
+        turned = values[chosen] @ pose[:3, :3].T if name == "normal" and pose is not None else values[chosen]
+        record[name] = turned
+    for name, values in points.facts.items():
+        record[name] = values[view]
+    record["visible_fraction"] = 1.0 - record["hidden"]
 
 
 def draw(visible: NDArray[np.intp], size: int, rng: np.random.Generator) -> NDArray[np.intp]:

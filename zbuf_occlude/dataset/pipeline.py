@@ -27,7 +27,7 @@ Keep = Callable[[SurfacePoints, BoolArray, Views, str, int], Kept]
 def occlude(
     mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, keep: Keep[Kept]
 ) -> tuple[list[Kept], Counts, str]:
-    """Make all clouds of one mesh.
+    """Make all clouds of one mesh, of points on its surface; scans are made by `zbuf_occlude.dataset.scans`.
 
     Parameters
     ----------

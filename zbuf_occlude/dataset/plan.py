@@ -15,7 +15,9 @@ from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sampling import MAX_POINTS
+from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
@@ -65,6 +67,8 @@ class Recipe:
         "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
+    scanning : mapping or None
+        The fields of a `zbuf_occlude.sensors.setup.Setup`: a sensor's first hits instead of points on the surface.
     seed : int
 
     Raises
@@ -86,6 +90,7 @@ class Recipe:
     scale: str = "cloud"
     frame: str = "object"
     complete: bool = False
+    scanning: Mapping[str, Any] | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -118,6 +123,11 @@ class Recipe:
     def draws_views(self) -> bool:
         """Whether each mesh has views of its own."""
         return self.farthest is not None or is_drawn(self.views)
+
+    @cached_property
+    def setup(self) -> Setup | None:
+        """How scans are made; None where points are sampled on the surface."""
+        return None if self.scanning is None else Setup(**self.scanning)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +190,13 @@ class Plan:
         """Mesh indices of each shard. Does not depend on the number of workers."""
         step = max(1, CLOUDS_A_SHARD // self.clouds_a_mesh)
         return [range(i, min(i + step, len(self.meshes))) for i in range(0, len(self.meshes), step)]
+
+    @cached_property
+    def pool(self) -> Pool:
+        """Objects that scenes are filled with; the same in every worker."""
+        setup = self.recipe.setup
+        sizes, scene = ({}, "none") if setup is None else (setup.size, setup.scene)
+        return Pool(self.meshes, sizes, scene, seed_of(self.recipe.seed, "pool"))
 
     @cached_property
     def document(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from zbuf_occlude.dataset.packed import Archives, PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import RecordStore, source_of_records
+from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.limits import GivenUp, Limits
@@ -212,9 +213,11 @@ def run_shard(
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id].reason)
             mesh = entry.load()
-            kept, of_mesh, renderer_of_mesh = occlude(
-                mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, store.keep
-            )
+            views = plan.views_of(entry.key)
+            if plan.recipe.setup is None:
+                kept, of_mesh, renderer_of_mesh = occlude(mesh, plan.recipe, views, entry.key, gl, store.keep)
+            else:
+                kept, of_mesh, renderer_of_mesh = scan_views(mesh, entry.label, plan, entry.key, store.keep)
         except (MeshError, ArgumentError) as error:  # the options have been tried: it is the mesh's numbers
             failures[entry.key], origins[entry.key] = str(error), entry.origin_of_failure()
             continue

@@ -10,8 +10,10 @@ import numpy as np
 from zbuf_occlude.dataset.folder import checksums, read_finished
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.records import RecordStore
+from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import DatasetError, MeshError
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.oracle import BAND
@@ -78,7 +80,9 @@ def verify(
         except DatasetError as error:  # written so, or else a checksum had told
             faults.append(str(error))
     n_checked, rate = 0, None
-    if source is not None and not faults and meshes is not None:
+    if source is not None and not faults and meshes is not None and plan.recipe.setup is not None:
+        n_checked = _scan_again(source, plan, meshes, n_samples, faults)
+    elif source is not None and not faults and meshes is not None:
         n_checked, rate = _ask_oracle(source, plan, manifest, meshes, n_samples, faults)
     return Verdict(sum(map(len, manifest["files"].values())), n_clouds, n_checked, rate, faults)
 
@@ -114,6 +118,40 @@ def _read_all(source: Source, manifest: dict[str, Any], faults: list[str], progr
             faults.append(f"split {split} must have {expected} clouds; it has {n_clouds}.")
         total += n_clouds
     return total
+
+
+def _scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: int, faults: list[str]) -> int:
+    """Scan the objects of some clouds again, and compare those clouds whole; return how many points were compared.
+
+    The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
+    """
+    by_key = {entry.key: entry for entry in meshes}
+    missing = [entry.key for entry in plan.meshes if entry.key not in by_key]
+    if missing:
+        faults.append(f"the meshes given must have {missing[0]}; they have not. Give those that it was made of.")
+        return 0
+    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
+    rng = np.random.default_rng(plan.recipe.seed)
+    everything = np.concatenate(list(source.order.values()))
+    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_a_mesh)]
+    n_compared = 0
+    for mesh_id in wanted:
+        entry, store = remade.meshes[mesh_id], RecordStore(remade)
+        try:
+            kept, _, _ = scan_views(entry.load(), entry.label, remade, entry.key, store.keep)
+        except (MeshError, OptionError) as error:
+            faults.append(str(error))
+            continue
+        again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
+        for record in records[records["mesh_id"] == mesh_id]:
+            other = again.get((int(record["variation"]), int(record["view_id"])))
+            n_compared += len(record["data"])
+            if other is None or other["data"].tobytes() != record["data"].tobytes():
+                faults.append(
+                    f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
+                )
+    return n_compared
 
 
 def _ask_oracle(

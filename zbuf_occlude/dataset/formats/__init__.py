@@ -20,6 +20,7 @@ from typing import Any, Protocol
 from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.errors import OptionError
 
 
 class Module(Protocol):
@@ -75,6 +76,14 @@ class Format:
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""
         getattr(self.load(), "check", lambda plan: None)(plan)
+
+    def check_scans(self) -> None:
+        """Raise OptionError when it can hold no scans, whose points are not those of one sampling of the object."""
+        if self.keeps_points or self.complete:
+            raise OptionError(
+                f"--format {self.name} holds points sampled over whole objects; a sensor's are of one scan each. "
+                f"Choose {', '.join(row.name for row in FORMATS if not row.keeps_points and not row.complete)}."
+            )
 
     def redrawn(self, recipe: Recipe) -> Recipe:
         """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""

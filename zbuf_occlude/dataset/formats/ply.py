@@ -1,6 +1,7 @@
 """A binary PLY for each cloud, to look at: ply/SPLIT/CLASS/MESH-VARIATION-VIEW.ply, listed in SPLIT_files.txt.
 
-Vertices are x, y, z (float32) and face_id (int32); a comment in the header holds all other fields as JSON.
+Vertices are x, y, z (float32) and face_id (int32), of scans also range, incidence and so on, and nx, ny, nz; a
+comment in the header holds all other fields as JSON.
 """
 
 import json
@@ -15,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.clouds import point_columns, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.dataset.source import Source, source_of_files
 
-VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")])
+PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")]
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -43,7 +44,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                     _name(source.plan, int(record["mesh_id"]), int(record["variation"]), int(record["view_id"]))
                 )
                 (out / names_of_split[-1]).parent.mkdir(parents=True, exist_ok=True)
-                _write_cloud(out / names_of_split[-1], record)
+                _write_cloud(out / names_of_split[-1], record, source.plan.recipe)
         files[split] = [list_of(split)]
         atomic.write_lines(out / files[split][0], names_of_split)
     return files
@@ -65,24 +66,40 @@ def _name(plan: Plan, mesh_id: int, variation: int, view: int) -> str:
     return f"ply/{entry.split}/{label}/{mesh_id:05d}-{stem}-{variation}-{view:03d}.ply"
 
 
-def _write_cloud(path: Path, record: Any) -> None:
-    table = np.empty(len(record["data"]), VERTEX)
+def _vertex_type(recipe: Recipe) -> np.dtype[Any]:
+    columns = point_columns(recipe)
+    normals = [(name, "<f4") for name in ("nx", "ny", "nz")] if "normal" in columns else []
+    return np.dtype([*PLACE, *((name, kind) for name, (kind, shape) in columns.items() if not shape), *normals])
+
+
+def _write_cloud(path: Path, record: Any, recipe: Recipe) -> None:
+    columns = point_columns(recipe)
+    table = np.empty(len(record["data"]), _vertex_type(recipe))
+    for name in columns:
+        if name == "normal":
+            table["nx"], table["ny"], table["nz"] = record[name].T
+        else:
+            table[name] = record[name]
     for axis, name in enumerate("xyz"):
         table[name] = record["data"][:, axis]
     table["face_id"] = record["face_ids"]
-    facts = {name: record[name].tolist() for name in record.dtype.names if name not in ("data", "face_ids")}
+    facts = {name: record[name].tolist() for name in record.dtype.names if name not in ("data", "face_ids", *columns)}
     write_table(path, table, comment=json.dumps(facts))
 
 
 def _read_cloud(path: Path, recipe: Recipe) -> NDArray[Any]:
+    vertex = _vertex_type(recipe)
     header, _, body = path.read_bytes().partition(b"end_header\n")
     comment = re.search(rb"^comment (.*)$", header, re.MULTILINE)
-    if comment is None or len(body) != recipe.sample_size * VERTEX.itemsize:
+    if comment is None or len(body) != recipe.sample_size * vertex.itemsize:
         raise ValueError(f"no PLY of {recipe.sample_size} points as written here")
-    table = np.frombuffer(body, VERTEX)
+    table = np.frombuffer(body, vertex)
     records = np.zeros(1, record_type(recipe))
     for name, value in json.loads(comment[1]).items():
         records[name][0] = value
     records["data"][0] = np.stack([table["x"], table["y"], table["z"]], axis=1)
     records["face_ids"][0] = table["face_id"]
+    for name in point_columns(recipe):
+        normal = name == "normal"
+        records[name][0] = np.stack([table["nx"], table["ny"], table["nz"]], axis=1) if normal else table[name]
     return records

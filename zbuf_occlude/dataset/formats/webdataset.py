@@ -5,6 +5,7 @@ A cloud NUMBER consists of
     NUMBER.data.npy      (size, 3) float32
     NUMBER.face_ids.npy  (size,) int32
     NUMBER.cls           the label as text
+    NUMBER.range.npy ... of scans, a file for each further field with a row per point
     NUMBER.json          class, mesh, split, and every other field of the records
 
 Tar's times and owners are fixed, so the same clouds give the same bytes. Writing needs nothing but Python; for reading
@@ -22,13 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.clouds import point_columns, record_type
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
-ARRAYS = ("data", "face_ids")
-MEMBERS = 4
-"""Of each cloud."""
+TEXTS = 2
+"""Members of each cloud that hold no array: its label, and its other fields."""
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -73,16 +73,22 @@ def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> N
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
     entry = plan.meshes[int(record["mesh_id"])]
+    arrays = _arrays(plan.recipe)
     facts = {"class": entry.label, "mesh": entry.key, "split": entry.split}
     for name in record.dtype.names:
-        if name not in (*ARRAYS, "label"):
+        if name not in (*arrays, "label"):
             facts[name] = record[name].tolist()
     members = [("cls", str(int(record["label"][0])).encode()), ("json", json.dumps(facts).encode())]
-    for name in ARRAYS:
+    for name in arrays:
         buffer = io.BytesIO()
         np.save(buffer, record[name])
         members.append((f"{name}.npy", buffer.getvalue()))
     return members
+
+
+def _arrays(recipe: Recipe) -> tuple[str, ...]:
+    """Names of the fields that have a row per point."""
+    return "data", "face_ids", *point_columns(recipe)
 
 
 def _count(path: Path) -> int:
@@ -112,6 +118,8 @@ def _read_shard(path: Path, recipe: Recipe) -> NDArray[Any]:
             else:
                 record[ending.removesuffix(".npy")] = np.load(io.BytesIO(content))
         n_members = len(tar.getmembers())
-    if n_members != MEMBERS * len(records):  # tar does not say that it was cut between two members
+    if n_members != (TEXTS + len(_arrays(recipe))) * len(
+        records
+    ):  # tar does not say that it was cut between two members
         raise ValueError(f"{n_members} members for {len(records)} clouds")
     return np.stack(records)

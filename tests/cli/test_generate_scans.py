@@ -1,0 +1,134 @@
+"""Datasets of scans: records in closed form, the same bytes however made, verify, bad input."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.formats import find_format
+
+GIVEN = ("--sensor", "vlp-32c", "--range", "6..12", "--views", "ring:2@0", "--method", "embree", "--limit", "2")
+GIVEN += ("--size", "airplane=5", "--sample-size", "64")
+
+
+def generated(run: Run, out: Path, *more: object) -> None:
+    outcome = run("generate", *GIVEN, "--workers", 1, "--out", out, *more)
+    assert outcome.code == 0, outcome.err
+
+
+def records_of(out: Path) -> Any:
+    plan, manifest = read_finished(out)
+    source = find_format(plan.format).load().read(out, plan, manifest["files"])
+    records = source.take(np.concatenate(list(source.order.values())))
+    return records[np.lexsort((records["view_id"], records["mesh_id"]))]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scans")
+
+
+@pytest.fixture
+def street(run: Run, folder: Path) -> Path:
+    """Scans in streets, made once."""
+    out = folder / "street"
+    if not (out / "manifest.json").exists():
+        generated(
+            run, out, "--scene", "street", "--hidden", "0.2..0.4", "--keep", "all", "--scale", "mesh", "--keep-clean"
+        )
+    return out
+
+
+def test_what_a_record_has(street: Path) -> None:
+    records = records_of(street)
+    assert len(records) == 4
+    for record in records:
+        positions = record["data"].astype(float)
+        eye = -record["pose"][:3, :3].T @ record["pose"][:3, 3]
+        along = positions - eye
+        assert np.allclose(np.linalg.norm(along, axis=1), record["range"], rtol=1e-4)
+        assert np.abs(record["range"] - record["clean_range"]).max() < 0.3
+        cosines = -(along * record["normal"]).sum(axis=1) / record["range"]
+        assert np.allclose(np.cos(record["incidence"]), cosines, atol=2e-2)
+        expected = np.cos(record["incidence"]) / record["clean_range"] ** 2
+        assert np.allclose(record["intensity"], expected, rtol=1e-3)
+        assert 1 in record["instance"]  # the ground
+        assert ((record["face_ids"] >= 0) == (record["instance"] == 0)).all()
+        assert 0 <= record["ring"].min() < record["ring"].max() < 32
+        assert 0.18 <= record["hidden"] <= 0.42
+        assert record["hidden_reached"] == 1
+        assert record["visible_fraction"] == pytest.approx(1 - record["hidden"])
+        assert record["size"] in (5.0, 2.1)  # a bed has 2.1 m
+        assert 6.0 <= np.hypot(*eye[:2]) <= 12.0
+        assert record["n_visible"] > 500
+
+
+def test_the_same_bytes_however_many_workers(run: Run, street: Path, tmp_path: Path) -> None:
+    more = ("--scene", "street", "--hidden", "0.2..0.4", "--keep", "all", "--scale", "mesh", "--keep-clean")
+    outcome = run("generate", *GIVEN, "--workers", 2, "--out", tmp_path / "two", *more)
+    assert outcome.code == 0, outcome.err
+    for path in street.glob("*.h5"):
+        with h5py.File(path) as one, h5py.File(tmp_path / "two" / path.name) as two:
+            for name in one:
+                assert one[name][:].tobytes() == two[name][:].tobytes(), name
+    again = run("generate", *GIVEN, "--workers", 1, "--out", street, *more)  # resumes: nothing to do
+    assert again.code == 0
+
+
+def test_verify_and_show_and_convert(run: Run, street: Path, tmp_path: Path) -> None:
+    outcome = run("verify", street, "--samples", 4)
+    assert outcome.code == 0, outcome.err
+    assert "points scanned again: the same" in outcome.out
+    assert run("show", street).code == 0
+    assert run("convert", street, "--format", "ply", "--out", tmp_path / "ply").code == 0
+    before, after = records_of(street), records_of(tmp_path / "ply")
+    for name in before.dtype.names:
+        assert np.array_equal(before[name], after[name]), name
+
+
+def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path) -> None:
+    generated(run, tmp_path / "a", "--scale", "mesh", "--format", "npz")
+    generated(run, tmp_path / "b", "--scale", "mesh", "--format", "npz", "--frame", "camera")
+    for one, other in zip(records_of(tmp_path / "a"), records_of(tmp_path / "b"), strict=True):
+        assert (one["instance"] == 0).all()
+        assert (one["hidden"], one["hidden_reached"]) == (0.0, 1)
+        turn, shift = one["pose"][:3, :3], one["pose"][:3, 3]
+        assert np.allclose(one["data"] @ turn.T + shift, other["data"], atol=1e-4)
+        assert np.allclose(one["normal"] @ turn.T, other["normal"], atol=1e-5)
+        assert np.ptp(one["data"], axis=0).max() < 1.05 * one["size"] + 0.3
+
+
+def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) -> None:
+    import json
+
+    outcome = run(
+        *("generate", "--sensor", "pinhole:width=2,height=2,fov=60", "--range", 900, "--views", "ring:3@0"),
+        *("--limit", 1, "--size", "1", "--workers", 1, "--out", tmp_path / "none", "--method", "embree"),
+    )
+    assert outcome.code == 1
+    assert "at least one mesh must give a cloud" in outcome.err
+    sidecars = list((tmp_path / "none" / "shards").glob("*.json"))
+    assert json.loads(sidecars[0].read_text())["n_blind_views"] == 3
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--range", "0"), "--range must be metres above 0"),
+        (("--range", "2..5"), "--range must be more than half of every object; one of class airplane has 5 m"),
+        (("--points", "100"), "--points is for points on the surface; a sensor decides itself. Leave it out."),
+        (("--format", "packed"), "--format packed holds points sampled over whole objects"),
+        (("--method", "vertex_hsr"), "the method must cast rays; vertex_hsr does not"),
+        (("--sensor", "surface"), "--range needs a sensor; give --sensor NAME."),
+        (("--hidden", "0.5"), "--hidden needs a scene that can hide"),
+    ],
+)
+def test_what_is_typed_wrongly(run: Run, tmp_path: Path, given: tuple[str, ...], words: str) -> None:
+    outcome = run("generate", *GIVEN, *given, "--out", tmp_path / "wrong")
+    assert outcome.code == 2
+    assert words in outcome.err
+    assert not (tmp_path / "wrong").exists()
