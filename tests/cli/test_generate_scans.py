@@ -112,7 +112,7 @@ def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) ->
     assert outcome.code == 1
     assert "at least one mesh must give a cloud" in outcome.err
     sidecars = list((tmp_path / "none" / "shards").glob("*.json"))
-    assert json.loads(sidecars[0].read_text())["n_blind_views"] == 3
+    assert json.loads(sidecars[0].read_text())["counts"]["n_blind_views"] == 3
 
 
 @pytest.mark.parametrize(
