@@ -53,6 +53,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "h5py": ("dataset", "learn"),
     "webdataset": ("dataset",),
     "pyarrow": ("dataset",),
+    "fpsample": ("dataset",),
     "torch": ("learn", "dataset.torch"),
     "ray": ("farm",),
     "matplotlib": ("drawing", "compare", "learn", "cli"),

@@ -33,7 +33,7 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, shards_done
-from zbuf_occlude.dataset.plan import FRAMES, SCALES, Plan, Recipe
+from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm import local, ray
@@ -88,6 +88,13 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
 @click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
 @click.option("--sample-size", type=click.IntRange(1), default=2048, show_default=True, help="Points of each cloud.")
+@click.option(
+    "--subset",
+    type=click.Choice(SUBSETS),
+    default="random",
+    show_default=True,
+    help="Which of a cloud's visible points; fps: each the farthest from those before it (extra `fps`).",
+)
 @click.option(
     "--format",
     "format",

@@ -122,7 +122,8 @@ def gather_clouds(
     Returns
     -------
     (at most k,) records of `record_type`; label and mesh_id are left for the caller. Views that see no point give none.
-    The order of the points within a cloud is random, as loaders that take the first n expect.
+    The order of the points within a cloud is random, as loaders that take the first n expect; farthest points are in
+    the order in which they were found, so that the first n are the farthest n.
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
@@ -131,7 +132,10 @@ def gather_clouds(
     for record, view in zip(records, seeing, strict=True):
         rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))
         visible = np.flatnonzero(mask[view])
-        chosen = draw(visible, recipe.sample_size, rng)
+        if recipe.subset == "fps" and len(visible) > recipe.sample_size:
+            chosen = visible[farthest_points(points.positions[visible], recipe.sample_size, rng)]
+        else:
+            chosen = draw(visible, recipe.sample_size, rng)
         positions = points.positions[chosen]
         if recipe.frame == "camera":
             positions = positions @ poses[view, :3, :3].T + poses[view, :3, 3]
@@ -166,6 +170,23 @@ def draw(visible: NDArray[np.intp], size: int, rng: np.random.Generator) -> NDAr
     if len(visible) >= size:
         return shuffled[:size]
     return rng.permutation(np.concatenate([shuffled, rng.choice(visible, size - len(visible))]))
+
+
+def farthest_points(positions: FloatArray, size: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return `size` of more positions (n, 3), each the farthest from all before it, the first at random.
+
+    References
+    ----------
+    The package fpsample (extra `fps`): QuickFPS's buckets, exact; 3 ms for 2,048 of 10,000 where a plain loop takes 18.
+    """
+    import fpsample
+
+    n_halvings = min(5, int(np.log2(len(positions))))
+    near_origin = (positions - positions.mean(axis=0)).astype(np.float32)
+    found = fpsample.bucket_fps_kdline_sampling(
+        near_origin, size, h=n_halvings, start_idx=int(rng.integers(len(positions)))
+    )
+    return np.asarray(found, dtype=np.intp)
 
 
 def fit(positions: FloatArray) -> tuple[FloatArray, float]:

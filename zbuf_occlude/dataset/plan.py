@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.sampling import MAX_POINTS
@@ -23,6 +24,7 @@ from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
+SUBSETS = ("random", "fps")
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 3
@@ -59,6 +61,8 @@ class Recipe:
         Independent samplings of each object (the paper's 4.1: 10).
     sample_size : int
         Points of each cloud written.
+    subset : str
+        Which of a cloud's visible points are written: "random", or "fps": farthest-point sampling.
     scale : str
         "cloud": each cloud is centred and its longest side becomes 1 (paper 3.4); "object": all clouds of a sampling of
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
@@ -75,6 +79,8 @@ class Recipe:
     ------
     OptionError
         A value out of range or not one of those there are.
+    UnavailableError
+        `subset` needs a package that is missing.
     """
 
     method: str = "depth_buffer"
@@ -87,6 +93,7 @@ class Recipe:
     density: float | None = None
     variations: int = 1
     sample_size: int = 2048
+    subset: str = "random"
     scale: str = "cloud"
     frame: str = "object"
     complete: bool = False
@@ -110,6 +117,11 @@ class Recipe:
                 raise OptionError(f"{name} must be at most {most:,}; got {value}.")
         check_word("scale", self.scale, SCALES)
         check_word("frame", self.frame, FRAMES)
+        check_word("subset", self.subset, SUBSETS)
+        if self.subset == "fps" and find_spec("fpsample") is None:
+            raise UnavailableError(
+                "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
+            )
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))

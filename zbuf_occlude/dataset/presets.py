@@ -1,4 +1,4 @@
-"""The paper's two datasets as data: which meshes, which options of `generate`, what beside the occluded clouds."""
+"""Published datasets as data: which meshes, which options of `generate`, what beside the occluded clouds."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -92,6 +92,36 @@ PRESETS: tuple[Preset, ...] = (
         seventy_five_each,
         600,
         original=True,
+    ),
+    Preset(
+        "pcn",
+        "PCN's layout: 8 random poses at distance 1, 16,384 complete points",
+        MappingProxyType({"views": "random-so3:8", "distance": "1", "format": "pcn", "method": "exact"}),
+        MeshCollection.interleaved,
+        30_974,
+    ),
+    Preset(
+        "mvp",
+        "MVP's layout: 26 even poses, 2,048 points",
+        MappingProxyType({"views": "fibonacci:26", "format": "mvp", "method": "exact"}),
+        MeshCollection.interleaved,
+        4_000,
+    ),
+    Preset(
+        "modelnet40-c-occlusion",
+        "ModelNet40-C's corruption by occlusion: the split test, 5 poses at distance 3",
+        MappingProxyType(
+            {"views": "random:5", "distance": "3", "format": "modelnet40-c", "splits": "test", "method": "exact"}
+        ),
+        MeshCollection.interleaved,
+        2_468,
+    ),
+    Preset(
+        "modelnet-o",
+        "ModelNet-O's layout: 20 poses, farthest-point samples of 2,048",
+        MappingProxyType({"views": "fibonacci:20", "subset": "fps", "format": "modelnet-o", "method": "exact"}),
+        MeshCollection.interleaved,
+        12_311,
     ),
 )
 
