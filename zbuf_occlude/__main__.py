@@ -1,6 +1,7 @@
 """Entry point of ``zbuf-occlude`` and ``python -m zbuf_occlude``: the only place that turns errors into exit codes."""
 
 import io
+import os
 import sys
 
 import click
@@ -15,6 +16,8 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    # children (workers, probes) import from where Python's packages are, never from whatever folder a person is in
+    os.environ["PYTHONSAFEPATH"] = "1"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
             stream.reconfigure(errors="backslashreplace")

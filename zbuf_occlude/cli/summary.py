@@ -6,6 +6,8 @@ from typing import Any
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.meshes.collection import SPLITS
 
+BAD = 0.05
+"""A dataset with a view of whose checked points a larger share is wrong comes with a warning."""
 SOME_FAILED = 3
 """Exit code of a run that was done but for some meshes."""
 
@@ -19,10 +21,18 @@ def measured(error: dict[str, Any]) -> str:
     """Say how wrong a dataset is."""
     if not error["n_checked"]:
         return "complete clouds: nothing was removed, so nothing was measured"
-    return (
+    lines = [
         f"measured against the oracle on {error['n_checked']} pairs of view and point: "
         f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden"
-    )
+    ]
+    worst = error.get("worst_view")
+    if worst is not None and worst["share"] > BAD:
+        where = f"view {worst['view']} of {worst['mesh']}"
+        lines.append(
+            f"warning: {worst['share']:.0%} of the points checked in {where} are wrong, and "
+            f"more than 1 % in {error['bad_views']:.1%} of the views checked. --method exact has no such views."
+        )
+    return "\n".join(lines)
 
 
 def picture(path: Path) -> str:

@@ -1,0 +1,60 @@
+"""What `generate` says at the end: how wrong the data are, where they are worst, and what would help."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run, write_off
+from zbuf_occlude.cli.summary import measured
+from zbuf_occlude.dataset.counts import Counts, WorstView
+from zbuf_occlude.dataset.manifest import error_of
+
+
+def test_counts_add_up_and_keep_the_worst() -> None:
+    one = Counts(n_checked=64, false_visible=1, n_views_checked=4, n_bad_views=1, worst=WorstView(0.2, "a", 0, 3))
+    other = Counts(n_checked=64, false_hidden=2, n_views_checked=4, worst=WorstView(0.01, "b", 1, 2))
+    total = sum([Counts(faces_dropped={"duplicate": 2}), other, one], Counts())
+    assert total == Counts.from_document(json.loads(json.dumps(total.document)))
+    error = error_of(total)
+    assert error["worst_view"] == {"share": 0.2, "mesh": "a", "variation": 0, "view": 3}
+    assert (error["bad_views"], error["false_visible"], error["false_hidden"]) == (1 / 8, 1 / 128, 2 / 128)
+    assert total.faces_dropped == {"duplicate": 2}
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.05, False), (0.06, True)])
+def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: bool) -> None:
+    counts = Counts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
+    text = measured(error_of(counts + Counts(worst=WorstView(share, "chair", 0, 7))))
+    warning = (
+        "warning: 6% of the points checked in view 7 of chair are wrong, and more than 1 % in 3.0% of the views checked"
+    )
+    assert (warning in text, "--method exact" in text) == (warned, warned)
+
+
+def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:
+    """Thin sheets, nearer to each other than a coarse grid can tell, in a method that tells no more."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    vertices = np.concatenate([square + np.array([0, 0, 0.002 * sheet]) for sheet in range(8)])
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * sheet for sheet in range(8)])
+    mesh = write_off(tmp_path / "stack.off", vertices, faces)
+    common = (mesh, "--views", "ring:4@60", "--points", 500, "--sample-size", 64, "--workers", 1)
+    outcome = run("generate", *common, "--method", "occupancy_grid", "--out", tmp_path / "grid")
+    assert outcome.code == 0, outcome.err
+    assert "warning: " in outcome.out
+    assert " of stack.off are wrong" in outcome.out
+    error = json.loads((tmp_path / "grid" / "manifest.json").read_text())["error"]
+    assert error["worst_view"]["share"] > 0.05
+    assert error["bad_views"] > 0
+    assert "warning" not in run("generate", *common, "--method", "exact", "--out", tmp_path / "exact").out
+
+
+def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("zbuf_occlude", "pickle", "random"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / ('ran_' + name))!r}, 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    small = ("--method", "oracle", "--views", "ring:1@0", "--points", 50, "--sample-size", 8, "--workers", 1)
+    assert run("generate", "--limit", 1, *small, "--out", tmp_path / "out").code == 0
+    run("doctor")
+    assert not list(tmp_path.glob("ran_*"))
