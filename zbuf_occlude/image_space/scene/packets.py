@@ -91,19 +91,18 @@ def _fill_chunks(tasks, scene, face_ids, packets):
 
 @njit(_nrt=False)
 def _fill_packet(scene, face_ids, packets, packet):
-    farthest = 0.0
-    for axis in range(3):
-        packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = ENDLESS, -ENDLESS
-    for i in range(packet * PACKET, (packet + 1) * PACKET):
+    first, farthest = packet * PACKET, 0.0
+    for i in range(first, first + PACKET):
         k = packets.order[i]
         packets.own[i] = scene.rows[face_ids[k]]
-        distance_squared = 0.0
-        for axis in range(3):
-            local = (packets.positions[k, axis] - scene.centre[axis]) * scene.scale
-            distance_squared += local * local
-            value = np.float32(local)
-            packets.coordinates[axis, i] = value
-            packets.boxes[axis, packet] = min(packets.boxes[axis, packet], value)
-            packets.boxes[UPPER + axis, packet] = max(packets.boxes[UPPER + axis, packet], value)
-        farthest = max(farthest, distance_squared)
+        x = (packets.positions[k, 0] - scene.centre[0]) * scene.scale
+        y = (packets.positions[k, 1] - scene.centre[1]) * scene.scale
+        z = (packets.positions[k, 2] - scene.centre[2]) * scene.scale
+        packets.coordinates[0, i], packets.coordinates[1, i], packets.coordinates[2, i] = x, y, z
+        farthest = max(farthest, x * x + y * y + z * z)
+    for axis in range(3):
+        lower, upper = ENDLESS, -ENDLESS
+        for i in range(first, first + PACKET):
+            lower, upper = min(lower, packets.coordinates[axis, i]), max(upper, packets.coordinates[axis, i])
+        packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lower, upper
     packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * (1.0 + 1e-6)))

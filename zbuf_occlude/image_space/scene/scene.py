@@ -121,9 +121,6 @@ def _fill_clusters(tasks, scene):
 @njit(_nrt=False)
 def _fill_cluster(scene, cluster):
     used, weak = np.int64(0), np.int64(0)
-    box = scene.world_boxes[cluster]
-    for axis in range(3):
-        box[axis], box[UPPER + axis] = np.inf, -np.inf
     for lane in range(CLUSTER):
         face = scene.face_ids[cluster, lane]
         if face >= 0:
@@ -131,19 +128,21 @@ def _fill_cluster(scene, cluster):
             scene.rows[face] = cluster * CLUSTER + lane
         else:
             face = scene.face_ids[cluster, 0]  # anything finite
-        world = scene.world_corners[face]
-        for corner in range(3):
-            for axis in range(3):
-                box[axis] = min(box[axis], world[corner, axis])
-                box[UPPER + axis] = max(box[UPPER + axis], world[corner, axis])
-                scene.corners[cluster, corner, axis, lane] = (world[corner, axis] - scene.centre[axis]) * scene.scale
-        weak |= np.int64(_fill_plane(scene, cluster, lane, world)) << lane
+        weak |= np.int64(_fill_face(scene, cluster, lane, scene.world_corners[face])) << lane
     scene.used[cluster], scene.weak[cluster] = used, weak & used
+    for axis in range(3):
+        lower, upper = np.inf, -np.inf
+        for lane in range(CLUSTER):
+            face = scene.face_ids[cluster, lane]
+            world = scene.world_corners[face if face >= 0 else scene.face_ids[cluster, 0]]
+            lower = min(lower, world[0, axis], world[1, axis], world[2, axis])
+            upper = max(upper, world[0, axis], world[1, axis], world[2, axis])
+        scene.world_boxes[cluster, axis], scene.world_boxes[cluster, UPPER + axis] = lower, upper
 
 
 @njit(_nrt=False)
-def _fill_plane(scene, cluster, lane, world):
-    """Fill in a face's unit normal and offset; return whether float64 cannot vouch for them."""
+def _fill_face(scene, cluster, lane, world):
+    """Fill in a face's corners, unit normal and offset; return whether float64 cannot vouch for the normal."""
     a, b, c = _scene_corner(scene, world[0]), _scene_corner(scene, world[1]), _scene_corner(scene, world[2])
     u, v, w = minus(b, a), minus(c, b), minus(a, c)
     normal = cross(u, minus(c, a))
@@ -151,9 +150,12 @@ def _fill_plane(scene, cluster, lane, world):
     inverse = 1.0 / length if length > 0.0 else 0.0
     offset = 0.0
     for axis in range(3):
+        scene.corners[cluster, 0, axis, lane] = a[axis]
+        scene.corners[cluster, 1, axis, lane] = b[axis]
+        scene.corners[cluster, 2, axis, lane] = c[axis]
         scene.planes[cluster, axis, lane] = normal[axis] * inverse
-        offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis]) / 3.0
-    scene.planes[cluster, 3, lane] = offset
+        offset += normal[axis] * inverse * (a[axis] + b[axis] + c[axis])
+    scene.planes[cluster, 3, lane] = offset / 3.0
     return length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
 
 
