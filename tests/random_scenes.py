@@ -235,3 +235,32 @@ def disagreements(
 def disagreements_of(method: str, seed: int, index: int, contact: float = CONTACT) -> tuple[int, int, int]:
     """Count for a method of the table."""
     return disagreements(lambda mesh, contact: zo.prepare(mesh, method, contact=contact), seed, index, contact)
+
+
+def rays_of(seed: int, index: int) -> tuple[Mesh, FloatArray, FloatArray]:
+    """Make rays into one scene, (n, 3) each: from its eyes to points, corners and edges, along axes, and at random."""
+    mesh, points, eyes, _ = scene(seed, index)
+    rng = np.random.default_rng([seed, index, 1])
+    corners = mesh.corners[rng.integers(len(mesh.faces), size=40)]
+    targets = np.concatenate([points.positions[:100], corners[:, 0], 0.5 * (corners[:, 0] + corners[:, 1])])
+    origins = eyes[rng.integers(len(eyes), size=len(targets) + 60)]
+    directions = rng.normal(size=origins.shape)
+    directions[: len(targets)] = targets - origins[: len(targets)]
+    axes = rng.random(len(origins)) < 0.1
+    directions[axes] = np.eye(3)[rng.integers(3, size=axes.sum())] * rng.choice([-1.0, 1.0], (axes.sum(), 1))
+    lengths = np.linalg.norm(directions, axis=1)
+    some = lengths > 0.0
+    return mesh, origins[some], directions[some] * 10.0 ** rng.uniform(-3, 3, (some.sum(), 1))
+
+
+def ray_disagreements_of(method: str, seed: int, index: int) -> tuple[int, int, int]:
+    """Count, for one scene, rays answered unlike the oracle outside the boundary band, those in it, and all."""
+    mesh, origins, directions = rays_of(seed, index)
+    oracle = prepare_oracle(mesh)
+    truth = oracle.first_hits(origins, directions)
+    with zo.prepare(mesh, method) as occluder:
+        found = occluder.first_hits(origins, directions)
+    close = np.isclose(found.distances, truth.distances, rtol=1e-9, atol=1e-9 * mesh.diagonal)
+    wrong = (found.face_ids != truth.face_ids) | ~close
+    outside = int(oracle.decided_hits(origins[wrong], directions[wrong]).sum()) if wrong.any() else 0
+    return outside, int(wrong.sum()) - outside, len(directions)

@@ -33,8 +33,8 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None
 
     Parameters
     ----------
-    kernel : callable
-        Takes tasks, and `arguments`; may be called with no task left.
+    kernel, arguments : callable, and what it is called with
+        The kernel takes tasks first; it may be called with no task left.
     n_tasks : int
         How many it has; as many threads are of use, up to ``numba.get_num_threads()``.
 

@@ -1,8 +1,9 @@
-"""The flow: a mesh becomes a scene, points become packets, eyes become views, and each view is searched."""
+"""The flow: a mesh becomes a scene, points become packets, eyes become views, each view is searched; rays are cast."""
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.image_space.rays import find_first_hits
 from zbuf_occlude.image_space.scene import make_packets, make_scene
 from zbuf_occlude.image_space.search import find_visible
 from zbuf_occlude.image_space.view import make_views
@@ -34,3 +35,7 @@ class Engine:
         packets = make_packets(self._scene, points)
         views = make_views(self._scene, eyes, float(packets.farthest))
         return find_visible(self._scene, packets, views)
+
+    def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Answer which face n rays meet first, (n,) int32, -1 for none, and how many directions away, (n,) float64."""
+        return find_first_hits(self._scene, origins, directions)

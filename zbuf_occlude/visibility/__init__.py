@@ -21,7 +21,6 @@ METHODS: tuple[Method, ...] = (
         "image space made exact on the CPU: the oracle's answers, and nearly always faster than a ray caster",
         "zbuf_occlude.visibility.exact:prepare",
         exact=True,
-        no_first_hits="its search is of points so far",
     ),
     Method(
         "oracle",

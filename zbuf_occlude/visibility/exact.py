@@ -1,11 +1,13 @@
 """`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
 
+import numpy as np
+
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.image_space import Engine
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -23,3 +25,7 @@ class Exact(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         return self._engine.visible(points, eyes)
+
+    def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
+        face_ids, fractions = self._engine.first_hits(origins, directions)
+        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1))

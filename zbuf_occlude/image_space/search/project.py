@@ -170,6 +170,8 @@ def project_packet(scene, points, packet, view, image):
 
     Parameters
     ----------
+    scene, points, packet, view
+        Which packet of which points, seen how.
     image : (2, 16) float32
         Receives x / w and y / w.
 

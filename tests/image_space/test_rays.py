@@ -1,0 +1,52 @@
+"""First hits of `exact`: random scenes against the oracle; what float32 leaves out cannot be hit."""
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.random_scenes import KINDS, ray_disagreements_of
+from tests.scenes import box
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+
+
+@pytest.mark.parametrize("index", range(3 * len(KINDS)))
+def test_random_scenes(index: int) -> None:
+    outside, _, n = ray_disagreements_of("exact", 7, index)
+    assert n > 100
+    assert outside == 0
+
+
+def test_far_origins() -> None:
+    """Rays from up to ten million diagonals away, aimed at a box's corners and sides."""
+    mesh = box((1.0, 2.0, 3.0))
+    rng = np.random.default_rng(0)
+    targets = np.concatenate([mesh.vertices, rng.uniform(-0.45, 0.45, (200, 3)) * [1, 2, 3]])
+    away = rng.normal(size=targets.shape)
+    for distance in (1e3, 1e5, 1e7):
+        origins = targets + distance * away
+        truth = prepare_oracle(mesh).first_hits(origins, -away)
+        with zo.prepare(mesh, "exact") as occluder:
+            found = occluder.first_hits(origins, -away)
+        decided = prepare_oracle(mesh).decided_hits(origins, -away)
+        assert (found.face_ids == truth.face_ids)[decided].all()
+        assert (truth.face_ids[8:] >= 0).mean() > 0.9
+
+
+def test_many_rays_are_shared_out_among_threads() -> None:
+    """More rays than a block, in an order that jumps about: each is answered for itself."""
+    mesh = solids.icosphere(4)
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(5000, 3))
+    with zo.prepare(mesh, "exact") as occluder:
+        all_of_them = occluder.first_hits([[0.1, 0.2, 0.3]], directions)
+        turned = occluder.first_hits([[0.1, 0.2, 0.3]], directions[::-1])
+    assert (all_of_them.face_ids == turned.face_ids[::-1]).all()
+    assert (all_of_them.distances == turned.distances[::-1]).all()
+    assert (all_of_them.face_ids == prepare_oracle(mesh).first_hits([[0.1, 0.2, 0.3]], directions).face_ids).all()
+
+
+def test_a_mesh_of_no_face_that_blocks() -> None:
+    line = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    with zo.prepare(line, "exact") as occluder:
+        assert occluder.first_hits([[1, 0, 1]], [[0, 0, -1]]).face_ids.tolist() == [-1]
