@@ -28,7 +28,7 @@ const uint BUDGET = $BUDGET;
 const bool COUNTING = $COUNTING;         // of the work done, for benchmarks and tests
 const uint NONE = 0xffffffffu;
 const uint LEVEL_SHIFT = 28u, NODE = (1u << LEVEL_SHIFT) - 1u;  // an entry is a level of the tree and a box of it
-const float EPSILON = 5.9604645e-8;      // 2^-24, float32's unit roundoff
+const float EPSILON = $EPSILON;          // float32's unit roundoff
 const float SLACK = 4e-6;                // of boxes: some 64 roundings of coordinates below 1
 const float FAR = 1e6;                   // a packet so far out is left to float64
 const float TINY = 1e-30;
@@ -143,8 +143,9 @@ void list_triangle(uint face)
     vec3 nu = cross(b_g, bc) * (sigma * per_u), nv = cross(ac, a_g) * (sigma * per_v), nw = cross(a_g, ab) * (sigma * per_w);
     vec4 u = vec4(nu, dot(nu, from_b)), v = vec4(nv, dot(nv, from_a)), w = vec4(nw, dot(nw, from_a));
     float use_depth = certain && depth_trusted ? sigma * per_s : 0.0;
-    vec4 s = vec4(n, dot(n, from_a)) * use_depth;
-    float slope = contact * eye_side_g * use_depth;
+    // selects, not products with 0: those of overflowed numbers would be NaN, of which min() and max() may make anything
+    vec4 s = use_depth != 0.0 ? vec4(n, dot(n, from_a)) * use_depth : vec4(0.0);
+    float slope = use_depth != 0.0 ? contact * eye_side_g * use_depth : 0.0;
     vec2 range_u = range_of(u), range_v = range_of(v), range_w = range_of(w);
     bool may = !(min(range_u.y, min(range_v.y, range_w.y)) < -1.0);
     bool may_mirrored = !certain && !(max(range_u.x, max(range_v.x, range_w.x)) > 1.0);
@@ -152,11 +153,11 @@ void list_triangle(uint face)
     float deepest = s.w + dot(abs(s.xyz), half_size) + (depth_trusted ? slope / (distance_g + radius * g) : 0.0);
     if (trusted && (!(may || may_mirrored) || deepest < -1.0)) return;
 
-    float keep = trusted && certain ? 1.0 : 0.0;  // planes of nothing but zeros leave every point in doubt
+    bool keep = trusted && certain;  // planes of nothing but zeros leave every point in doubt
     uint slot = atomicAdd(n_triangles, 1u);
-    planes[4u * slot] = u * keep;
-    planes[4u * slot + 1u] = v * keep;
-    planes[4u * slot + 2u] = w * keep;
+    planes[4u * slot] = keep ? u : vec4(0.0);
+    planes[4u * slot + 1u] = keep ? v : vec4(0.0);
+    planes[4u * slot + 2u] = keep ? w : vec4(0.0);
     planes[4u * slot + 3u] = s;
     contact_slope[slot] = slope;
     triangle[slot] = first_face + face;

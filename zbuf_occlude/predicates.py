@@ -32,8 +32,9 @@ def blocks(eye, point, a, b, c, contact):
     of its distance, and eyes 10^4 sizes away would be judged wrongly.) The line passes through the closed triangle iff
     none of them has the other sign; their sum is ``d . n``. A line within the face's plane (sum zero) is not blocked:
     Eq. 6 has no solution.
-    The meeting point is at ``fraction`` of the way from the point to the eye, measured from the *point* so that the
-    comparison with the contact tolerance does not cancel.
+    The meeting point is at ``height / slope`` of the way from the point to the eye, measured from the *point* so that
+    the comparison with the contact tolerance does not cancel. The two are compared and not divided: divisions are not
+    correctly rounded on every GPU, and blocks64.glsl says the same.
     """
     d = minus(point, eye)
     a_, b_, c_ = minus(a, point), minus(b, point), minus(c, point)
@@ -46,8 +47,10 @@ def blocks(eye, point, a, b, c, contact):
     slope = dot(d, n)
     if slope == 0.0 or u + v + w == 0.0:
         return False
-    fraction = dot(minus(point, a), n) / slope
-    return fraction * math.sqrt(dot(d, d)) > contact and fraction < 1.0
+    height = dot(minus(point, a), n)
+    if slope < 0.0:
+        height, slope = -height, -slope
+    return height * math.sqrt(dot(d, d)) > contact * slope and height < slope
 
 
 @njit

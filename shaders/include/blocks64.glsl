@@ -29,7 +29,10 @@ bool blocks64(dvec3 eye, dvec3 point, dvec3 a, dvec3 b, dvec3 c, double contact)
     precise double slope = dot64(d, n);
     precise double volume = u + v + w;
     bool in_plane = slope == 0.0LF || volume == 0.0LF;
-    precise double fraction = -dot64(to_a, n) / (in_plane ? 1.0LF : slope);
-    precise double farther = fraction * sqrt(dot64(d, d));
-    return inside && !in_plane && farther > contact && fraction < 1.0LF;
+    // compared, not divided: drivers may divide by multiplying with a rounded reciprocal
+    precise double height = -dot64(to_a, n);
+    height = slope < 0.0LF ? -height : height;
+    slope = abs(slope);
+    precise double farther = height * sqrt(dot64(d, d)), nearest = contact * slope;
+    return inside && !in_plane && farther > nearest && height < slope;
 }

@@ -16,7 +16,7 @@ def test_parts_are_few_and_cover_all() -> None:
 
 def test_contents_there_and_back(gl: GlContext) -> None:
     numbers, back = np.arange(6, dtype=np.uint32), np.empty(3, dtype=np.uint32)
-    with Buffers(gl.ctx, numbers=numbers, room=24) as some:
+    with Buffers(gl, numbers=numbers, room=24) as some:
         some.read_into("numbers", back, offset=8)
         assert back.tolist() == [2, 3, 4]
         some.write("room", numbers)
@@ -28,12 +28,59 @@ def test_contents_there_and_back(gl: GlContext) -> None:
 
 
 def test_a_buffer_over_the_limit_is_refused(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(buffers, "block_limit", lambda ctx: 100)
+    monkeypatch.setattr(buffers, "block_limit", lambda gl: 100)
     with pytest.raises(GlError, match="numbers must fit into a storage block of 100 bytes; it has 104"):
-        Buffers(gl.ctx, numbers=np.zeros(26, dtype=np.float32))
+        Buffers(gl, numbers=np.zeros(26, dtype=np.float32))
 
 
 def test_release_twice(gl: GlContext) -> None:
-    some = Buffers(gl.ctx, room=4)
+    some = Buffers(gl, room=4)
     some.release()
     some.release()
+
+
+def test_clearing_a_part(gl: GlContext) -> None:
+    back = np.empty(6, dtype=np.uint32)
+    with Buffers(gl, numbers=np.arange(1, 7, dtype=np.uint32)) as some:
+        some.clear("numbers", 8)
+        some.read_into("numbers", back)
+    assert back.tolist() == [0, 0, 3, 4, 5, 6]
+
+
+def test_out_of_memory_is_an_error_where_it_happens(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Petabytes, as no driver here refuses what can be had: moderngl lets it pass, and the next user is blamed."""
+    monkeypatch.setattr(buffers, "block_limit", lambda gl: 1 << 62)
+    with pytest.raises(GlError, match="room of 1125899906842624 bytes must"):
+        Buffers(gl, small=4, room=1 << 50)
+    gl.check()
+
+
+def test_storage_is_never_mapped(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drivers move a buffer that is mapped for reading to the host's memory."""
+    back = np.empty(6, dtype=np.uint32)
+    with Buffers(gl, numbers=np.arange(6, dtype=np.uint32)) as some:
+        mapped = []
+        real = some._buffers["numbers"]
+
+        class Watched:
+            def __getattr__(self, name: str) -> object:
+                if name in ("read", "read_into", "clear"):
+                    mapped.append(name)
+                return getattr(real, name)
+
+        monkeypatch.setitem(some._buffers, "numbers", Watched())
+        some.read_into("numbers", back)
+        some.clear("numbers")
+    assert back.tolist() == list(range(6))
+    assert mapped == []
+
+
+def test_asking_for_the_limits_leaves_no_error(gl: GlContext) -> None:
+    assert gl.info["GL_MAX_TEXTURE_SIZE"] >= 1024
+    gl.check()
+
+
+def test_answers_are_within_what_every_driver_shows(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert buffers.answer_limit(gl) <= 1 << 27
+    monkeypatch.setattr(buffers, "block_limit", lambda gl: 1000)
+    assert buffers.answer_limit(gl) == 1000

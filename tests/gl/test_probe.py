@@ -4,8 +4,12 @@ import json
 
 import pytest
 
+from zbuf_occlude.cli.doctor import describe
+from zbuf_occlude.gl import devices
 from zbuf_occlude.gl import probe as module
 from zbuf_occlude.gl.context import FIXES, egl_fix
+from zbuf_occlude.gl.devices import EglDevice, left_by_cuda
+from zbuf_occlude.gl.nvidia import Hindrance
 from zbuf_occlude.gl.probe import LIMITS, Probe, probe, probe_all
 
 
@@ -43,15 +47,87 @@ def test_a_crash_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     assert probe("osmesa") == Probe("osmesa", None, works=False, reason="the process ended with code 1: no message")
 
 
+SOFTWARE = {"works": True, "renderer": "llvmpipe", "version": "4.5", "is_software": True, "limits": {}}
+HARDWARE = {"works": True, "renderer": "NVIDIA H100", "version": "4.6", "is_software": False, "limits": {}}
+DEAD = {"works": False, "reason": "eglInitialize failed"}
+
+
 def test_a_hidden_nvidia_gpu_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     answers = {
         "devices": {"devices": [{"index": 0, "cuda_device": None}]},
-        "egl": {"works": True, "renderer": "llvmpipe", "version": "4.5", "is_software": True, "limits": {}},
+        "egl": SOFTWARE,
         "osmesa": {"works": False, "reason": "it is not there"},
     }
     monkeypatch.setattr(module, "_ask", lambda *arguments: json.loads(json.dumps(answers[arguments[0]])))
-    monkeypatch.setattr(module.Path, "exists", lambda self: str(self) == "/dev/nvidiactl")
+    monkeypatch.setattr(module, "hindrance", lambda: Hindrance("it is hidden.", "show it"))
     egl, osmesa = probe_all()
     assert egl.works
-    assert "NVIDIA_DRIVER_CAPABILITIES" in egl.fix
+    assert (egl.reason, egl.fix) == ("it is hidden.", "show it")
+    assert describe(egl)[-2:] == ["    it is hidden.", "    fix: show it"]
     assert osmesa.reason == "it is not there"
+
+
+def test_workers_get_hardware_that_opens_in_the_order_of_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two NVIDIA GPUs, a render node of Mesa's for one of them that nobody can open, and llvmpipe."""
+    listed = [
+        EglDevice(0, 0, "/dev/dri/card0", False, "GPU-aaaa"),
+        EglDevice(1, 1, "/dev/dri/card1", False, "GPU-bbbb"),
+        EglDevice(2, None, "/dev/dri/renderD128", False),
+        EglDevice(3, None, "", True),
+    ]
+    tried = []
+
+    def ask(backend: str, index: str) -> dict[str, object]:
+        tried.append((backend, int(index)))
+        return dict(DEAD if index == "2" else HARDWARE)
+
+    monkeypatch.setattr(module, "egl_devices", lambda: tuple(listed))
+    monkeypatch.setattr(module, "_ask", ask)
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    assert module.hardware_devices() == [0, 1]
+    assert sorted(tried) == [("egl", 0), ("egl", 1), ("egl", 2)], "each in a child process, but for software"
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0")
+    assert module.hardware_devices() == [1, 0]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert module.hardware_devices() == []
+
+
+def test_workers_open_whatever_works_where_no_hardware_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "egl_devices", lambda: (EglDevice(0, None, "", True),))
+    monkeypatch.setattr(module, "_ask", lambda *_: pytest.fail("software needs no probation"))
+    assert module.hardware_devices() == []
+
+
+@pytest.mark.parametrize(
+    ("visible", "left"),
+    [
+        (None, [0, 1, 2]),
+        ("", [2]),
+        ("-1", [2]),
+        ("1", [1, 2]),
+        ("1,0", [1, 0, 2]),
+        ("0,7,1", [0, 2]),  # what follows an unknown one is not seen, as with CUDA
+        ("GPU-bbbb-1", [1, 2]),
+        ("GPU-b, GPU-a", [1, 0, 2]),
+        ("GPU-", [2]),  # of which of the two?
+        ("MIG-aaaa", [2]),
+    ],
+)
+def test_cuda_visible_devices_chooses(visible: str | None, left: list[int]) -> None:
+    listed = (
+        EglDevice(0, 0, "", False, "GPU-aaaa-0"),
+        EglDevice(1, 1, "", False, "GPU-bbbb-1"),
+        EglDevice(2, None, "", True),
+    )
+    assert [device.index for device in left_by_cuda(listed, visible)] == left
+
+
+def test_without_a_word_the_first_that_cuda_sees_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    swapped = (EglDevice(0, 1, "", False), EglDevice(1, 0, "", False), EglDevice(2, None, "", True))
+    monkeypatch.setattr(devices, "egl_devices", lambda: swapped)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
+    assert devices.default_device() == 1
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert devices.default_device() == 2
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
+    assert devices.default_device() == 0

@@ -14,6 +14,7 @@ from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.visibility import depth_buffer
 from zbuf_occlude.visibility.depth_test import depth_test, project
 
 CHAIR = shapes.make("chair", 3).normalized()
@@ -211,3 +212,30 @@ def test_what_was_made_is_given_back_when_the_rest_cannot_be(gl: GlContext, monk
         assert len(released) == 1
     monkeypatch.undo()
     released[0].release()
+
+
+def test_the_same_points_are_put_on_the_gpu_once(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+    upload = depth_buffer.UploadedPoints
+    monkeypatch.setattr(depth_buffer, "UploadedPoints", lambda *a: (made.append(1), upload(*a))[1])
+    points, others = points_on(CHAIR, 300), points_on(CHAIR, 400)
+    with prepare(CHAIR, "depth_buffer", gl=gl) as occluder:
+        first = occluder.visible(points, EYES)
+        assert (occluder.visible(points, EYES[:3]) == first[:3]).all()
+        assert len(made) == 1
+        occluder.visible(others, EYES)
+        assert (occluder.visible(points, EYES) == first).all()
+        assert len(made) == 3
+
+
+@pytest.mark.parametrize("resolution", [64, 2048])
+def test_answers_that_do_not_fit_go_in_parts(gl: GlContext, resolution: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one eye per batch a thousand eyes' answers took a GiB, eight times what a buffer may have."""
+    points, eyes = points_on(CHAIR, 700), views.fibonacci(21).eyes
+    masks = []
+    for limit in (1 << 27, 2048):
+        monkeypatch.setattr(depth_buffer, "answer_limit", lambda gl, limit=limit: limit)
+        with prepare(CHAIR, "depth_buffer", gl=gl, resolution=resolution) as occluder:
+            masks.append(occluder.visible(points, eyes))
+    assert (masks[0] == masks[1]).all()
+    assert 0.05 < masks[0].mean() < 0.6

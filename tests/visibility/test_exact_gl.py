@@ -156,8 +156,8 @@ def test_splitting_changes_no_answer(gl: GlContext, monkeypatch: pytest.MonkeyPa
     eyes = eyes_of(mesh, points)
     with exact_gl.prepare(mesh, gl=gl) as whole:
         want = whole.visible(points, eyes)
-    monkeypatch.setattr(exact_pass, "block_limit", lambda ctx: 20_000)
-    monkeypatch.setattr(exact_pass, "_ANSWER_BYTES", 400)
+    monkeypatch.setattr(exact_pass, "block_limit", lambda gl: 20_000)
+    monkeypatch.setattr(exact_pass, "answer_limit", lambda gl: 3_000)
     with exact_gl.prepare(mesh, gl=gl) as split:
         assert (split.visible(points, eyes) == want).all()
 
@@ -258,3 +258,66 @@ def test_the_renderer_is_named(gl: GlContext) -> None:
 def test_contact_out_of_range(gl: GlContext) -> None:
     with pytest.raises(OptionError, match=r"contact must lie in \[0, 1\), a fraction of the mesh's diagonal; got 2"):
         exact_gl.prepare(mesh_of(soup(1, 1.0)), gl=gl, contact=2.0)
+
+
+def grazing(n: int = 10_000) -> tuple[zo.Mesh, zo.SurfacePoints, np.ndarray]:
+    """Free points on lines from one eye through points of one triangle's edges, a hair off them, far eye."""
+    rng = np.random.default_rng(8)
+    corners = np.array([[[0.31, -0.42, 0.11], [-0.37, 0.23, 0.17], [0.13, 0.41, -0.29]]])
+    # far triangles give the box, so that the packet's coordinates and the edge's are of one size
+    mesh = mesh_of(
+        np.concatenate([corners + np.array(shift) for shift in ([0.0, 0.0, 0.0], [0.0, 0.0, -3.0], [2.0, 2.0, -3.0])])
+    )
+    eye = np.array([[7.0, 3.3, 300.0]])
+    along, which = rng.random((n, 1)), rng.integers(0, 3, n)
+    edge = corners[0, which] * along + corners[0, (which + 1) % 3] * (1.0 - along)
+    aside = rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-9.5, -7.5, (n, 1))
+    behind = eye + (edge - eye) * rng.uniform(1.001, 1.01, (n, 1))
+    return mesh, zo.SurfacePoints.free(behind + aside), eye
+
+
+def test_lines_that_graze_an_edge_are_right_and_with_a_smaller_bound_are_not(
+    gl: GlContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bound of rounding errors is needed: a 128th of it, and float32 decides what it cannot."""
+    mesh, points, eye = grazing()
+    assert differing(mesh, points, eye, gl) == 0
+    monkeypatch.setattr(exact_pass, "EPSILON", exact_pass.EPSILON / 128.0)
+    assert differing(mesh, points, eye, gl) > 10
+
+
+def test_numbers_that_overflow_are_left_to_float64(gl: GlContext) -> None:
+    """Points so far out that float32's planes are infinite, times 0 NaN."""
+    mesh = mesh_of(soup(200, 0.2))
+    rng = np.random.default_rng(9)
+    far = rng.normal(size=(200, 3)) * 10.0 ** rng.uniform(10, 60, (200, 1))
+    assert differing(mesh, zo.SurfacePoints.free(far), np.array([[3.0, 1.0, 2.0], [1e30, 0.0, 1.0]]), gl) == 0
+
+
+def test_the_program_is_linked_once_per_context(gl: GlContext) -> None:
+    points = zo.sample_surface(mesh_of(sphere(2)), n_points=50, seed=1)
+    for size in (2, 3):
+        mesh = mesh_of(sphere(size))
+        with exact_gl.prepare(mesh, gl=gl) as occluder:
+            occluder.visible(zo.SurfacePoints.free(points.positions), [[3.0, 1.0, 1.0]])
+        if size == 2:
+            linked = dict(gl._programs)
+    assert gl._programs == linked
+
+
+def test_dispatches_are_as_long_as_they_should_be(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand times shorter than the default, they are many; no answer depends on it."""
+    mesh = mesh_of(sphere(6))
+    points, eyes = zo.sample_surface(mesh, n_points=3000, seed=1), zo.views.fibonacci(40, distance=3.0).eyes
+    counts, masks = [], []
+    for seconds in (1000.0, 1e-4):
+        monkeypatch.setattr(exact_pass, "DISPATCH_SECONDS", seconds)
+        asked: list[int] = []
+        ask = exact_pass.ExactPass._ask
+        monkeypatch.setattr(exact_pass.ExactPass, "_ask", lambda *a, asked=asked, ask=ask: (asked.append(1), ask(*a)))
+        with exact_gl.prepare(mesh, gl=gl) as occluder:
+            masks += [occluder.visible(points, eyes), occluder.visible(points, eyes)]
+        counts.append(len(asked))
+        monkeypatch.setattr(exact_pass.ExactPass, "_ask", ask)
+    assert counts[0] <= 4 < counts[1]
+    assert all((mask == masks[0]).all() for mask in masks)

@@ -59,4 +59,5 @@ def describe(probe: Probe) -> list[str]:
         facts: list[Any] = ["software" if probe.is_software else "hardware"]
         facts += [] if probe.cuda_device is None else [f"CUDA device {probe.cuda_device}"]
         lines = [f"  {place}: works ({', '.join(facts)})", f"    {probe.renderer}, OpenGL {probe.version}"]
+        lines += [f"    {probe.reason}"] if probe.reason else []
     return [*lines, *([f"    fix: {probe.fix}"] if probe.fix else [])]

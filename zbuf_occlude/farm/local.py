@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import resident_gigabytes, serve
 from zbuf_occlude.limits import GivenUp, Limits
@@ -100,13 +99,10 @@ def _threads(count: int) -> Iterator[None]:
 
 
 def gl_devices(plan: Plan) -> list[int | None]:
-    """The EGL devices over which workers are spread: the hardware ones, or None for whatever opens first."""
-    if not find_method(plan.recipe.method).needs_gl:
-        return [None]
-    from zbuf_occlude.gl.devices import egl_devices  # late: only these methods touch GL
+    """The EGL devices over which workers are spread: the hardware ones that open, or None for whatever opens first."""
+    from zbuf_occlude.gl.context import ENVIRONMENT  # late: only methods that need it touch GL
+    from zbuf_occlude.gl.probe import hardware_devices
 
-    try:
-        hardware: list[int | None] = [device.index for device in egl_devices() if not device.is_software]
-    except GlError:  # no EGL; OSMesa may do
-        hardware = []
-    return hardware or [None]
+    if not find_method(plan.recipe.method).needs_gl or os.environ.get(ENVIRONMENT):
+        return [None]
+    return [*hardware_devices()] or [None]

@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl.calls import FLOAT, INT, UINT
 from zbuf_occlude.gl.context import GlContext
 
 NO_FACE = -1
-
-_UINT, _INT, _FLOAT = ctypes.c_uint, ctypes.c_int, ctypes.c_float
-_UINTS, _INTS, _FLOATS = ctypes.POINTER(_UINT), ctypes.POINTER(_INT), ctypes.POINTER(_FLOAT)
 
 # names of the OpenGL registry
 _TEXTURE_2D, _TEXTURE0, _NEAREST = 0x0DE1, 0x84C0, 0x2600
@@ -52,7 +50,7 @@ class Atlas:
 
     def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:
         self.resolution, self.n_tiles, self.faces = resolution, n_tiles, faces
-        largest = int(gl.ctx.info["GL_MAX_TEXTURE_SIZE"]) // resolution
+        largest = int(gl.info["GL_MAX_TEXTURE_SIZE"]) // resolution
         # as narrow as it may be: what is near in a tile is then near in memory
         self.columns = -(-n_tiles // max(largest, 1))
         rows = -(-n_tiles // self.columns)
@@ -62,9 +60,9 @@ class Atlas:
             )
         self.size = (self.columns * resolution, rows * resolution)
         self._gl = gl
-        self._call = _Calls(gl)
+        self._call = gl.call
         gl.check()
-        self._depth, self._framebuffer = _UINT(0), _UINT(0)
+        self._depth, self._framebuffer = UINT(0), UINT(0)
         self._ids: Any = None
         try:
             self._make()
@@ -90,7 +88,7 @@ class Atlas:
             self._ids.filter = (_NEAREST, _NEAREST)
             call.framebuffer_texture(_FRAMEBUFFER, _COLOR_ATTACHMENT0, self._ids.glo, 0)
             drawn = _COLOR_ATTACHMENT0
-        call.draw_buffers(1, (_UINT * 1)(drawn))
+        call.draw_buffers(1, (UINT * 1)(drawn))
         call.bind_framebuffer(_FRAMEBUFFER, 0)
         error = self._gl.ctx.error
         if error != "GL_NO_ERROR":
@@ -127,9 +125,9 @@ class Atlas:
         for switch in switches:
             ctx.enable_direct(switch)
         try:
-            call.clear_floats(_DEPTH, 0, (_FLOAT * 1)(0.0))
+            call.clear_floats(_DEPTH, 0, (FLOAT * 1)(0.0))
             if self.faces:
-                call.clear_ints(_COLOR, 0, (_INT * 4)(NO_FACE, 0, 0, 0))
+                call.clear_ints(_COLOR, 0, (INT * 4)(NO_FACE, 0, 0, 0))
             render()
         finally:
             for switch in switches:
@@ -165,33 +163,10 @@ class Atlas:
         """Give the memory back; calling it again does nothing."""
         if self._framebuffer.value:
             self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))
-            self._framebuffer = _UINT(0)
+            self._framebuffer = UINT(0)
         if self._depth.value:
             self._call.delete_textures(1, ctypes.byref(self._depth))
-            self._depth = _UINT(0)
+            self._depth = UINT(0)
         if self._ids is not None:
             self._ids.release()
             self._ids = None
-
-
-class _Calls:
-    """OpenGL's own functions, by the names of its C interface."""
-
-    def __init__(self, gl: GlContext) -> None:
-        self.gen_textures = gl.function("glGenTextures", _INT, _UINTS)
-        self.active_texture = gl.function("glActiveTexture", _UINT)
-        self.bind_texture = gl.function("glBindTexture", _UINT, _UINT)
-        self.tex_storage = gl.function("glTexStorage2D", _UINT, _INT, _UINT, _INT, _INT)
-        self.tex_parameter = gl.function("glTexParameteri", _UINT, _UINT, _INT)
-        self.read_pixels = gl.function("glReadPixels", _INT, _INT, _INT, _INT, _UINT, _UINT, ctypes.c_void_p)
-        self.delete_textures = gl.function("glDeleteTextures", _INT, _UINTS)
-        self.gen_framebuffers = gl.function("glGenFramebuffers", _INT, _UINTS)
-        self.bind_framebuffer = gl.function("glBindFramebuffer", _UINT, _UINT)
-        self.framebuffer_texture = gl.function("glFramebufferTexture", _UINT, _UINT, _UINT, _INT)
-        self.draw_buffers = gl.function("glDrawBuffers", _INT, _UINTS)
-        self.delete_framebuffers = gl.function("glDeleteFramebuffers", _INT, _UINTS)
-        self.viewport = gl.function("glViewport", _INT, _INT, _INT, _INT)
-        self.scissor = gl.function("glScissor", _INT, _INT, _INT, _INT)
-        self.clip_control = gl.function("glClipControl", _UINT, _UINT)
-        self.clear_floats = gl.function("glClearBufferfv", _UINT, _INT, _FLOATS)
-        self.clear_ints = gl.function("glClearBufferiv", _UINT, _INT, _INTS)

@@ -1,4 +1,4 @@
-"""GlContext: the one OpenGL context of a process, headless, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
+"""GlContext: the one OpenGL context of a thread, headless, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
 
 Opened by the outermost layer (a command, a farm worker, the test session) and passed down. Nothing here happens at
 import. One context a process: a context made before a fork hangs the children, and a library that calls eglTerminate
@@ -7,6 +7,7 @@ on the shared display (pyrender) takes every other context of the process with i
 
 import ctypes
 import os
+import threading
 from collections.abc import Callable
 from ctypes.util import find_library
 from types import TracebackType
@@ -15,6 +16,8 @@ from typing import Any, Self
 import moderngl
 
 from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.gl.calls import Calls
+from zbuf_occlude.gl.devices import default_device
 from zbuf_occlude.gl.osmesa import OsMesaContext
 from zbuf_occlude.gl.shaders import compile_program
 
@@ -35,6 +38,10 @@ FIXES = {
 
 _LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
 """Environment variables of glcontext: other libraries than those that the system finds."""
+
+# names of the OpenGL registry
+_COMMANDS_COMPLETE, _FLUSH, _TIMEOUT_EXPIRED, _WAIT_FAILED = 0x9117, 0x0001, 0x911B, 0x911D
+_PATIENCE = 1_000_000_000  # nanoseconds of one wait
 
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
 
@@ -57,11 +64,16 @@ class GlContext:
         self.ctx = ctx
         self._native = native
         self._programs: dict[Any, Any] = {}
-        self._process = os.getpid()
+        self._process, self._thread = os.getpid(), threading.get_ident()
         self._closed = False
-        self.renderer: str = ctx.info["GL_RENDERER"]
+        self.info: dict[str, Any] = ctx.info
+        """The driver's limits and names; asked for once, as older drivers answer with errors for what they lack."""
+        ctx.clear_errors()
+        self.call = Calls(self.function)
+        """OpenGL's own functions."""
+        self.renderer: str = self.info["GL_RENDERER"]
         """GL_RENDERER, e.g. ``NVIDIA H100`` or ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
-        self.version: str = ctx.info["GL_VERSION"]
+        self.version: str = self.info["GL_VERSION"]
         """GL_VERSION, e.g. ``4.5 (Core Profile) Mesa 22.3.6``."""
 
     @classmethod
@@ -74,8 +86,8 @@ class GlContext:
             By default what the environment variable ``ZBUF_OCCLUDE_GL`` names, else the first that works.
         device_index : int, optional
             Which of the EGL devices; implies egl. By default what ``ZBUF_OCCLUDE_GL=egl:N`` says, else what
-            ``GLCONTEXT_DEVICE_INDEX`` says, else 0. EGL ignores CUDA_VISIBLE_DEVICES: `zbuf_occlude.gl.probe` tells
-            which CUDA device each one is.
+            ``GLCONTEXT_DEVICE_INDEX`` says, else the first that ``CUDA_VISIBLE_DEVICES`` leaves, which EGL ignores by
+            itself, else 0.
 
         Returns
         -------
@@ -124,20 +136,28 @@ class GlContext:
         Raises
         ------
         GlError
-            It is closed, or belongs to the process that this one was forked from.
+            It is closed, or belongs to another thread, or to the process that this one was forked from.
         """
         if self._closed:
             raise GlError("a GlContext must be open to be used; it was closed. Open another: GlContext.open().")
+        self._check_owner()
+        # moderngl's own `with ctx` would leave no context current at its end
+        self.ctx.__enter__()
+
+    def _check_owner(self) -> None:
         if os.getpid() != self._process:
             raise GlError(
                 f"a GlContext must be used by the process that opened it ({self._process}); this is {os.getpid()}. "
                 "Spawn workers instead of forking them, and open a context in each."
             )
-        # moderngl's own `with ctx` would leave no context current at its end
-        self.ctx.__enter__()
+        if threading.get_ident() != self._thread:
+            raise GlError(
+                "a GlContext must be used, and closed, by the thread that opened it; this is another. "
+                "Open a context, and prepare the mesh, in each thread."
+            )
 
-    def function(self, name: str, *arguments: Any) -> Callable[..., None]:
-        """Return an OpenGL function that moderngl does not wrap, by its C name and the ctypes of its arguments.
+    def function(self, name: str, *arguments: Any, returns: Any = None) -> Callable[..., Any]:
+        """Return an OpenGL function that moderngl does not wrap, by its C name and the ctypes of arguments and result.
 
         Raises
         ------
@@ -147,7 +167,7 @@ class GlContext:
         address = self._native.load_opengl_function(name)
         if not address:
             raise GlError(f"{self.renderer} must have the function {name}; it has not. Is its driver very old?")
-        prototype: Callable[[int], Callable[..., None]] = ctypes.CFUNCTYPE(None, *arguments)
+        prototype: Callable[[int], Callable[..., Any]] = ctypes.CFUNCTYPE(returns, *arguments)
         return prototype(address)
 
     def program(self, *names: str, **constants: object) -> Any:
@@ -168,12 +188,31 @@ class GlContext:
             self.ctx.clear_errors()
             raise GlError(f"OpenGL must report no error; {self.renderer} reports {error}.")
 
+    def wait(self) -> None:
+        """Wait until OpenGL has done all that it was asked; other threads of Python run meanwhile.
+
+        Raises
+        ------
+        GlError
+            The driver gives up: the GPU was reset, say.
+        """
+        fence = self.call.fence(_COMMANDS_COMPLETE, 0)
+        try:
+            while (ended := self.call.wait(fence, _FLUSH, _PATIENCE)) == _TIMEOUT_EXPIRED:
+                pass
+        finally:
+            self.call.delete_fence(fence)
+        if ended == _WAIT_FAILED:
+            self.check()
+            raise GlError(f"{self.renderer} must finish what it was asked; waiting for it failed.")
+
     def close(self) -> None:
-        """Destroy the context and all that lives in it; calling it again does nothing."""
+        """Destroy the context and all that lives in it; calling it again does nothing, nor does a forked child."""
         if not self._closed:
-            self._closed = True
             if os.getpid() == self._process:
+                self._check_owner()
                 self.ctx.release()
+            self._closed = True
 
     def __enter__(self) -> Self:
         self.make_current()
@@ -208,7 +247,7 @@ def egl_fix() -> str:
 
 
 def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
-    device_index = device_index or 0
+    device_index = default_device() if device_index is None else device_index
     named_egl, named_gl = map(os.environ.get, _LIBRARIES)
     libegl = named_egl or find_library("EGL") or "libEGL.so.1"
     libgl = named_gl or find_library("GL") or find_library("OpenGL") or libegl

@@ -58,7 +58,7 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
         try:
             tiles = np.zeros(MOST_TILES, dtype=TILE)
             tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)
-            with Buffers(gl.ctx, tiles=tiles) as buffers:
+            with Buffers(gl, tiles=tiles) as buffers:
                 buffers.bind_uniforms("tiles", 0, offset=0, size=tiles.nbytes)
                 depth_pass.draw(1)
                 depths = depth_pass.atlas.read(0)[0].astype(np.float64)

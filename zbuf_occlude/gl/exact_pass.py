@@ -1,5 +1,6 @@
 """The irregular z-buffer as a compute pass: visible or not, exactly, for packets of points and many eyes at once."""
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,11 +9,10 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
+from zbuf_occlude.gl.buffers import Buffers, answer_limit, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.exact_data import LEAF, WIDTH, Unit, arrange_eyes, arrange_faces, arrange_points
 from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape, Shapes, best_shape
-from zbuf_occlude.gl.shaders import compile_program
 
 MAX_LEVELS = 9
 """Of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
@@ -26,8 +26,14 @@ _FACE_BYTES, _POINT_BYTES = 72, 32
 _MAX_GROUPS = 65535
 """What every driver allows of work groups along an axis."""
 
-_ANSWER_BYTES = 1 << 26
-"""Most bytes of answers, and of groups left unfinished, that one dispatch may produce."""
+EPSILON = 2.0**-24
+"""float32's unit roundoff, in which the shader states its bounds."""
+
+DISPATCH_SECONDS = 0.1
+"""What one dispatch may take: drivers of GPUs with a display reset them after some seconds, and others wait."""
+
+_FIRST_GROUPS = 1 << 14
+"""Of the first dispatch, before any was timed."""
 
 _BINDINGS = 10
 
@@ -102,7 +108,7 @@ class ExactPass:
 
     Notes
     -----
-    GPU memory: 141 bytes a face, 48 bytes a point, and while it answers at most 128 MiB, whatever the number of eyes.
+    GPU memory: 141 bytes a face, 48 bytes a point, and while it answers at most 256 MiB, whatever the number of eyes.
     No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
@@ -116,8 +122,8 @@ class ExactPass:
         shapes: Shapes | None = None,
         counting: bool = False,
     ) -> None:
-        self._ctx = gl.ctx
-        available = int(gl.ctx.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
+        self._gl = gl
+        available = int(gl.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
         self._unit = Unit.of(centre, diagonal)
@@ -125,14 +131,14 @@ class ExactPass:
         self.work = Work()
         self._contact = contact
         self._counting = counting
-        self._programs: dict[Shape, Any] = {}
-        self._limit = block_limit(gl.ctx)
+        self._limit = block_limit(gl)
+        self._groups_per_second = _FIRST_GROUPS / DISPATCH_SECONDS
         self._places = np.empty(len(corners), dtype=np.int32)
         self._face_parts = []
         for part in parts(len(corners), self._limit // _FACE_BYTES):
             arrays = arrange_faces(corners[part], self._unit)
             self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
-            buffers = Buffers(gl.ctx, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
+            buffers = Buffers(gl, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
             self._face_parts.append(
                 _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
             )
@@ -158,7 +164,7 @@ class ExactPass:
         uploaded = UploadedPoints(len(positions), shape, [])
         for part in parts(len(positions), largest):
             arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
-            buffers = Buffers(self._ctx, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets)
+            buffers = Buffers(self._gl, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets)
             uploaded.parts.append((part, arrays.n_packets, buffers))
         return uploaded
 
@@ -166,7 +172,7 @@ class ExactPass:
         """Answer which points each eye (k, 3), world space, sees: (k, n) bool."""
         program = self._program(points.shape)
         answer = np.empty((len(eyes), points.n_points), dtype=np.bool_)
-        with Buffers(self._ctx, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
+        with Buffers(self._gl, eyes=arrange_eyes(eyes, self._unit)) as eye_buffer:
             eye_buffer.bind(eyes=6)
             for part, n_packets, buffers in points.parts:
                 buffers.bind(points=3, exact=4, packets=5)
@@ -174,49 +180,58 @@ class ExactPass:
         return answer
 
     def _program(self, shape: Shape) -> Any:
-        """Compile the pass for a shape when it is first needed."""
-        if shape not in self._programs:
-            opened = max(shape.threads // WIDTH, 1)
-            constants = {
-                "THREADS": shape.threads,
-                "PER_THREAD": shape.per_thread,
-                "STRANDS": shape.strands,
-                "TRIANGLES": shape.triangles,
-                "WIDTH": WIDTH,
-                "LEAF": LEAF,
-                "BUDGET": BUDGET,
-                "COUNTING": self._counting,
-                "MAX_LEVELS": MAX_LEVELS,
-                # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
-                "STACK": MAX_LEVELS * opened * (WIDTH + 1),
-            }
-            program = self._programs[shape] = compile_program(self._ctx, "exact.comp", constants=constants)
-            program["contact"].value = self._contact * self._unit.scale
-            program["contact64"].value = self._contact
-        return self._programs[shape]
+        """Return the pass for a shape, which the context compiles when it is first needed."""
+        opened = max(shape.threads // WIDTH, 1)
+        program = self._gl.program(
+            "exact.comp",
+            THREADS=shape.threads,
+            PER_THREAD=shape.per_thread,
+            STRANDS=shape.strands,
+            TRIANGLES=shape.triangles,
+            WIDTH=WIDTH,
+            LEAF=LEAF,
+            BUDGET=BUDGET,
+            EPSILON=EPSILON,
+            COUNTING=self._counting,
+            MAX_LEVELS=MAX_LEVELS,
+            # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
+            STACK=MAX_LEVELS * opened * (WIDTH + 1),
+        )
+        program["contact"].value = self._contact * self._unit.scale
+        program["contact64"].value = self._contact
+        return program
 
     def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
         """Answer for the points bound, into (k, n)."""
         k, n = answer.shape
         words = -(-n // 32)
-        most = max(1, min(_ANSWER_BYTES // (4 * words), _ANSWER_BYTES // (8 * n_packets), _MAX_GROUPS, k))
+        # a row of bits per eye, and the list of the unfinished: at most all pairs of eye and packet
+        row, limit = max(4 * words, 8 * n_packets), answer_limit(self._gl) - 4 * _HEAD
+        most = max(1, min(limit // row, _MAX_GROUPS, k))
         program["n_packets"].value = n_packets
         program["words"].value = words
         bits = np.empty((most, words), dtype=np.uint32)
-        # the list of the unfinished: a head with its length, then at most all pairs of eye and packet
-        unfinished = 8 * most * n_packets + 4 * _HEAD
-        with Buffers(self._ctx, bits=bits.nbytes, unfinished=unfinished) as buffer:
+        with Buffers(self._gl, bits=bits.nbytes, unfinished=8 * most * n_packets + 4 * _HEAD) as buffer:
             buffer.bind(bits=7, unfinished=9)
-            for first in range(0, k, most):
-                last = min(first + most, k)
+            first = 0
+            while first < k:
+                last = min(first + min(most, self._eyes_at_once(n_packets)), k)
+                began = time.perf_counter()
                 buffer.clear("bits")
                 program["first_eye"].value = first
                 for part in self._face_parts:
                     self._ask(program, part, buffer, n_packets, last - first)
-                buffer.read_into("bits", bits)
+                buffer.read_into("bits", bits[: last - first])
+                groups = (last - first) * n_packets * len(self._face_parts)
+                self._groups_per_second = groups / max(time.perf_counter() - began, 1e-6)
                 np.invert(bits, out=bits)
                 unpacked = np.unpackbits(bits[: last - first].view(np.uint8), axis=1, count=n, bitorder="little")
                 answer[first:last] = unpacked.view(np.bool_)
+                first = last
+
+    def _eyes_at_once(self, n_packets: int) -> int:
+        """How many eyes make a dispatch of about `DISPATCH_SECONDS`, by how fast the last one was."""
+        return max(1, int(self._groups_per_second * DISPATCH_SECONDS / n_packets))
 
     def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
         """Let every packet and eye test a part of the faces; what is too much for one work group is cut smaller."""
@@ -233,7 +248,7 @@ class ExactPass:
             tasks = _cut(tasks, part.level_size)
             left = []
             for some in parts(len(tasks), largest):
-                with Buffers(self._ctx, tasks=tasks[some]) as task_buffer:
+                with Buffers(self._gl, tasks=tasks[some]) as task_buffer:
                     task_buffer.bind(tasks=8)
                     n_tasks = some.stop - some.start
                     program["n_tasks"].value = n_tasks
@@ -243,10 +258,10 @@ class ExactPass:
 
     def _run(self, program: Any, answers: Buffers, columns: int, rows: int) -> NDArray[np.uint32]:
         """Dispatch, and return the tasks left unfinished: (tasks, 2), pair of eye and packet, box."""
-        head = np.zeros(_HEAD, dtype=np.uint32)
-        answers.write("unfinished", head)
+        head = np.empty(_HEAD, dtype=np.uint32)
+        answers.clear("unfinished", head.nbytes)
         program.run(columns, rows)
-        self._ctx.memory_barrier()
+        self._gl.ctx.memory_barrier()
         answers.read_into("unfinished", head)
         tasks = np.empty((int(head[0]), 2), dtype=np.uint32)
         if len(tasks):
@@ -262,8 +277,6 @@ class ExactPass:
         """Give the GPU's memory back."""
         for part in self._face_parts:
             part.buffers.release()
-        for program in self._programs.values():
-            program.release()
 
 
 def _padded(values: list[int]) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.gl.buffers import Buffers, parts
+from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.point_data import GROUP, Batch, PointData, coherent_order
 
 BLOCK = 256
@@ -28,14 +29,47 @@ _STRIDED_GROUPS = 128
 """Work groups that share out the doubtful pairs among them."""
 
 
+class UploadedPoints:
+    """Points on the GPU, in the order in which neighbours look at neighbouring pixels.
+
+    Parameters
+    ----------
+    gl : GlContext
+    points : PointData
+        At most `MOST_POINTS`.
+
+    Notes
+    -----
+    GPU memory: 32 bytes a point.
+    """
+
+    def __init__(self, gl: GlContext, points: PointData) -> None:
+        order = coherent_order(points.positions, points.normals)
+        n_blocks = -(-len(order) // BLOCK)
+        slots = np.resize(order, n_blocks * BLOCK)  # repeats points to fill the last block
+        records = np.zeros(len(order), dtype=POINT)
+        records["position"], records["normal"] = points.positions, points.normals
+        records["own"] = points.own
+        # the byte of each slot: an invocation's four slots are 64 apart, their answers make a word
+        bytes_of_slots = np.arange(len(slots)).reshape(n_blocks, 64, 4).transpose(0, 2, 1).reshape(-1)
+        self.bytes = np.empty(len(order), dtype=np.int64)
+        self.bytes[order] = bytes_of_slots[: len(order)]
+        self.n_slots = len(slots)
+        self.buffers = Buffers(gl, points=records[slots])
+
+    def release(self) -> None:
+        """Give the GPU's memory back; calling it again does nothing."""
+        self.buffers.release()
+
+
 class PointPass:
     """Some points on the GPU, and their answers.
 
     Parameters
     ----------
-    ctx : moderngl.Context
-    points : PointData
-        At most `MOST_POINTS`.
+    gl : GlContext
+    points : UploadedPoints
+        The caller's.
     programs : sequence of moderngl.ComputeShader
         depth_test.comp alone, or vote.comp and witness.comp.
     out : (k, n) bool
@@ -47,33 +81,31 @@ class PointPass:
 
     Notes
     -----
-    GPU memory: 32 bytes a point, a byte a point and group, and at most 16 MiB for the list of doubtful pairs.
+    GPU memory: a byte a point and group, and at most 16 MiB for the list of doubtful pairs.
     """
 
     def __init__(
-        self, ctx: Any, points: PointData, programs: Sequence[Any], out: BoolArray, *, n_groups: int, most_eyes: int
+        self,
+        gl: GlContext,
+        points: UploadedPoints,
+        programs: Sequence[Any],
+        out: BoolArray,
+        *,
+        n_groups: int,
+        most_eyes: int,
     ) -> None:
-        self._ctx, self._out = ctx, out
+        self._ctx, self._points, self._out = gl.ctx, points, out
         self._vote, self._decide = programs[0], programs[1] if len(programs) > 1 else None
-        order = coherent_order(points.positions, points.normals)
-        n_blocks = -(-len(order) // BLOCK)
-        slots = np.resize(order, n_blocks * BLOCK)  # repeats points to fill the last block
-        records = np.empty(len(order), dtype=POINT)
-        records["position"], records["normal"] = points.positions, points.normals
-        records["own"] = points.own
-        # the byte of each slot: an invocation's four slots are 64 apart, their answers make a word
-        bytes_of_slots = np.arange(len(slots)).reshape(n_blocks, 64, 4).transpose(0, 2, 1).reshape(-1)
-        self._bytes = np.empty(len(order), dtype=np.int64)
-        self._bytes[order] = bytes_of_slots[: len(order)]
-        self._n_words = len(slots) // 4
-        self._answers = np.empty((n_groups, len(slots)), dtype=np.uint8)
-        listed = 4 * min(len(slots) * most_eyes, MOST_LISTED)
+        self._n_words = points.n_slots // 4
+        self._answers = np.empty((n_groups, points.n_slots), dtype=np.uint8)
+        listed = 4 * min(points.n_slots * most_eyes, MOST_LISTED)
         lists = {"count": 4, "doubtful": listed} if self._decide is not None else {}
-        self._buffers = Buffers(ctx, points=records[slots], answers=self._answers.nbytes, **lists)
+        self._buffers = Buffers(gl, answers=self._answers.nbytes, **lists)
 
     def ask(self, batch: Batch) -> None:
         """Answer for a batch, which has just been drawn; `finish` fetches the answers."""
-        self._buffers.bind(points=0, answers=1)
+        self._points.buffers.bind(points=0)
+        self._buffers.bind(answers=1)
         if self._decide is not None:
             self._buffers.bind(count=2, doubtful=3)
         for program in (self._vote, self._decide):
@@ -86,7 +118,7 @@ class PointPass:
         n_blocks = self._n_words // 64
         for part in parts(n_blocks, min(MOST_LISTED // (BLOCK * batch.n_eyes), _MOST_GROUPS)):
             if self._decide is not None:
-                self._buffers.write("count", np.zeros(1, dtype=np.uint32))
+                self._buffers.clear("count")
             set_uniforms(self._vote, first_block=part.start)
             self._vote.run(part.stop - part.start, batch.n_groups)
             self._ctx.memory_barrier()
@@ -97,13 +129,13 @@ class PointPass:
     def finish(self, batches: list[Batch]) -> None:
         """Fetch the answers to all batches."""
         self._buffers.read_into("answers", self._answers)
-        chosen = np.empty(len(self._bytes), dtype=np.uint8)
+        chosen = np.empty(len(self._points.bytes), dtype=np.uint8)
         bit = np.empty_like(chosen)
         for batch in batches:
             for eye in range(batch.n_eyes):
                 group, place = divmod(eye, GROUP)
                 if place == 0:
-                    np.take(self._answers[batch.first_group + group], self._bytes, out=chosen, mode="clip")
+                    np.take(self._answers[batch.first_group + group], self._points.bytes, out=chosen, mode="clip")
                 np.bitwise_and(chosen, 1 << place, out=bit)
                 np.not_equal(bit, 0, out=self._out[batch.first_eye + eye])
 

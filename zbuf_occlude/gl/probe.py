@@ -1,14 +1,16 @@
 """Ask whether each GL backend works here, in a process of its own: a broken driver cannot harm the one that asks."""
 
 import json
+import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 
 from zbuf_occlude.errors import GlError, OccludeError
 from zbuf_occlude.gl.context import FIXES, GlContext, egl_fix
-from zbuf_occlude.gl.devices import egl_devices
+from zbuf_occlude.gl.devices import VISIBLE, egl_devices, left_by_cuda
+from zbuf_occlude.gl.nvidia import hindrance
 from zbuf_occlude.gl.shaders import compile_program
 
 LIMITS = (
@@ -20,9 +22,6 @@ LIMITS = (
     "GL_MAX_FRAMEBUFFER_LAYERS",
 )
 """What `Probe.limits` holds."""
-
-NVIDIA_FIX = "start the container with -e NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility"
-"""For a container that sees the GPU but was not given the driver's libEGL, and falls back to software silently."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Probe:
     cuda_device : int or None
         The CUDA ordinal of the same GPU.
     reason : str
-        Why it does not work; "" when it does.
+        Why it does not work, or why it is software beside an NVIDIA GPU; "" when all is well.
     fix : str
         The one command or setting that would help; "" when it works well, or when none is known.
     """
@@ -68,16 +67,31 @@ def probe_all() -> tuple[Probe, ...]:
     -------
     tuple of Probe
         EGL's devices in order (one row without an index when they cannot be listed), OSMesa last. Raises nothing.
-        Where the only EGL devices are software though the machine has an NVIDIA GPU, their `fix` says so.
+        Where none is hardware though the machine has an NVIDIA GPU, `reason` and `fix` say what hides it.
     """
     listed = _ask("devices")
     rows = [probe("egl", row["index"], row["cuda_device"]) for row in listed.get("devices", [])]
     if not rows:
         reason = listed.get("reason", "EGL lists no devices.")
         rows = [Probe("egl", None, works=False, reason=reason, fix=egl_fix())]
-    elif Path("/dev/nvidiactl").exists() and all(row.is_software for row in rows):
-        rows = [replace(row, fix=NVIDIA_FIX) for row in rows]
+    if not any(row.works and not row.is_software for row in rows) and (found := hindrance()) is not None:
+        rows = [replace(row, reason=f"{row.reason} {found.cause}".strip(), fix=found.fix) for row in rows]
     return (*rows, probe("osmesa"))
+
+
+def hardware_devices() -> list[int]:
+    """Return the EGL devices that are hardware and open, as tried in child processes; CUDA_VISIBLE_DEVICES chooses.
+
+    Mesa also lists render nodes that nobody may open, and the same GPU may be listed twice. Empty without EGL.
+    """
+    try:
+        listed = left_by_cuda(egl_devices(), os.environ.get(VISIBLE))
+    except GlError:
+        return []
+    candidates = [device for device in listed if not device.is_software]
+    with ThreadPoolExecutor(max_workers=max(len(candidates), 1)) as pool:
+        tried = list(pool.map(lambda device: probe("egl", device.index, device.cuda_device), candidates))
+    return [row.device_index for row in tried if row.works and not row.is_software and row.device_index is not None]
 
 
 def probe(backend: str, device_index: int | None = None, cuda_device: int | None = None) -> Probe:
@@ -116,7 +130,7 @@ def _answer(arguments: list[str]) -> dict:  # type: ignore[type-arg]  # JSON
                 "renderer": gl.renderer,
                 "version": gl.version,
                 "is_software": gl.is_software,
-                "limits": {name: int(gl.ctx.info[name]) for name in LIMITS},
+                "limits": {name: int(gl.info[name]) for name in LIMITS},
             }
     except OccludeError as error:
         return {"works": False, "reason": str(error)}

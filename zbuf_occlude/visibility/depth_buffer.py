@@ -1,18 +1,18 @@
 """`depth_buffer`: the mesh drawn into a depth buffer for each eye by OpenGL, the points tested where that runs."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.gl.buffers import Buffers, parts
+from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.gl.point_data import MOST_HIDDEN, Batch, Criteria, PointData
-from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, set_uniforms
+from zbuf_occlude.gl.point_data import GROUP, MOST_HIDDEN, Batch, Criteria, PointData
+from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, UploadedPoints, set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -22,9 +22,6 @@ REFINEMENTS = ("witness", "none")
 
 SMALLEST, LARGEST = 16, 8192
 """Pixels along a side. Six cube faces of 8192 pixels take 3.2 GB, and more than some drivers' largest texture."""
-
-_MOST_EYES = 1024
-"""Asked before answers are fetched: with `MOST_POINTS` these then take 128 MiB."""
 
 
 def prepare(
@@ -92,8 +89,8 @@ class DepthBuffer(Occluder):
     an eye inside the mesh has nearer than 1e-6 diagonals.
 
     Costs a draw of f triangles for each eye and some arithmetic for each point. Memory: 12 bytes per vertex and 72 per
-    face, 256 MiB for the pictures of a batch of eyes (16 MiB where a CPU draws), and for each million points of a
-    thousand eyes 160 MiB.
+    face, 256 MiB for the pictures of a batch of eyes (64 MiB where a CPU draws), 32 per point, which stay there until
+    others are asked about, and at most 128 MiB of answers per million points.
 
     References
     ----------
@@ -117,6 +114,7 @@ class DepthBuffer(Occluder):
         self._arrays = arrange_mesh(mesh, self._unit)
         self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
         self._passes: dict[int, DepthPass] = {}
+        self._uploaded: tuple[SurfacePoints, list[UploadedPoints]] | None = None
 
     @property
     def renderer(self) -> str:
@@ -125,42 +123,82 @@ class DepthBuffer(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()
+        uploaded = self._upload(points)
         mask = np.empty((len(eyes), len(points)), dtype=np.bool_)
-        for some in parts(len(eyes), _MOST_EYES):
-            local = self._unit.to(eyes[some])
-            fits, pictures = single_pictures(local, self._arrays.positions, self._resolution)
-            if fits.all():
-                self._answer(points, local, pictures, 1, mask[some])
-                continue
+        local = self._unit.to(eyes)
+        fits, pictures = single_pictures(local, self._arrays.positions, self._resolution)
+        if fits.all():
+            self._answer(uploaded, pictures, 1, mask)
+        else:
             if fits.any():
-                mask[some][fits] = self._answer(points, local[fits], pictures, 1)
+                mask[fits] = self._answer(uploaded, pictures, 1, mask[fits])
             pictures = cube_pictures(local[~fits], self._arrays.positions, self._resolution)
-            mask[some][~fits] = self._answer(points, local[~fits], pictures, CUBE)
+            mask[~fits] = self._answer(uploaded, pictures, CUBE, mask[~fits])
         self._gl.check()
         return mask
 
-    def _answer(
-        self,
-        points: SurfacePoints,
-        eyes: FloatArray,
-        pictures: Pictures,
-        tiles_an_eye: int,
-        out: BoolArray | None = None,
-    ) -> BoolArray:
-        """Answer for eyes that all have so many tiles; (k, n) bool."""
-        mask = np.empty((len(eyes), len(points)), dtype=np.bool_) if out is None else out
+    def _upload(self, points: SurfacePoints) -> list[UploadedPoints]:
+        """Put points on the GPU, in parts; the last ones are there still, and points are immutable."""
+        if self._uploaded is None or self._uploaded[0] is not points:
+            self._forget()
+            free = points.face_ids < 0
+            data = PointData(
+                self._unit.to(points.positions),
+                np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids]),
+                np.where(free, np.int32(-1), self._arrays.places[points.face_ids]),
+            )
+            uploaded: list[UploadedPoints] = []
+            self._uploaded = points, uploaded
+            for part in parts(len(points), MOST_POINTS):
+                uploaded.append(UploadedPoints(self._gl, data.part(part)))
+        return self._uploaded[1]
+
+    def _forget(self) -> None:
+        if self._uploaded is not None:
+            for part in self._uploaded[1]:
+                part.release()
+            self._uploaded = None
+
+    def _answer(self, points: list[UploadedPoints], pictures: Pictures, tiles_an_eye: int, out: BoolArray) -> BoolArray:
+        """Answer for eyes that all have so many tiles, into (k, n) bool."""
         depth_pass = self._pass(tiles_an_eye)
-        batches = _batches(len(eyes), depth_pass.n_eyes)
         tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_an_eye)
+        # answers of a batch's groups have a byte per point each
+        groups = -(-depth_pass.n_eyes // GROUP) * max(part.n_slots for part in points)
+        most = max(1, answer_limit(self._gl) // groups) * depth_pass.n_eyes
+        for first in range(0, len(out), most):
+            some = slice(first, first + most)
+            these = slice(first * tiles_an_eye, (first + most) * tiles_an_eye)
+            self._answer_some(points, depth_pass, tiles[these], tiles_an_eye, out[some])
+        return out
+
+    def _answer_some(
+        self,
+        points: list[UploadedPoints],
+        depth_pass: DepthPass,
+        tiles: NDArray[np.void],
+        tiles_an_eye: int,
+        out: BoolArray,
+    ) -> None:
+        """Answer for as many eyes as there is room for answers."""
+        batches = _batches(len(out), depth_pass.n_eyes)
         padded = np.zeros((len(batches), MOST_TILES), dtype=TILE)
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_an_eye, (batch.first_eye + batch.n_eyes) * tiles_an_eye
             row[: last - first] = tiles[first:last]
+        programs = self._programs(tiles_an_eye, depth_pass)
         passes: list[PointPass] = []
-        with Buffers(self._gl.ctx, tiles=padded) as buffers:
+        with Buffers(self._gl, tiles=padded) as buffers:
             try:
-                data = self._data(points)
-                passes += self._point_passes(data, depth_pass, tiles_an_eye, batches, mask)
+                first = 0
+                for part in points:
+                    mine = out[:, first : first + len(part.bytes)]
+                    first += len(part.bytes)
+                    n_groups = batches[-1].first_group + batches[-1].n_groups
+                    most_eyes = min(depth_pass.n_eyes, len(out))
+                    passes.append(PointPass(self._gl, part, programs, mine, n_groups=n_groups, most_eyes=most_eyes))
+                depth_pass.atlas.use(depths=0, faces=1)
+                self._mesh_buffers.bind(corners=4)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
                     depth_pass.draw(batch.n_eyes)
@@ -171,32 +209,6 @@ class DepthBuffer(Occluder):
             finally:
                 for each in passes:
                     each.release()
-        return mask
-
-    def _data(self, points: SurfacePoints) -> PointData:
-        free = points.face_ids < 0
-        return PointData(
-            self._unit.to(points.positions),
-            np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids]),
-            np.where(free, np.int32(-1), self._arrays.places[points.face_ids]),
-        )
-
-    def _point_passes(
-        self, data: PointData, depth_pass: DepthPass, tiles_an_eye: int, batches: list[Batch], out: BoolArray
-    ) -> Iterator[PointPass]:
-        programs = self._programs(tiles_an_eye, depth_pass)
-        depth_pass.atlas.use(depths=0, faces=1)
-        self._mesh_buffers.bind(corners=4)
-        n_groups = batches[-1].first_group + batches[-1].n_groups
-        for part in parts(len(data.own), MOST_POINTS):
-            yield PointPass(
-                self._gl.ctx,
-                data.part(part),
-                programs,
-                out[:, part],
-                n_groups=n_groups,
-                most_eyes=min(depth_pass.n_eyes, len(out)),
-            )
 
     def _pass(self, tiles_an_eye: int) -> DepthPass:
         if tiles_an_eye not in self._passes:
@@ -225,6 +237,7 @@ class DepthBuffer(Occluder):
 
     def _release(self) -> None:
         self._gl.make_current()
+        self._forget()
         for depth_pass in self._passes.values():
             depth_pass.release()
         self._passes.clear()
@@ -232,9 +245,11 @@ class DepthBuffer(Occluder):
 
 
 def _batches(n_eyes: int, most: int) -> list[Batch]:
-    """Cut eyes into batches of at most `most`, each with whole groups of answers."""
+    """Cut eyes into the fewest batches of at most `most`, equally long, each with whole groups of answers."""
     batches: list[Batch] = []
-    for first in range(0, n_eyes, most):
+    length = -(-n_eyes // -(-n_eyes // most))
+    length = min(most, -(-length // GROUP) * GROUP)  # a group that is not full takes as long
+    for first in range(0, n_eyes, length):
         group = batches[-1].first_group + batches[-1].n_groups if batches else 0
-        batches.append(Batch(first, min(most, n_eyes - first), group))
+        batches.append(Batch(first, min(length, n_eyes - first), group))
     return batches

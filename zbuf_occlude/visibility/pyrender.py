@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import weakref
 from collections.abc import Iterator
 from ctypes import CDLL
@@ -21,6 +22,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import Frusta, cube_faces, cube_frusta, cube_view_matrices, fitted_frusta, view_matrices
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.gl.devices import default_device
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.depth_test import depth_test
@@ -112,6 +114,7 @@ class PyrenderOccluder(Occluder):
         self._tolerance = tolerance * normal.diagonal
         self._slope_bias = slope_bias
         self._margin = 2.0 / resolution
+        self._turn, self._process = threading.Lock(), os.getpid()
         self._worker = Worker()
         try:
             self._worker.send((normal.vertices, normal.faces, resolution))
@@ -126,6 +129,15 @@ class PyrenderOccluder(Occluder):
         return self._renderer
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        if os.getpid() != self._process:
+            raise GlError(
+                f"pyrender's process must be asked by the one that started it ({self._process}); this is "
+                f"{os.getpid()}. Spawn workers instead of forking them, and prepare the mesh in each."
+            )
+        with self._turn:  # a reply belongs to whoever asked
+            return self._answer(points, eyes)
+
+    def _answer(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         points = points.transformed(self._scale, self._shift)
         answer = np.ones((len(eyes), len(points)), dtype=bool)
         try:
@@ -250,7 +262,8 @@ def _end(process: "subprocess.Popen[bytes]", pipe: Connection, log: IO[bytes]) -
 def _environment() -> dict[str, str]:
     """Return this process's environment with pyrender on EGL, and packages found where this process finds them."""
     named = os.environ.get("ZBUF_OCCLUDE_GL", "").partition(":")[2]
-    device = os.environ.get("EGL_DEVICE_ID") or named or os.environ.get("GLCONTEXT_DEVICE_INDEX") or "0"
+    device = os.environ.get("EGL_DEVICE_ID") or named or os.environ.get("GLCONTEXT_DEVICE_INDEX")
+    device = device or str(default_device())
     package = str(Path(__file__).parents[2])
     paths = [package, *(os.path.abspath(path) for path in sys.path)]
     return {**os.environ, "PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device, "PYTHONPATH": os.pathsep.join(paths)}
