@@ -1,4 +1,4 @@
-"""What mkdocs does beside turning pages: it makes the gallery of docs/gallery.md, with the commands that stand there."""
+"""What mkdocs does beside turning pages: it makes the gallery of docs/gallery.md"""
 
 import shutil
 import subprocess
@@ -19,5 +19,5 @@ def on_post_build(config: Any) -> None:
         folder = Path(scratch) / FOLDER  # its name is the page's title
         command = [sys.executable, "-m", "zbuf_occlude"]
         subprocess.run([*command, *GENERATE, "--out", str(folder)], check=True, capture_output=True)
-        subprocess.run([*command, "show", folder, "--out", str(folder)], check=True, capture_output=True)
+        subprocess.run([*command, "show", str(folder)], check=True, capture_output=True)
         shutil.copy(folder / "gallery.html", target)
