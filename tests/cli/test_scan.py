@@ -84,3 +84,23 @@ def test_a_class_without_a_size(run: Run, car: Path, tmp_path: Path) -> None:
     assert outcome.code == 2
     assert "every class must have a size in metres; 'gizmo' has none. Give --size gizmo=METRES" in outcome.err
     assert run("scan", gizmo, "--size", "gizmo=3", "--out", tmp_path / "scan.ply", "--method", "embree").code == 0
+
+
+def test_visible_by_a_sensor(run: Run, car: Path, tmp_path: Path) -> None:
+    """First hits in the file's own unit, taken as metres; at the camera's place."""
+    mesh = shapes.make("car", 1)
+    given = ("visible", car, "--azimuth", 30, "--elevation", 10, "--method", "embree", "--out", tmp_path / "v.npy")
+    outcome = run(*given, "--sensor", "pinhole:width=80,height=60,fov=20")
+    assert outcome.code == 0, outcome.err
+    positions = np.load(tmp_path / "v.npy")
+    assert len(positions) > 200
+    assert (positions >= mesh.bounds[0] - 1e-6).all()
+    assert (positions <= mesh.bounds[1] + 1e-6).all()
+    for more, words in (
+        (("--set-sensor", "noise=0"), "--set-sensor needs a sensor; give --sensor NAME."),
+        (("--sensor", "vlp-16", "--points", 5), "--points is for points on the surface; a sensor decides itself."),
+        (("--sensor", "vlp-17"), "sensor must be one of"),
+    ):
+        refused = run(*given, *more)
+        assert refused.code == 2
+        assert words in refused.err

@@ -201,7 +201,7 @@ def command(
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
-    setup = pop_scan_options(context, recipe, method)
+    setup = pop_scan_options(context, recipe)
     if setup is not None:
         find_format(format).check_scans()
         method = setup.method

@@ -17,6 +17,7 @@ from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors import Scan
 from zbuf_occlude.sensors.capture import captures, sensor_places, stand
+from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS
@@ -68,7 +69,7 @@ def command(
     suffix = suffix_of(out, (".ply", ".npy", ".csv"))
     if picture is not None and picture.suffix.lower() != ".png":
         raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
-    setup = parse_setup(method, given)
+    setup = parse_setup(method or default_caster(), given)
     if setup is None:
         raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
     capture = scan_once(MeshCollection.from_paths(meshes, up=up), setup, azimuth, elevation, seed)

@@ -15,6 +15,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.files import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import parse_sizes, size_of
+from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
 from zbuf_occlude.visibility import find_method
@@ -27,10 +28,9 @@ SCAN_OPTIONS = (
 """Names of the parameters that `scan_options` adds."""
 
 
-def scan_options(sensor: str) -> Decorator:
-    """--sensor and what goes with it; `sensor` is the default."""
-    scenes = ", ".join(f"{kind.name} ({kind.summary})" for kind in KINDS)
-    options = (
+def sensor_options(sensor: str) -> Decorator:
+    """--sensor and --set-sensor; `sensor` is the default."""
+    return _all_of(
         click.option(
             "--sensor",
             default=sensor,
@@ -44,6 +44,14 @@ def scan_options(sensor: str) -> Decorator:
             multiple=True,
             help="A number of the sensor, e.g. columns=900, noise=0 (no imperfections); repeatable.",
         ),
+    )
+
+
+def scan_options(sensor: str) -> Decorator:
+    """--sensor and what goes with it; `sensor` is the default."""
+    scenes = ", ".join(f"{kind.name} ({kind.summary})" for kind in KINDS)
+    return _all_of(
+        sensor_options(sensor),
         click.option(
             "--range", "range_", metavar="M|A..B", help="Metres from sensor to object. [default: from the views]"
         ),
@@ -66,6 +74,8 @@ def scan_options(sensor: str) -> Decorator:
         click.option("--sensor-height", type=float, help="Metres above the ground. [default: the scene's]"),
     )
 
+
+def _all_of(*options: Decorator) -> Decorator:
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         for option in reversed(options):
             function = option(function)
@@ -74,7 +84,7 @@ def scan_options(sensor: str) -> Decorator:
     return decorate
 
 
-def pop_scan_options(context: click.Context, given: dict[str, Any], method: str) -> Setup | None:
+def pop_scan_options(context: click.Context, given: dict[str, Any]) -> Setup | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
 
     Raises
@@ -84,13 +94,46 @@ def pop_scan_options(context: click.Context, given: dict[str, Any], method: str)
     """
     taken = {name: given.pop(name) for name in SCAN_OPTIONS}
     if taken["sensor"] == SURFACE:
-        return parse_setup(None, taken)
-    named = context.get_parameter_source("method") is ParameterSource.COMMANDLINE
+        return parse_setup("", taken)
     for name in ("points", "density", "settings"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             flag = {"settings": "--set"}.get(name, f"--{name}")
             raise click.UsageError(f"{flag} is for points on the surface; a sensor decides itself. Leave it out.")
-    return parse_setup(method if named and method != AUTO else None, taken)
+    return parse_setup(named_caster(context), taken)
+
+
+def named_caster(context: click.Context) -> str:
+    """Return the method that a person named to cast rays, or the one that casts them here.
+
+    Raises
+    ------
+    OptionError
+        One that casts none.
+    """
+    name = context.params.get("method")
+    if context.get_parameter_source("method") is not ParameterSource.COMMANDLINE or name in (None, AUTO):
+        return default_caster()
+    find_method(str(name)).check_first_hits()
+    return str(name)
+
+
+def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
+    """Return a sensor with the numbers that were set.
+
+    Raises
+    ------
+    OptionError
+        As `zbuf_occlude.sensors.make`.
+    """
+    numbers: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not key or not text:
+            raise OptionError(f"--set-sensor must be given KEY=VALUE; got {setting!r}.")
+        numbers[key.strip()] = literal(text.strip())
+    sensor = sensors.make(name, **numbers)
+    sensor.rays()  # for its errors
+    return sensor
 
 
 def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
@@ -106,7 +149,7 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
             )
 
 
-def parse_setup(method: str | None, given: dict[str, Any]) -> Setup | None:
+def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
     """Turn the options of `scan_options` into a setup; None without a sensor.
 
     Raises
@@ -119,19 +162,10 @@ def parse_setup(method: str | None, given: dict[str, Any]) -> Setup | None:
             if given[name] not in (None, False, "", (), "none", "target"):
                 raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
         return None
-    numbers: dict[str, Any] = {}
-    for setting in given["set_sensor"]:
-        key, equals, text = setting.partition("=")
-        if not equals or not key or not text:
-            raise OptionError(f"--set-sensor must be given KEY=VALUE; got {setting!r}.")
-        numbers[key.strip()] = literal(text.strip())
-    sensor = sensors.make(given["sensor"], **numbers)
-    sensor.rays()
+    sensor = parse_sensor(given["sensor"], given["set_sensor"])
     scene, objects = given["scene"], list[dict[str, Any]]()
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", read_scene(Path(scene))
-    name = method or default_caster()
-    find_method(name).check_first_hits()
     return Setup(
         document_of(sensor),
         range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,
@@ -142,5 +176,5 @@ def parse_setup(method: str | None, given: dict[str, Any]) -> Setup | None:
         keep=given["keep"],
         keep_clean=given["keep_clean"],
         sensor_height=given["sensor_height"],
-        method=name,
+        method=method,
     )

@@ -7,6 +7,7 @@ import click
 import numpy as np
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.options import (
     camera_options,
     chosen_method,
@@ -16,9 +17,12 @@ from zbuf_occlude.cli.options import (
     suffix_of,
     up_option,
 )
+from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.sensors import Sensor, look_at, scan
+from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
 
@@ -26,6 +30,7 @@ from zbuf_occlude.visibility import find_method
 @click.argument("mesh", type=click.Path(path_type=Path))
 @camera_options
 @method_options()
+@sensor_options(SURFACE)
 @click.option("--points", type=click.IntRange(1), default=50_000, show_default=True, help="Sampled before HSR.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @up_option
@@ -38,6 +43,8 @@ def command(
     camera: Callable[[Mesh], Views],
     method: str,
     settings: tuple[str, ...],
+    sensor: str,
+    set_sensor: tuple[str, ...],
     points: int,
     seed: int,
     up: str | None,
@@ -47,13 +54,20 @@ def command(
 
     PLY holds positions and normals (turned towards the camera); .npy and .csv hold (n, 3) positions. With --method
     hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
+    With --sensor points are its first hits, the file's unit taken as metres (`zbuf-occlude scan` has sizes and scenes).
 
     \b
     Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible car.off --sensor hdl-64e --azimuth 30 --elevation 5 --out scan.ply
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
-    suffix = suffix_of(out, (".ply", ".npy", ".csv"))
+    suffix_of(out, (".ply", ".npy", ".csv"))
+    if sensor != SURFACE:
+        write_scan(context, mesh, camera, parse_sensor(sensor, set_sensor), seed, up, out)
+        return
+    if set_sensor:
+        raise click.UsageError("--set-sensor needs a sensor; give --sensor NAME.")
     choice = chosen_method(context, method, settings)
     method = choice.method
     options = parse_settings(method, settings)
@@ -72,14 +86,41 @@ def command(
     with prepare(asked, method, **options) as occluder:
         cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
         renderer = occluder.renderer
-    if suffix == ".npy":
-        np.save(out, cloud.positions)
-    elif suffix == ".csv":
-        np.savetxt(out, cloud.positions, delimiter=",", header="x,y,z", comments="", fmt="%.9g")
-    elif positions is not None:
-        write_ply(out, cloud.positions)
-    else:
+    normals = None
+    if positions is None:
         away = (cloud.normals * (eyes[0] - cloud.positions)).sum(axis=1, keepdims=True) < 0
-        write_ply(out, cloud.positions, np.where(away, -cloud.normals, cloud.normals))
+        normals = np.where(away, -cloud.normals, cloud.normals)
+    write_cloud(out, cloud.positions, normals)
     why = f", because {choice.reason}" if choice.reason else ""
     click.echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")
+
+
+def write_scan(
+    context: click.Context,
+    path: Path,
+    camera: Callable[[Mesh], Views],
+    sensor: Sensor,
+    seed: int,
+    up: str | None,
+    out: Path,
+) -> None:
+    """Write what a sensor at the camera's place measures of a mesh, whose unit is the metre."""
+    if idle := given(context, ("points", "settings")):
+        raise click.UsageError(
+            f"{', '.join(idle)} is for points on the surface; a sensor decides itself. Leave it out."
+        )
+    caster = named_caster(context)
+    mesh = load_mesh(path, up=up)
+    found = scan(mesh, sensor, look_at(camera(mesh).eyes[0], mesh.centre), seed=seed, method=caster)
+    write_cloud(out, found.positions, found.normals)
+    click.echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
+
+
+def write_cloud(out: Path, positions: FloatArray, normals: FloatArray | None) -> None:
+    """Write a cloud as its file's ending says."""
+    if out.suffix.lower() == ".npy":
+        np.save(out, positions)
+    elif out.suffix.lower() == ".csv":
+        np.savetxt(out, positions, delimiter=",", header="x,y,z", comments="", fmt="%.9g")
+    else:
+        write_ply(out, positions, normals)

@@ -6,12 +6,16 @@
     occlude = OnTheFlyOcclusion(n_points=1024)
     cloud = occlude(mesh)                                 # another eye each time
 
+    scan = OnTheFlyScan(n_points=1024, sensor="hdl-64e", scene="street")
+    cloud = scan(mesh, "car")                             # another azimuth, range and street each time
+
 Everything random here comes from torch's generators: `torch.manual_seed`, and in workers their own seeds, decide it.
 """
 
 from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
 from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream
 from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
+from zbuf_occlude.dataset.torch.scans import OnTheFlyScan
 
 __all__ = [
     "CloudDataset",
@@ -19,6 +23,7 @@ __all__ = [
     "Compose",
     "Jitter",
     "OnTheFlyOcclusion",
+    "OnTheFlyScan",
     "Rescale",
     "Rotate",
     "augmentation",

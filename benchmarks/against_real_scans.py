@@ -1,0 +1,246 @@
+"""Simulated against real numbers of points: models stretched to the labelled boxes of a drive, seen as its LiDARs saw.
+
+    python benchmarks/against_real_scans.py ../shared/data/lidar/av2_objects.tsv [--every 2] [--out FILE.md]
+
+The file has a line per labelled object and sweep: category, length, width, height, x, y, z, yaw in degrees (metres, the
+car's frame), and the number of LiDAR points in the box. Sweeps follow each other; a new one begins where the categories
+begin anew, which are in alphabetical order. The rig is that of Argoverse 2: two VLP-32C, one upright, one upside down.
+
+For each vehicle and pedestrian between 10 and 60 m a built-in car, or a figure of ellipsoids, stretched to its box, is
+scanned three times: alone; alone, with dropout; with dropout among the other labelled boxes of its sweep, filled
+likewise. There is no ground: roads are not flat, and one that is hides what stands below it. Dropout's numbers are
+fitted on the first half of the sweeps; all is reported of the second.
+"""
+
+import argparse
+import itertools
+import sys
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.parts import box, pole
+from zbuf_occlude.sensors import Ball, make
+from zbuf_occlude.sensors.scan import default_caster
+
+MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))
+"""x, y, z and whether upside down."""
+CLASSES = {"REGULAR_VEHICLE": "vehicles", "PEDESTRIAN": "pedestrians"}
+BINS = tuple((low, low + 10.0) for low in (10.0, 20.0, 30.0, 40.0, 50.0))
+GRID = {
+    "drop": np.arange(0.0, 0.31, 0.05),
+    "attenuation": (0.0, 0.004, 0.008, 0.012, 0.016, 0.024),
+    "drop_limit": (0.3, 0.5, 0.65, 0.8, 1.0),
+    "drop_zero": np.arange(0.0, 1.01, 0.1),
+}
+"""What dropout's numbers are chosen from."""
+
+
+class Box(NamedTuple):
+    """A labelled box and what was counted in it."""
+
+    category: str
+    sides: np.ndarray
+    centre: np.ndarray
+    yaw: float
+    n_points: int
+
+
+class Counted(NamedTuple):
+    """One object: what it is, where, its real number of points; cosine and range of each simulated return."""
+
+    group: str
+    sweep: int
+    distance: float
+    real: int
+    alone: np.ndarray
+    among: np.ndarray
+
+
+def sweeps_of(path: Path) -> list[list[Box]]:
+    """Read the file, sweep by sweep."""
+    sweeps: list[list[Box]] = [[]]
+    for line in path.read_text().splitlines()[1:]:
+        category, *numbers = line.split("\t")
+        length, width, height, x, y, z, yaw, n_points = map(float, numbers)
+        if sweeps[-1] and category < sweeps[-1][-1].category:
+            sweeps.append([])
+        sides, centre = np.array([length, width, height]), np.array([x, y, z])
+        sweeps[-1].append(Box(category, sides, centre, np.radians(yaw), int(n_points)))
+    return sweeps
+
+
+def figure() -> zo.Mesh:
+    """A person of ellipsoids: legs, trunk, arms, head; box about [0, 1]^3 apart from proportions."""
+    ball = solids.icosphere(2)
+    parts = (
+        *(((0.1 * step, side * 0.1, 0.45), (0.09, 0.09, 0.45)) for side, step in ((-1, 1), (1, -1))),
+        *(((-0.12 * step, side * 0.22, 1.05), (0.06, 0.06, 0.33)) for side, step in ((-1, 1), (1, -1))),
+        ((0.0, 0.0, 1.15), (0.14, 0.2, 0.38)),
+        ((0.02, 0.0, 1.62), (0.1, 0.08, 0.13)),
+    )
+    return Scene.joined([Placed(ball, pose=moved(scale=radii, to=centre)) for centre, radii in parts]).mesh
+
+
+FIGURE = figure()
+CARS = [shapes.make("car", i) for i in range(12)]
+
+
+def placed(given: Box, number: int) -> Placed:
+    """A model stretched to a box and put there."""
+    if given.category == "REGULAR_VEHICLE":
+        # the same box in the next sweep gets the same car; built-in ones face -y
+        mesh, turn = CARS[zlib.crc32(f"{given.sides.tolist()}".encode()) % len(CARS)], np.pi / 2
+    elif given.category == "PEDESTRIAN":
+        mesh, turn = FIGURE, 0.0
+    elif given.category in ("BOLLARD", "CONSTRUCTION_CONE", "SIGN"):
+        mesh, turn = pole(0.5, 1.0), 0.0
+    else:
+        mesh, turn = box(1.0, 1.0, 1.0), 0.0
+    upright = moved(yaw=turn, to=(0, 0, 0))
+    turned = mesh.rotated(upright[:3, :3])
+    scale = given.sides / np.ptp(turned.bounds, axis=0)
+    centred = turned.transformed(1.0, -turned.centre)
+    pose = moved(scale=1.0, yaw=given.yaw, to=given.centre) @ np.diag([*scale, 1.0])
+    return Placed(centred, f"{given.category} {number}", pose)
+
+
+def pose_of(mount: tuple[float, float, float, bool]) -> np.ndarray:
+    """Sensor to the car's frame; upside down is turned about x."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0]) if mount[3] else np.eye(4)
+    pose[:3, 3] = mount[:3]
+    return pose
+
+
+def count(path: Path, every: int, method: str) -> Iterator[Counted]:
+    """Scan every object of some sweeps."""
+    sensor = make("vlp-32c", drop=0.0, drop_zero=0.0, sigma=0.0, step=0.0)
+    poses = [pose_of(mount) for mount in MOUNTS]
+    for number, boxes in list(enumerate(sweeps_of(path)))[::every]:
+        models = [placed(given, i) for i, given in enumerate(boxes)]
+        scene = Scene.joined(models)
+        with zo.prepare(scene.mesh, method) as among:
+            for i, given in enumerate(boxes):
+                distance = float(np.hypot(*(given.centre[:2] - MOUNTS[0][:2])))
+                if given.category not in CLASSES or not BINS[0][0] <= distance < BINS[-1][1]:
+                    continue
+                target = Scene.joined([models[i]])
+                ball = Ball(given.centre, float(np.linalg.norm(given.sides)) / 2)
+                with zo.prepare(target.mesh, method) as alone:
+                    one = [zo.scan(target, sensor, pose, occluder=alone, towards=ball) for pose in poses]
+                many = [zo.scan(scene, sensor, pose, occluder=among, towards=ball) for pose in poses]
+                many = [scan.select(scan.instances == i) for scan in many]
+                signals = [
+                    np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], 1) for s in scans])
+                    for scans in (one, many)
+                ]
+                yield Counted(CLASSES[given.category], number, distance, given.n_points, *signals)
+
+
+def kept(signals: np.ndarray, numbers: dict[str, float]) -> float:
+    """Number of returns that dropout leaves, on average (`zbuf_occlude.sensors.imperfections.dropped`)."""
+    signal = signals[:, 0] * np.exp(-numbers["attenuation"] * signals[:, 1])
+    weak = numbers["drop_zero"] * np.maximum(0.0, 1.0 - signal / numbers["drop_limit"])
+    return float(((1.0 - numbers["drop"]) * (1.0 - weak)).sum())
+
+
+def misfit(objects: list[Counted], numbers: dict[str, float]) -> float:
+    """How far medians and 90th percentiles are from the real ones: mean squared logarithm over bins and classes."""
+    total = []
+    for group, (low, high) in itertools.product(CLASSES.values(), BINS):
+        mine = [o for o in objects if o.group == group and low <= o.distance < high]
+        if len(mine) < 20:
+            continue
+        real = np.array([o.real for o in mine], dtype=float)
+        simulated = np.array([kept(o.among, numbers) for o in mine])
+        total.append(np.log((np.median(real) + 1) / (np.median(simulated) + 1)) ** 2)
+        total.append(np.log((np.quantile(real, 0.9) + 1) / (np.quantile(simulated, 0.9) + 1)) ** 2)
+    return float(np.mean(total))
+
+
+def fit(objects: list[Counted]) -> dict[str, float]:
+    """Choose dropout's numbers: of a grid the best."""
+    some = objects[:: max(1, len(objects) // 600)]
+    choices = [dict(zip(GRID, map(float, values), strict=True)) for values in itertools.product(*GRID.values())]
+    # without weak signals lost, attenuation and limit mean nothing
+    choices = [c for c in choices if c["drop_zero"] > 0 or (c["attenuation"] == 0.0 and c["drop_limit"] == 0.3)]
+    return min(choices, key=lambda numbers: misfit(some, numbers))
+
+
+def distance_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Kolmogorov's and Smirnov's: the largest difference of the two distribution functions."""
+    values = np.sort(np.concatenate([a, b]))
+    below = [np.searchsorted(np.sort(x), values, side="right") / len(x) for x in (a, b)]
+    return float(np.abs(below[0] - below[1]).max())
+
+
+def report(objects: list[Counted], numbers: dict[str, float]) -> list[str]:
+    """Say it as a table, class by class and 10 m by 10 m."""
+    rng = np.random.default_rng(0)
+    ways: dict[str, Any] = {
+        "alone": lambda o: len(o.alone),
+        "alone, dropout": lambda o: rng.binomial(len(o.alone), kept(o.alone, numbers) / max(len(o.alone), 1)),
+        "others, dropout": lambda o: rng.binomial(len(o.among), kept(o.among, numbers) / max(len(o.among), 1)),
+    }
+    lines = [
+        "| | metres | objects | way | real 50, 75, 90 % | simulated 50, 75, 90 % | ratio of medians | KS "
+        "| real / simulated 50, 75, 90 % |",
+        "| --- | --- | ---: | --- | --- | --- | ---: | ---: | --- |",
+    ]
+    for group, (low, high) in itertools.product(CLASSES.values(), BINS):
+        mine = [o for o in objects if o.group == group and low <= o.distance < high]
+        if len(mine) < 20:
+            continue
+        real = np.array([o.real for o in mine], dtype=float)
+        for name, way in ways.items():
+            simulated = np.array([way(o) for o in mine], dtype=float)
+            ratios = real[simulated > 0] / simulated[simulated > 0]
+            quantiles = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, simulated, ratios)]
+            medians = quantiles[0][0] / quantiles[1][0] if quantiles[1][0] else np.inf
+            shown = [", ".join(f"{q:.0f}" for q in each) for each in quantiles[:2]]
+            lines.append(
+                f"| {group} | {low:.0f}-{high:.0f} | {len(mine)} | {name} | {shown[0]} | {shown[1]} | {medians:.2f} "
+                f"| {distance_between(real, simulated):.2f} | {', '.join(f'{q:.2f}' for q in quantiles[2])} |"
+            )
+    return lines
+
+
+def main() -> None:
+    """Scan, fit, report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("objects", type=Path)
+    parser.add_argument("--every", type=int, default=1, help="Only every n-th sweep.")
+    parser.add_argument("--method", default=default_caster(), help="Who casts the rays.")
+    parser.add_argument("--out", type=Path, help="Write the table here too.")
+    given = parser.parse_args()
+    began = time.perf_counter()
+    objects = []
+    for one in count(given.objects, given.every, given.method):
+        objects.append(one)
+        if len(objects) % 100 == 0:
+            print(f"{len(objects)} objects, {time.perf_counter() - began:.0f} s", file=sys.stderr)
+    half = np.median([o.sweep for o in objects])
+    first, second = [o for o in objects if o.sweep < half], [o for o in objects if o.sweep >= half]
+    numbers = fit(first)
+    lines = [
+        f"{len(objects)} objects of {len({o.sweep for o in objects})} sweeps, rays by {given.method}. "
+        f"Fitted on the first {len(first)}: " + ", ".join(f"{name} {value:g}" for name, value in numbers.items()) + ".",
+        f"Below: the other {len(second)}.",
+        "",
+        *report(second, numbers),
+    ]
+    print("\n".join(lines))
+    if given.out is not None:
+        given.out.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
