@@ -1,0 +1,69 @@
+"""Every shader, as it is compiled here or on a GPU, by the reference compiler: as OpenGL's GLSL and as SPIR-V."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from zbuf_occlude.gl import exact_pass
+from zbuf_occlude.gl.depth_pass import MOST_TILES
+from zbuf_occlude.gl.exact_data import LEAF, WIDTH
+from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape
+from zbuf_occlude.gl.point_data import MOST_HIDDEN
+from zbuf_occlude.gl.shaders import load, shader_folder
+
+
+def exact(shape: Shape) -> dict[str, object]:
+    return {
+        "THREADS": shape.threads,
+        "PER_THREAD": shape.per_thread,
+        "STRANDS": shape.strands,
+        "TRIANGLES": shape.triangles,
+        "WIDTH": WIDTH,
+        "LEAF": LEAF,
+        "BUDGET": exact_pass.BUDGET,
+        "EPSILON": exact_pass.EPSILON,
+        "COUNTING": True,
+        "MAX_LEVELS": exact_pass.MAX_LEVELS,
+        "STACK": exact_pass.MAX_LEVELS * max(shape.threads // WIDTH, 1) * (WIDTH + 1),
+    }
+
+
+PROGRAMS: list[tuple[str, dict[str, object]]] = [
+    *[("exact.comp", exact(shape)) for _, shape in (*SOFTWARE, *HARDWARE)],
+    *[("depth.vert", {"TILES": MOST_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
+    *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
+    *[(name, {"TILES": MOST_TILES, "CUBE": cube}) for name in ("depth_test.comp", "vote.comp") for cube in (0, 1)],
+    *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
+    *[(name, {}) for name in ("peak.comp", "probe.comp", "stream.comp")],
+]
+
+
+def checked(*command: object) -> None:
+    if shutil.which(str(command[0])) is None:
+        pytest.skip(f"{command[0]} is not installed (Debian: apt-get install glslang-tools spirv-tools)")
+    child = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stdout + child.stderr
+
+
+def test_no_shader_is_left_out() -> None:
+    files = {path.name for path in shader_folder().iterdir() if path.is_file()}
+    assert {name for name, _ in PROGRAMS} == files
+
+
+@pytest.mark.parametrize(("name", "constants"), PROGRAMS, ids=[f"{i} {name}" for i, (name, _) in enumerate(PROGRAMS)])
+def test_it_compiles(name: str, constants: dict[str, object], tmp_path: Path) -> None:
+    source = tmp_path / name
+    source.write_text(load(name, **constants))
+    checked("glslangValidator", source)
+    binary = tmp_path / "shader.spv"
+    checked("glslangValidator", "-G", "--aml", "--amb", "-o", binary, source)
+    checked("spirv-val", "--target-env", "opengl4.5", binary)
+
+
+def test_a_wrong_shader_would_be_found(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.comp"
+    wrong.write_text("#version 430\nlayout(local_size_x = 1) in;\nvoid main() { int whole = 0.5; }\n")
+    with pytest.raises(AssertionError, match="cannot convert"):
+        checked("glslangValidator", wrong)
