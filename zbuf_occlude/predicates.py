@@ -11,6 +11,19 @@ from numba import njit
 from zbuf_occlude.vectors import cross, dot, minus
 
 
+@njit(inline="always")
+def volumes(origin, direction, a, b, c):
+    """Six times the signed volumes that a line spans with the edges bc, ca and ab, its origin taken as 0."""
+    a_, b_, c_ = minus(a, origin), minus(b, origin), minus(c, origin)
+    return dot(direction, cross(b_, c_)), dot(direction, cross(c_, a_)), dot(direction, cross(a_, b_))
+
+
+@njit(inline="always")
+def of_one_sign(u, v, w):
+    """Whether none of three numbers has the other sign; without branches, so that several can be asked at a time."""
+    return ((u >= 0.0) & (v >= 0.0) & (w >= 0.0)) | ((u <= 0.0) & (v <= 0.0) & (w <= 0.0))
+
+
 @njit
 def blocks(eye, point, a, b, c, contact):
     """Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
@@ -37,11 +50,8 @@ def blocks(eye, point, a, b, c, contact):
     correctly rounded on every GPU, and blocks64.glsl says the same.
     """
     d = minus(point, eye)
-    a_, b_, c_ = minus(a, point), minus(b, point), minus(c, point)
-    u = dot(d, cross(b_, c_))
-    v = dot(d, cross(c_, a_))
-    w = dot(d, cross(a_, b_))
-    if not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
+    u, v, w = volumes(point, d, a, b, c)
+    if not of_one_sign(u, v, w):
         return False
     n = cross(minus(b, a), minus(c, a))
     slope = dot(d, n)
@@ -71,15 +81,12 @@ def meeting(origin, direction, a, b, c):
     The same signed volumes as in `blocks`, with the ray's origin as theirs: edges shared by two faces do not leak.
     A ray within the face's plane misses it, and so does one that starts on it and does not come back.
     """
-    a_, b_, c_ = minus(a, origin), minus(b, origin), minus(c, origin)
-    u = dot(direction, cross(b_, c_))
-    v = dot(direction, cross(c_, a_))
-    w = dot(direction, cross(a_, b_))
-    if not ((u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)):
+    u, v, w = volumes(origin, direction, a, b, c)
+    if not of_one_sign(u, v, w):
         return math.inf
     n = cross(minus(b, a), minus(c, a))
     slope = dot(direction, n)
     if slope == 0.0 or u + v + w == 0.0:
         return math.inf
-    fraction = dot(a_, n) / slope
+    fraction = dot(minus(a, origin), n) / slope
     return fraction if fraction > 0.0 else math.inf

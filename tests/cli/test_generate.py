@@ -50,7 +50,8 @@ def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     assert document["counts"]["clouds"] == 32
     assert document["counts"]["clouds_by_split"] == {"train": 16, "test": 16}
     error = document["error"]
-    assert (error["false_visible"], error["false_hidden"], error["n_checked"]) == (0.0, 0.0, 8 * 4 * 64)
+    assert (error["false_visible"], error["false_hidden"], error["n_checked"]) == (0.0, 0.0, 8 * 4 * 600)
+    assert error["interval"] == [0.0, pytest.approx(1.92e-4, rel=0.01)]
     assert (error["bad_views"], error["n_views_checked"], error["worst_view"]["share"]) == (0.0, 8 * 4, 0.0)
     assert document["renderer"] == "none"
     assert {"seed", "options", "versions", "failures", "seconds"} <= set(document)

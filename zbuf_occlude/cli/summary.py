@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.dataset.confidence import CONFIDENCE
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.meshes.collection import SPLITS
 
@@ -23,7 +24,8 @@ def measured(error: dict[str, Any]) -> str:
         return "complete clouds: nothing was removed, so nothing was measured"
     lines = [
         f"measured against the oracle on {error['n_checked']} pairs of view and point: "
-        f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden"
+        f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden; "
+        f"of all {error['interval'][0]:.3%} to {error['interval'][1]:.3%} are wrong, with {CONFIDENCE:.0%} confidence"
     ]
     worst = error.get("worst_view")
     if worst is not None and worst["share"] > BAD:

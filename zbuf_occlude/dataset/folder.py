@@ -31,7 +31,7 @@ _OF_MANIFEST: Kinds = {
     "counts": {
         "clouds": int, "clouds_by_split": dict, "meshes": int, "meshes_failed": int, "views": int, "variations": int,
     },
-    "error": {"false_visible": _SHARE, "false_hidden": _SHARE, "n_checked": int},
+    "error": {"false_visible": _SHARE, "false_hidden": _SHARE, "interval": (list, type(None)), "n_checked": int},
     "failures": dict,
     "files": dict,
     "fingerprint": str,

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from zbuf_occlude.dataset.confidence import interval
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packing import STEPS
@@ -78,11 +79,12 @@ def summed_up(
 
 
 def error_of(counts: Counts) -> dict[str, Any]:
-    """Say how wrong the checked answers are; None where nothing was checked."""
+    """Say how wrong the checked answers are; None where nothing was checked. ``interval`` is of all answers' share."""
     n, n_views, worst = counts.n_checked, counts.n_views_checked, counts.worst
     return {
         "false_visible": counts.false_visible / n if n else None,
         "false_hidden": counts.false_hidden / n if n else None,
+        "interval": list(interval(counts.false_visible + counts.false_hidden, n)) if n else None,
         "n_checked": n,
         "n_views_checked": n_views,
         "bad_views": counts.n_bad_views / n_views if n_views else None,

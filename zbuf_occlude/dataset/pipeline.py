@@ -15,8 +15,11 @@ from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 
-CHECKED_VIEWS, CHECKED_POINTS = 4, 64
-"""Of each variation so many views and points are asked again of the oracle."""
+CHECKED_POINTS = 64
+"""At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
+
+MOST_TESTS = 1_000_000_000
+"""Pairs times faces that the oracle goes through for one sampling: a second. Huge meshes are checked at fewer pairs."""
 
 
 Kept = TypeVar("Kept")
@@ -25,7 +28,7 @@ Keep = Callable[[SurfacePoints, BoolArray, Views, str, int], Kept]
 
 
 def occlude(
-    mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, keep: Keep[Kept]
+    mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, keep: Keep[Kept], n_checked: int
 ) -> tuple[list[Kept], Counts, str]:
     """Make all clouds of one mesh, of points on its surface; scans are made by `zbuf_occlude.dataset.scans`.
 
@@ -41,6 +44,8 @@ def occlude(
     gl : GlContext or None
     keep : callable
         Called for each variation.
+    n_checked : int
+        About this many pairs of view and point of each variation are asked again of the oracle.
 
     Returns
     -------
@@ -67,10 +72,10 @@ def occlude(
             else:
                 mask = occluder.visible(points, views.eyes)
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
-                counts += check(mesh, points, views, mask, rng, key, variation)
+                counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
             if views.windows is not None:
                 mask = mask & views.shows(points.positions)
-            n_visible = mask.sum(axis=1)
+            n_visible = np.count_nonzero(mask, axis=1)
             counts += Counts(
                 n_clouds=int((n_visible > 0).sum()),
                 n_blind_views=int((n_visible == 0).sum()),
@@ -101,12 +106,17 @@ def check(
     views: Views,
     mask: BoolArray,
     rng: np.random.Generator,
-    key: str,
-    variation: int,
+    n_checked: int,
+    place: WorstView,
 ) -> Counts:
-    """Ask the oracle about a random few of the answers and count where they differ, view by view."""
-    some_views = rng.choice(len(views), min(CHECKED_VIEWS, len(views)), replace=False)
-    some_points = rng.choice(len(points), min(CHECKED_POINTS, len(points)), replace=False)
+    """Ask the oracle about a random few of the answers and count where they differ, view by view.
+
+    One view at least, and as many as have `CHECKED_POINTS` points each; `place` names mesh and variation.
+    """
+    n_pairs = min(n_checked, max(CHECKED_POINTS, MOST_TESTS // len(mesh.faces)))
+    n_views = min(max(1, n_pairs // CHECKED_POINTS), len(views))
+    some_views = rng.choice(len(views), n_views, replace=False)
+    some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
@@ -118,5 +128,5 @@ def check(
         false_hidden=int((~answer & truth).sum()),
         n_views_checked=len(truth),
         n_bad_views=int((shares > BAD_VIEW).sum()),
-        worst=WorstView(float(shares[worst]), key, variation, int(some_views[worst])),
+        worst=place._replace(share=float(shares[worst]), view=int(some_views[worst])),
     )

@@ -215,7 +215,9 @@ def run_shard(
             mesh = entry.load()
             views = plan.views_of(entry.key)
             if plan.recipe.setup is None:
-                kept, of_mesh, renderer_of_mesh = occlude(mesh, plan.recipe, views, entry.key, gl, store.keep)
+                kept, of_mesh, renderer_of_mesh = occlude(
+                    mesh, plan.recipe, views, entry.key, gl, store.keep, plan.n_checked
+                )
             else:
                 kept, of_mesh, renderer_of_mesh = scan_views(mesh, entry.label, plan, entry.key, store.keep)
         except (MeshError, ArgumentError) as error:  # the options have been tried: it is the mesh's numbers

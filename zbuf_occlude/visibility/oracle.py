@@ -3,15 +3,19 @@
 import math
 
 import numpy as np
-from numba import prange
+from numba import njit, prange
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import blocks, meeting
+from zbuf_occlude.predicates import blocks, meeting, of_one_sign, volumes
 from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import shared, take, threaded, together
+from zbuf_occlude.vectors import minus
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+
+RUN = 64
+"""Faces that a line is held against at a time."""
 
 SLANT = 5.0
 """A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
@@ -42,7 +46,7 @@ class Oracle(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
-        return _visible(self.mesh.corners, points.face_ids, targets, eyes, self.contact)
+        return _visible(self.mesh, points.face_ids, targets, eyes, self.contact)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
@@ -107,7 +111,7 @@ class Oracle(Occluder):
         still = self._still(points, eyes, answer, width, self.contact)
         targets = np.broadcast_to(points.positions, (len(eyes), len(points), 3))
         for contact in (self.contact / 2.0, self.contact * 2.0):
-            still &= _visible(self.mesh.corners, points.face_ids, targets, eyes, contact) == answer
+            still &= _visible(self.mesh, points.face_ids, targets, eyes, contact) == answer
         return still
 
     def silhouette_distance(self, points: SurfacePoints, eyes: FloatArray, widths: FloatArray) -> FloatArray:
@@ -157,7 +161,7 @@ class Oracle(Occluder):
         across, upwards = _perpendiculars(points.positions[None] - eyes[:, None])
         for angle in np.arange(8) * (np.pi / 4.0):
             targets = points.positions + width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
-            still &= _visible(self.mesh.corners, points.face_ids, targets, eyes, contact) == answer
+            still &= _visible(self.mesh, points.face_ids, targets, eyes, contact) == answer
         return still
 
 
@@ -170,24 +174,51 @@ def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
     return across, np.cross(unit, across)
 
 
-@threaded
-def _visible(corners: FloatArray, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
+def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
-    k, n = targets.shape[:2]
-    answer = np.ones((k, n), dtype=np.bool_)
-    for i in prange(n):
-        for j in range(k):
+    answer = np.empty(targets.shape[:2], dtype=np.bool_)
+    columns = np.full((9, -(-len(mesh.faces) // RUN) * RUN), np.nan)  # no line passes through what fills the last run
+    columns[:, : len(mesh.faces)] = mesh.corners.reshape(-1, 9).T
+    runs = np.ascontiguousarray(columns.reshape(9, -1, RUN).transpose(1, 0, 2))
+    together(_look, len(own), mesh.corners, runs, own, targets, eyes, contact, answer)
+    return answer
+
+
+@shared
+def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
+    """Take point after point, and ask every face about it for each eye."""
+    i = take(tasks)
+    while i < len(own):
+        for j in range(len(eyes)):
             eye = (eyes[j, 0], eyes[j, 1], eyes[j, 2])
             point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
-            for face in range(len(corners)):
-                if face == own[i]:
+            answer[j, i] = True
+            for run in range(len(runs)):
+                if not _passes_any(runs[run], eye, point):
                     continue
-                t = corners[face]
-                a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
-                if blocks(eye, point, a, b, c, contact):
-                    answer[j, i] = False
+                for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
+                    t = corners[face]
+                    a, b, c = (t[0, 0], t[0, 1], t[0, 2]), (t[1, 0], t[1, 1], t[1, 2]), (t[2, 0], t[2, 1], t[2, 2])
+                    if face != own[i] and blocks(eye, point, a, b, c, contact):
+                        answer[j, i] = False
+                        break
+                if not answer[j, i]:
                     break
-    return answer
+        i = take(tasks)
+
+
+@njit
+def _passes_any(run, eye, point):
+    """Whether the line passes through any face of a run, (9, RUN): what `blocks` asks first, of several at a time."""
+    direction = minus(point, eye)
+    n = 0
+    for i in range(RUN):
+        a = (run[0, i], run[1, i], run[2, i])
+        b = (run[3, i], run[4, i], run[5, i])
+        c = (run[6, i], run[7, i], run[8, i])
+        u, v, w = volumes(point, direction, a, b, c)
+        n += of_one_sign(u, v, w)
+    return n > 0
 
 
 @threaded
