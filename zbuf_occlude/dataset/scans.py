@@ -6,7 +6,7 @@ import numpy as np
 
 from zbuf_occlude.dataset.clouds import ScanPoints, point_columns
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
-from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, CHECKED_VIEWS, Keep, Kept
+from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
@@ -20,6 +20,9 @@ ATTRIBUTES = {
     "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
 }  # fmt: skip
 """For each field of a record that has a row per point what it is of a `Scan`."""
+
+CHECKED_VIEWS = 4
+"""Of the scans of each variation this many are checked."""
 
 
 def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -> tuple[list[Kept], Counts, str]:
