@@ -54,6 +54,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "webdataset": ("dataset",),
     "pyarrow": ("dataset",),
     "fpsample": ("dataset",),
+    "DracoPy": ("meshes",),
     "torch": ("learn", "dataset.torch"),
     "ray": ("farm",),
     "matplotlib": ("drawing", "compare", "learn", "cli"),

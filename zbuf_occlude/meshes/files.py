@@ -74,8 +74,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
     All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Whatever
     a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
     meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
-    ASCII STL three. STL and glTF are read by trimesh, behind checks of what it would misread; OFF, OBJ and PLY by this
-    package's own readers (docs/architecture.md says why).
+    compressed glTF longer.
     """
     path = Path(path)
     if up is not None:

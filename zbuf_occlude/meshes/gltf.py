@@ -1,30 +1,36 @@
-"""glTF 2.0 scenes, .gltf or .glb: trimesh's reader behind checks that refuse what it would misread."""
+"""glTF 2.0 scenes, .gltf or .glb: which mesh is shown where; `gltf_data` reads the numbers."""
 
-import base64
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote
+from typing import NamedTuple
 
 import numpy as np
 
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes.library import read_triangles
-from zbuf_occlude.meshes.polygons import LARGEST, Polygons
+from zbuf_occlude.meshes.gltf_data import Data, Json, whole
+from zbuf_occlude.meshes.polygons import LARGEST, Ints, Polygons
 
-Json = dict[str, Any]
-
-_LINES_AND_POINTS, _TRIANGLES, _STRIP = (0, 1, 2, 3), 4, 5
-_KINDS = {"POSITION": ("VEC3", (5120, 5121, 5122, 5123, 5126)), "indices": ("SCALAR", (5121, 5123, 5125))}
-_HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_mesh_quantization")
-"""Extensions that a file may require without that positions or faces were hidden from a reader that ignores them."""
+_LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
+_READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quantization")
+_HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", *_READ)
+"""Extensions that a file may require without that positions or faces were hidden from this reader."""
 
 _REPEATED = 6_000_000
 """Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
 
-_DEEPEST = 200  # levels of nodes; trimesh's time grows with their square
+_DEEPEST = 200  # levels of nodes
+
+
+class Part(NamedTuple):
+    """The triangles of one primitive, in its mesh's own space."""
+
+    positions: FloatArray
+    triangles: Ints
+    joints: Ints | None
+    weights: FloatArray | None
 
 
 def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Polygons:
@@ -42,41 +48,39 @@ def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.re
     Returns
     -------
     Polygons
-        Triangles in the scene's own axes (y up), in the order in which trimesh walks the nodes. Units of the file.
+        Triangles in the scene's own axes (y up), mesh by mesh in the order in which nodes show them, parents first.
+        Units of the file.
 
     Raises
     ------
     MeshError
-        Not glTF 2, cut short, damaged, compressed (Draco, meshopt), with missing buffers, or with what trimesh passes
-        over: sparse accessors, normalized positions, fans, instances (EXT_mesh_gpu_instancing).
+        Not glTF 2, cut short, damaged, with missing buffers, compressed by meshopt, or by Draco where the package
+        DracoPy (extra `draco`) is missing.
 
     Notes
     -----
-    Triangles and strips are read; points and lines are left out. Skins and morph targets are not applied: an animated
-    figure has the pose of its mesh. Vertices that no triangle uses are left out. Without a default scene the first one
-    is shown, without scenes every node that is no other's child. Faces of mirrored nodes are turned over, to face as
-    they did. A node's transform within 1e-8 of none is taken as none.
+    Triangles, strips and fans are read; points and lines are left out. Skinned meshes stand as the file's own joints
+    pose them, which is the bind pose unless its exporter left another; morph targets are not applied. Instances
+    (EXT_mesh_gpu_instancing) are all shown. Vertices that no triangle uses are left out. Without a default scene the
+    first one is shown, without scenes every node that is no other's child. Faces of mirrored nodes are turned over, to
+    face as they did. What no shown triangle needs (morph targets, animations, normals) is not looked at.
     """
     try:
         document, binary = _split(data)
-        buffers = {str(i): _buffer(i, b, binary, folder, read) for i, b in enumerate(document.get("buffers", []))}
-        document["buffers"] = [{"uri": name} for name in buffers]
-        n_bytes = sum({id(view.obj): len(view) for view in buffers.values()}.values())  # shared ones once
-        _prepare_meshes(document, n_bytes)
-        _prepare_nodes(document, 3 * n_bytes + _REPEATED)
+        scene = _Scene(document, Data(document, binary, folder, read))
+        positions, triangles = scene.flattened()
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError, OSError) as error:
         if isinstance(error, MeshError):
             raise
         # the structure of the JSON is the file's, and so are its mistakes
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:80]}"
         raise MeshError(f"it must be valid glTF 2.0; its structure is broken ({reason}). Is it damaged?") from None
-    vertices, triangles = read_triangles(json.dumps(document).encode(), "gltf", buffers)
     used, corners = np.unique(triangles, return_inverse=True)
-    return Polygons.from_triangles(vertices[used], corners)
+    return Polygons.from_triangles(positions[used], corners)
 
 
 def _split(data: bytes) -> tuple[Json, bytes | None]:
-    """Return the JSON document, readable without extensions, and the binary chunk of a .glb."""
+    """Return the JSON document and the binary chunk of a .glb."""
     binary = None
     if data.startswith(b"glTF"):
         version, declared, n_json, kind = struct.unpack_from("<III4s", data.ljust(20, b"\0"), 4)
@@ -96,9 +100,9 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
         raise MeshError(
             "a glTF file must be JSON; this one cannot be read as that. Is it damaged or cut short?"
         ) from None
+    if not str(document["asset"]["version"]).startswith("2."):
+        raise MeshError(f"a glTF file must be of version 2; it is of {str(document['asset']['version'])[:20]!r}.")
     required = [name for name in document.get("extensionsRequired", []) if not str(name).startswith(_HARMLESS)]
-    # without this one a file can be read, and shows one of its many instances
-    required += [name for name in document.get("extensionsUsed", []) if name == "EXT_mesh_gpu_instancing"]
     if required:
         raise MeshError(
             f"a glTF file must be readable without extensions; it requires {required[0]}. Export it plainly."
@@ -106,102 +110,177 @@ def _split(data: bytes) -> tuple[Json, bytes | None]:
     return document, binary
 
 
-def _buffer(
-    buffer_id: int, buffer: Json, binary: bytes | None, folder: Path, read: Callable[[Path], bytes]
-) -> memoryview:
-    """Bytes of a buffer; as a view, for trimesh slices it once for every view in the file."""
-    uri = buffer.get("uri")
-    if uri is None:
-        if buffer_id or binary is None:
-            raise MeshError(f"buffer {buffer_id} of glTF must have data; it has none. Is it cut short or compressed?")
-        return memoryview(binary)
-    if uri.startswith("data:"):
-        return memoryview(base64.b64decode(uri.partition(";base64,")[2], validate=True))
-    path = (folder / unquote(uri)).resolve()
-    if "://" in uri or not path.is_relative_to(folder.resolve()) or not path.is_file():
-        raise MeshError(f"a buffer of glTF must be a file in its folder; there is no {uri[:80]!r}. Copy it there.")
-    return memoryview(read(path))
+class _Scene:
+    """The nodes of a document, and what they show."""
 
-
-def _prepare_meshes(document: Json, n_bytes: int) -> None:
-    """Check every accessor and leave meshes nothing but their triangles."""
-    accessors = document.get("accessors", [])
-    for i, accessor in enumerate(accessors):
-        if "sparse" in accessor or "bufferView" not in accessor:  # trimesh has zeros there, as many as are declared
-            what = "is sparse" if "sparse" in accessor else "has none, or it is compressed"
-            raise MeshError(f"accessor {i} of glTF must have all its data; it {what}. Export it plainly.")
-    for row in (*accessors, *document.get("bufferViews", [])):
-        for key in {"bufferView", "buffer", "count", "byteOffset", "byteLength", "byteStride"} & row.keys():
-            if _whole(row[key]) > n_bytes:
-                raise MeshError(
-                    f"buffers of glTF must hold what is declared; {key} is {row[key]:,} of {n_bytes:,} bytes."
-                )
-    for mesh_id, mesh in enumerate(document.get("meshes", [])):
-        kept = []
-        for primitive in mesh["primitives"]:
-            mode, position = primitive.get("mode", _TRIANGLES), primitive["attributes"].get("POSITION")
-            if mode in _LINES_AND_POINTS or position is None:
-                continue
-            if mode not in (_TRIANGLES, _STRIP):
-                raise MeshError(
-                    f"meshes of glTF must be triangles or strips; mesh {mesh_id} has mode {mode!r:.9}, fans."
-                )
-            _check_kind("POSITION", accessors[_whole(position)])
-            kept.append({"mode": mode, "attributes": {"POSITION": position}})
-            if "indices" in primitive:
-                kept[-1]["indices"] = _whole(primitive["indices"])
-                _check_kind("indices", accessors[kept[-1]["indices"]])
-        mesh["primitives"] = kept
-
-
-def _check_kind(role: str, accessor: Json) -> None:
-    kind, components = _KINDS[role]
-    found = accessor["type"], accessor["componentType"]
-    if found[0] != kind or found[1] not in components or (role == "POSITION" and accessor.get("normalized")):
-        raise MeshError(
-            f"{role} of glTF must be {kind} of component types {components}, not normalized; it is {str(found)[:60]}."
+    def __init__(self, document: Json, data: Data) -> None:
+        self._data = data
+        self._nodes, self._meshes = document.get("nodes", []), document.get("meshes", [])
+        self._skins = document.get("skins", [])
+        scenes = document.get("scenes")
+        self._roots = (
+            list(map(whole, scenes[whole(document.get("scene", 0))].get("nodes", [])))
+            if scenes
+            else sorted(set(range(len(self._nodes))).difference(*map(_children, self._nodes)))
         )
+        self._parts: dict[int, list[Part]] = {}
+        self._n_rows = 0
+
+    def flattened(self) -> tuple[FloatArray, Ints]:
+        """Return all vertices and triangles of the scene."""
+        matrices = dict(self._placed())
+        shown: dict[tuple[int, int | None], list[FloatArray]] = {}  # where a mesh, with a skin or none, is shown
+        for node_id, matrix in matrices.items():
+            node = self._nodes[node_id]
+            if "mesh" in node:
+                skin = whole(node["skin"]) if "skin" in node else None
+                shown.setdefault((whole(node["mesh"]), skin), []).extend(self._instances(node, matrix))
+        positions, triangles, n_vertices = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+        for (mesh_id, skin), places in shown.items():
+            for part in self._parts_of(mesh_id):
+                self._count(len(places) * (len(part.positions) + part.triangles.size))
+                moved, mirrored = self._moved(part, skin, np.array(places), matrices)
+                firsts = n_vertices + len(part.positions) * np.arange(len(moved))
+                turned = np.where(mirrored[:, None, None], part.triangles[:, ::-1], part.triangles)
+                positions.append(moved.reshape(-1, 3))
+                triangles.append((turned + firsts[:, None, None]).reshape(-1, 3))
+                n_vertices += len(positions[-1])
+        return np.concatenate(positions), np.concatenate(triangles)
+
+    def _placed(self) -> Iterator[tuple[int, FloatArray]]:
+        """Yield each node of the scene with the matrix that takes it to world space, parents first."""
+        met: set[int] = set()
+        stack = [(node_id, np.eye(4), 1) for node_id in reversed(self._roots)]
+        while stack:
+            node_id, above, level = stack.pop()
+            if node_id in met or level > _DEEPEST:
+                raise MeshError(
+                    f"the nodes of glTF must be a tree of at most {_DEEPEST} levels; they are not. Flatten them."
+                )
+            met.add(node_id)
+            node = self._nodes[node_id]
+            matrix = above if (own := _local(node)) is None else above @ own
+            yield node_id, matrix
+            stack += [(child, matrix, level + 1) for child in reversed(_children(node))]
+
+    def _parts_of(self, mesh_id: int) -> list[Part]:
+        if mesh_id not in self._parts:
+            parts = [self._part(mesh_id, primitive) for primitive in self._meshes[mesh_id]["primitives"]]
+            self._parts[mesh_id] = [part for part in parts if part is not None]
+        return self._parts[mesh_id]
+
+    def _part(self, mesh_id: int, primitive: Json) -> Part | None:
+        mode, attributes = primitive.get("mode", _TRIANGLES), primitive["attributes"]
+        if mode in _LINES_AND_POINTS or "POSITION" not in attributes:
+            return None
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            raise MeshError(f"meshes of glTF must be triangles, strips or fans; mesh {mesh_id} has mode {mode!r:.9}.")
+        indices: Ints | None = None
+        if (packed := primitive.get("extensions", {}).get("KHR_draco_mesh_compression")) is not None:
+            positions, triangles = self._data.draco(packed)
+            return Part(positions, _checked(triangles, len(positions)), None, None)
+        positions = self._data.floats(attributes["POSITION"], "POSITION", self._count)
+        if "indices" in primitive:
+            indices = self._data.indices(primitive["indices"], self._count)
+        else:
+            indices = np.arange(len(positions))
+        joints = weights = None
+        if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
+            joints = self._data.joints(attributes["JOINTS_0"], self._count)
+            weights = self._data.floats(attributes["WEIGHTS_0"], "WEIGHTS_0", self._count)
+        return Part(positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
+
+    def _moved(
+        self, part: Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return a part's positions (k, n, 3) in k places, world space, and in which it is mirrored."""
+        if skin_id is None or part.joints is None or part.weights is None:
+            with np.errstate(all="ignore"):  # what overflows is judged later, if a triangle uses it
+                moved = np.einsum("kab,vb->kva", places[:, :3, :3], part.positions) + places[:, None, :3, 3]
+            return moved, np.linalg.det(places[:, :3, :3]) < 0
+        skin = self._skins[skin_id]
+        ids = list(map(whole, skin["joints"]))
+        posed = np.array([matrices.get(joint, np.eye(4)) for joint in ids])
+        if "inverseBindMatrices" in skin:  # columns first, as all matrices of glTF
+            posed = posed @ self._data.matrices(skin["inverseBindMatrices"], self._count)[: len(ids)].transpose(0, 2, 1)
+        total = part.weights.sum(axis=1, keepdims=True)
+        weights = np.divide(part.weights, total, out=np.zeros_like(part.weights), where=total > 0)
+        blended = np.einsum("vj,vjab->vab", weights, posed[part.joints])
+        blended[total[:, 0] <= 0] = np.eye(4)
+        moved = np.einsum("vab,vb->va", blended[:, :3, :3], part.positions) + blended[:, :3, 3]
+        # a node that shows a skinned mesh does not move it: all its places are one
+        return moved[None], np.array([np.linalg.det(posed[:, :3, :3]).mean() < 0])
+
+    def _instances(self, node: Json, matrix: FloatArray) -> Iterator[FloatArray]:
+        """Yield where a node shows its mesh: once, or as often as its instances say."""
+        instancing = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
+        if instancing is None:
+            yield matrix
+            return
+        attributes = instancing["attributes"]
+        given = {
+            name: self._data.floats(attributes[name], name, self._count)
+            for name in ("TRANSLATION", "ROTATION", "SCALE")
+            if name in attributes
+        }
+        for row in range(min(map(len, given.values()))):
+            local = _local({name.lower(): values[row].tolist() for name, values in given.items()})
+            yield matrix if local is None else matrix @ local
+
+    def _count(self, n_rows: int) -> None:
+        """Count rows before memory is taken for them."""
+        self._n_rows += n_rows
+        if self._n_rows > 3 * self._data.n_bytes + _REPEATED:  # a small file can show the same data without end
+            raise MeshError(f"a scene must not repeat its data to {self._n_rows:,} vertices and corners. Split it.")
 
 
-def _prepare_nodes(document: Json, n_allowed: int) -> None:
-    """Check that the nodes are a tree and show no more than so many vertices and corners."""
-    nodes, accessors, meshes = (document.get(key, []) for key in ("nodes", "accessors", "meshes"))
-    if not document.get("scenes"):
-        document["scenes"] = [{"nodes": sorted(set(range(len(nodes))).difference(*map(_children, nodes)))}]
-    level = list(map(_whole, document["scenes"][_whole(document.get("scene", 0))].get("nodes", [])))
-    met: set[int] = set()
-    n_rows = sum(accessor["count"] for accessor in accessors)
-    for _ in range(_DEEPEST):
-        if len(met | set(level)) < len(met) + len(level):
-            break
-        met.update(level)
-        for node in map(nodes.__getitem__, level):
-            node.pop("camera", None)  # trimesh passes over such a node and what it holds
-            for key in {"matrix", "translation", "rotation", "scale"} & node.keys():
-                if not (np.abs(np.array(node[key], dtype=np.float64)) <= LARGEST).all():  # NaN trimesh takes for none
-                    raise MeshError(
-                        f"the {key} of a node must be finite and below {LARGEST:g}; it is {str(node[key])[:60]}."
-                    )
-            primitives = meshes[_whole(node["mesh"])]["primitives"] if "mesh" in node else []
-            if not primitives:
-                node.pop("mesh", None)  # or trimesh passes over it too
-            for primitive in primitives:
-                ids = primitive["attributes"]["POSITION"], primitive.get("indices", primitive["attributes"]["POSITION"])
-                n_corners = accessors[ids[1]]["count"] * (3 if primitive["mode"] == _STRIP else 1)
-                n_rows += accessors[ids[0]]["count"] + n_corners
-        level = [child for node in level for child in _children(nodes[node])]
-    if level:
-        raise MeshError(f"the nodes of glTF must be a tree of at most {_DEEPEST} levels; they are not. Flatten them.")
-    if n_rows > n_allowed:  # a small file can show the same data without end
-        raise MeshError(f"a scene must not repeat its data to {n_rows:,} vertices and corners. Split it.")
+def _triangles(mode: int, indices: Ints) -> Ints:
+    """Return the triangles (f, 3) of a primitive; every other one of a strip is turned over, as the standard says."""
+    if mode == _TRIANGLES:
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    if len(indices) < 3:
+        return np.empty((0, 3), np.int64)
+    if mode == _FAN:
+        return np.stack([indices[1:-1], indices[2:], np.full(len(indices) - 2, indices[0])], axis=1)
+    triangles = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+    triangles[1::2] = triangles[1::2, [1, 0, 2]]
+    return triangles
+
+
+def _checked(indices: Ints, n_vertices: int) -> Ints:
+    if indices.size and not 0 <= indices.min() <= indices.max() < n_vertices:
+        raise MeshError(
+            f"triangles must refer to the {n_vertices} vertices of their part by 0 to {n_vertices - 1}; "
+            f"one refers to {indices.max()}. Is the file damaged?"
+        )
+    return indices
 
 
 def _children(node: Json) -> list[int]:
-    return list(map(_whole, node.get("children", [])))
+    return list(map(whole, node.get("children", [])))
 
 
-def _whole(value: Any) -> int:
-    """Check a count, an offset or an index of the JSON."""
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 60:
-        raise MeshError(f"counts and indices of glTF must be whole numbers from 0; one is {str(value)[:40]!r}.")
-    return value
+def _local(node: Json) -> FloatArray | None:
+    """Return a node's own matrix, None for one that does not move anything."""
+    if not {"matrix", "translation", "rotation", "scale"} & node.keys():
+        return None
+    for key, size in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
+        if key in node:
+            values = np.array(node[key], dtype=np.float64)
+            if values.shape != (size,) or not (np.abs(values) <= LARGEST).all():
+                raise MeshError(
+                    f"the {key} of a node must be finite and below {LARGEST:g}, {size} numbers; "
+                    f"it is {str(node[key])[:60]}."
+                )
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)))
+    matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return matrix

@@ -1,7 +1,6 @@
-"""Triangles through trimesh, for the formats that it reads as they are meant: STL and glTF."""
+"""Triangles through trimesh, for what it reads as it is meant: ASCII STL that is not one record a line."""
 
 import warnings
-from collections.abc import Mapping
 from io import BytesIO
 
 import numpy as np
@@ -12,13 +11,10 @@ from zbuf_occlude.meshes.polygons import Ints
 from zbuf_occlude.meshes.text import as_doubles
 
 
-def read_triangles(
-    data: bytes, file_type: str, buffers: Mapping[str, memoryview] | None = None
-) -> tuple[FloatArray, Ints]:
+def read_triangles(data: bytes, file_type: str) -> tuple[FloatArray, Ints]:
     """Let trimesh read a file that has passed its format's guards; return vertices (v, 3) and triangles (f, 3).
 
-    Everything that trimesh raises becomes a MeshError, and so do triangles of vertices that are missing. `buffers` is
-    what the file refers to, by name. Parts come in the order of the scene's nodes, moved to where it shows them.
+    Everything that trimesh raises becomes a MeshError, and so do triangles of vertices that are missing.
     """
     import trimesh  # late, for its import takes half a second
 
@@ -26,7 +22,7 @@ def read_triangles(
         # vertices that are no numbers or overflow are judged later; NumPy need not warn of them
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # what older NumPy says of text that is no number
-            scene = trimesh.load_scene(BytesIO(data), file_type=file_type, resolver=buffers, process=False)
+            scene = trimesh.load_scene(BytesIO(data), file_type=file_type, process=False)
             scene.graph.repair_rigid = None  # the file's transforms as they are
             for part in scene.geometry.values():
                 # before they are joined, for then one part's missing vertex is another's first

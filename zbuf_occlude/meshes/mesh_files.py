@@ -22,7 +22,7 @@ class MeshFiles:
         if path not in self._contents:
             try:
                 stamp = _stamp(path, self._folder)
-            except OSError:
+            except (OSError, ValueError):
                 stamp = Stamp(path.name, 0, 0)  # reading it says why
             self._contents[path] = read_bytes(path)
             self._stamps.append(stamp)
@@ -50,7 +50,7 @@ def origin_now(path: Path, then: Origin) -> Origin:
         files = MeshFiles(path)
         for each in paths:
             files.read(each)
-    except (OSError, MeshError):
+    except (OSError, ValueError, MeshError):
         return UNKNOWN
     return files.origin
 
@@ -60,7 +60,7 @@ def origin_unread(path: Path) -> Origin:
     paths = [path, *([path.parent] if path.suffix.lower() in (".gltf", ".glb") else [])]
     try:
         return Origin("", tuple(_stamp(each, path.parent) for each in paths))
-    except OSError:
+    except (OSError, ValueError):
         return UNKNOWN
 
 
