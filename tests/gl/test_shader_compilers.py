@@ -36,7 +36,7 @@ PROGRAMS: list[tuple[str, dict[str, object]]] = [
     *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
     *[(name, {"TILES": MOST_TILES, "CUBE": cube}) for name in ("depth_test.comp", "vote.comp") for cube in (0, 1)],
     *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
-    *[(name, {}) for name in ("peak.comp", "probe.comp", "stream.comp")],
+    *[(name, {}) for name in ("candidates.comp", "peak.comp", "probe.comp", "stream.comp")],
 ]
 
 

@@ -65,11 +65,10 @@ class DepthPass:
             self.release()
             raise
 
-    def draw(self, n_eyes: int) -> None:
-        """Draw the mesh for a batch of eyes, by the matrices bound to uniform block 0."""
+    def draw(self, n_tiles: int) -> None:
+        """Draw the mesh into the first tiles, by the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
-        n_tiles = n_eyes * self._tiles_an_eye
         self.atlas.draw(n_tiles, lambda: self._drawn.render(instances=n_tiles), clip=self._tiles_an_eye == CUBE)
 
     def release(self) -> None:

@@ -14,7 +14,6 @@ METHODS: tuple[Method, ...] = (
         "the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU",
         "zbuf_occlude.visibility.depth_buffer:prepare",
         needs_gl=True,
-        no_first_hits="its pictures are of points' eyes so far, not of a sensor's rays",
     ),
     Method(
         "exact",

@@ -1,0 +1,166 @@
+"""First hits of rays: the mesh drawn as each origin sees it, the faces in the nearest pixels held against the ray."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.camera import Frusta, cube_faces
+from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
+from zbuf_occlude.gl.point_pass import set_uniforms
+from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
+from zbuf_occlude.predicates import meeting
+from zbuf_occlude.threads import threaded
+
+WINDOW = 16
+"""Pixels looked at per ray, 4 x 4."""
+
+_LANES = 64  # invocations of a work group
+
+
+class PicturedRays(NamedTuple):
+    """Rays whose origins have pictures of one kind.
+
+    Parameters
+    ----------
+    tiles_an_eye : int
+        1 for pictures fitted to the mesh, `CUBE` for sides of a cube.
+    pictures : Pictures
+        Of all origins, only those that a ray passes through.
+    rays : (r,) int
+        Which rays, in the order of their pictures.
+    tiles : (r,) int
+        Which of the pictures each passes through.
+    pixels : (r, 2) float64
+        Where, in pixels from the picture's lower left.
+    """
+
+    tiles_an_eye: int
+    pictures: Pictures
+    rays: NDArray[np.int64]
+    tiles: NDArray[np.int64]
+    pixels: FloatArray
+
+
+def picture_rays(
+    origins: FloatArray, directions: FloatArray, positions: FloatArray, resolution: int
+) -> list[PicturedRays]:
+    """Arrange rays by pictures; those that pass through none, and so miss the mesh, are left out.
+
+    Parameters
+    ----------
+    origins, directions : (n, 3) float64
+        Unit space.
+    positions : (m, 3) float64
+        The mesh's vertices, unit space.
+    resolution : int
+    """
+    places, origin_of = np.unique(origins, axis=0, return_inverse=True)
+    origin_of = origin_of.reshape(-1)
+    fits, fitted = single_pictures(places, positions, resolution)
+    groups = []
+    outside = np.flatnonzero(fits[origin_of])
+    if len(outside):
+        groups.append(_pictured(1, fitted, outside, (np.cumsum(fits) - 1)[origin_of[outside]], directions, resolution))
+    inside = np.flatnonzero(~fits[origin_of])
+    if len(inside):
+        sides = (np.cumsum(~fits) - 1)[origin_of[inside]] * CUBE + cube_faces(directions[inside]).astype(np.int64)
+        used, tiles = np.unique(sides, return_inverse=True)
+        pictures = _some(cube_pictures(places[~fits], positions, resolution), used)
+        groups.append(_pictured(CUBE, pictures, inside, tiles.reshape(-1), directions, resolution))
+    return groups
+
+
+def _some(pictures: Pictures, which: NDArray[np.int64]) -> Pictures:
+    frusta = Frusta(*(bound[which] for bound in pictures.frusta))
+    return Pictures(pictures.views[which], frusta, pictures.projections[which], pictures.gains[which])
+
+
+def _pictured(
+    tiles_an_eye: int,
+    pictures: Pictures,
+    rays: NDArray[np.int64],
+    tiles: NDArray[np.int64],
+    directions: FloatArray,
+    resolution: int,
+) -> PicturedRays:
+    order = np.argsort(tiles, kind="stable")
+    rays, tiles = rays[order], tiles[order]
+    turned = np.einsum("nij,nj->ni", pictures.views[tiles, :3, :3], directions[rays])
+    ahead = turned[:, 2] < 0.0
+    rays, tiles, turned = rays[ahead], tiles[ahead], turned[ahead]
+    tangents = turned[:, :2] / -turned[:, 2:]
+    frusta = pictures.frusta
+    low = np.stack([frusta.left, frusta.bottom], axis=1)[tiles]
+    high = np.stack([frusta.right, frusta.top], axis=1)[tiles]
+    pixels = (tangents - low) / (high - low) * resolution
+    within = ((pixels > 0.0) & (pixels < resolution)).all(axis=1)
+    return PicturedRays(tiles_an_eye, pictures, rays[within], tiles[within], pixels[within])
+
+
+def seen_around(gl: GlContext, depth_pass: DepthPass, pictured: PicturedRays) -> IntArray:
+    """Draw the pictures and return the faces around each ray, (r, `WINDOW`), by their place in the order of drawing."""
+    atlas = depth_pass.atlas
+    tiles = arrange_tiles(pictured.pictures, atlas.resolution, atlas.columns, atlas.n_tiles)
+    lowest = np.floor(pictured.pixels - 1.5).astype(np.int32) + tiles["corner"][pictured.tiles, :2].astype(np.int32)
+    seen = np.empty((len(pictured.rays), WINDOW), dtype=np.int32)
+    program = gl.program("candidates.comp")
+    for batch in parts(len(tiles), atlas.n_tiles):
+        padded = np.zeros(MOST_TILES, dtype=TILE)
+        padded[: batch.stop - batch.start] = tiles[batch]
+        first, last = np.searchsorted(pictured.tiles, [batch.start, batch.stop])
+        with Buffers(gl, tiles=padded) as buffers:
+            buffers.bind_uniforms("tiles", 0, offset=0, size=padded.nbytes)
+            depth_pass.draw(batch.stop - batch.start)
+            atlas.use(depths=0, faces=1)
+            for part in parts(last - first, block_limit(gl) // (4 * WINDOW)) if last > first else ():
+                rays = slice(first + part.start, first + part.stop)
+                _gather(gl, program, lowest[rays], seen[rays])
+    return seen
+
+
+def _gather(gl: GlContext, program: Any, lowest: NDArray[np.int32], seen: IntArray) -> None:
+    set_uniforms(program, n_rays=len(lowest))
+    with Buffers(gl, rays=lowest, seen=seen.nbytes) as buffers:
+        buffers.bind(rays=0, seen=1)
+        program.run(-(-len(lowest) // _LANES))
+        buffers.read_into("seen", seen)
+
+
+@threaded
+def nearest_of(
+    candidates: IntArray, corners: FloatArray, origins: FloatArray, directions: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Hold each ray against its candidates, in float64.
+
+    Parameters
+    ----------
+    candidates : (n, c) int32
+        The mesh's faces, -1 for none.
+    corners : (f, 3, 3) float64
+    origins, directions : (n, 3) float64
+        World space.
+
+    Returns
+    -------
+    face_ids : (n,) int32
+        The nearest that the ray meets, the lowest of those equally near; -1 for none.
+    fractions : (n,) float64
+        How many times its direction away; infinite for none.
+    """
+    face_ids = np.full(len(origins), -1, dtype=np.int32)
+    fractions = np.full(len(origins), np.inf)
+    for i in prange(len(origins)):
+        for j in range(candidates.shape[1]):
+            face = candidates[i, j]
+            if face < 0 or face == face_ids[i]:
+                continue
+            f = corners[face]
+            at = meeting(origins[i], directions[i], f[0], f[1], f[2])
+            if at < fractions[i] or (at == fractions[i] and at < np.inf and face < face_ids[i]):
+                face_ids[i], fractions[i] = face, at
+    return face_ids, fractions
