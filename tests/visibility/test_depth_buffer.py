@@ -241,10 +241,10 @@ def test_answers_that_do_not_fit_go_in_parts(gl: GlContext, resolution: int, mon
     assert 0.05 < masks[0].mean() < 0.6
 
 
-@pytest.mark.parametrize("place", [[0.4, -2.0, 1.2], [0.02, 0.01, 0.1]], ids=["outside", "within"])
+@pytest.mark.parametrize("place", [[0.3, -1.3, 0.4], [0.02, 0.01, 0.1]], ids=["outside", "within"])
 def test_first_hits_of_one_sensor(gl: GlContext, place: list[float]) -> None:
-    """All round, as a spinning sensor looks: 2,000 rays through one picture, or six."""
-    turns, rises = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False), np.linspace(-0.9, 0.9, 20))
+    """All round, as a spinning sensor looks: 4,000 rays through one picture, or six."""
+    turns, rises = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False), np.linspace(-0.9, 0.9, 20))
     directions = np.stack([np.cos(turns) * np.cos(rises), np.sin(turns) * np.cos(rises), np.sin(rises)], axis=-1)
     rays = [place], directions.reshape(-1, 3)
     with prepare(CHAIR, "oracle") as oracle, prepare(CHAIR, "depth_buffer", gl=gl, refine="none") as occluder:
