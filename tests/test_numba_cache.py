@@ -31,3 +31,14 @@ def test_what_can_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
     numba_cache.ensure_writable()
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "not" / "yet")
+
+
+def test_what_was_compiled_is_noted_until_a_source_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    assert not numba_cache.is_compiled("job")
+    numba_cache.note_compiled("job")
+    assert numba_cache.is_compiled("job")
+    assert not numba_cache.is_compiled("another")
+    monkeypatch.setattr(numba_cache, "__file__", str(tmp_path / "numba_cache.py"))
+    (tmp_path / "changed.py").touch()
+    assert not numba_cache.is_compiled("job")

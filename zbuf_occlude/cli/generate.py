@@ -35,6 +35,7 @@ from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm import local, ray
 from zbuf_occlude.farm.slurm import from_environment, parse_shard
@@ -259,7 +260,11 @@ def command(
             hindrance = f"\nnot on this machine: {error}"
         click.echo("\n".join(describe(*each) for each in plans) + hindrance)
         return
-    rehearse(plan.recipe, require_gpu)
+    if not is_plain(plan.recipe):
+        rehearse(plan.recipe, require_gpu)
+    elif not is_compiled(plan.recipe):
+        click.echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
+        compile_ahead(plan.recipe)
     if engine == "ray":
         run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
     else:

@@ -1,0 +1,34 @@
+"""One tiny mesh through the whole job, so that everything it needs is compiled once, before workers start."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from zbuf_occlude import numba_cache
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.shard import run_shard
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.visibility import find_method
+
+_PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
+
+
+def is_plain(recipe: Recipe) -> bool:
+    """Whether nothing of the method can be wrong or missing here: no option, no OpenGL, no further package."""
+    row = find_method(recipe.method)
+    return not (row.needs_gl or row.extra or recipe.method_options or recipe.setup)
+
+
+def is_compiled(recipe: Recipe) -> bool:
+    """Whether a job of this method was rehearsed here."""
+    return numba_cache.is_compiled(recipe.method)
+
+
+def compile_ahead(recipe: Recipe) -> None:
+    """Run the job of a plain recipe on a pyramid, and note that all is compiled; nothing of it stays."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place, "pyramid.obj")
+        path.write_text(_PYRAMID)
+        small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
+        run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), None)
+    numba_cache.note_compiled(recipe.method)
