@@ -1,6 +1,5 @@
 """ModelNet-O's layout: CLASS/{train,test}/OBJECT_000.xyz ..., a text file per cloud, x y z per line."""
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -70,9 +69,8 @@ def _name_of(split: str, names: Names, record: Any, plan: Plan) -> str:
 
 def _write_xyz(path: Path, positions: NDArray[Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = io.BytesIO()
-    np.savetxt(text, positions, fmt="%.9g")
-    atomic.write(path, lambda file: file.write(text.getvalue()))
+    text = "%.9g %.9g %.9g\n" * len(positions) % tuple(positions.ravel().tolist())  # a third of np.savetxt's time
+    atomic.write(path, lambda file: file.write(text.encode()))
 
 
 def _read_xyz(path: Path) -> NDArray[Any]:

@@ -1,0 +1,44 @@
+"""How long ModelNet-O's 246,220 clouds take: built-in shapes x 20 views in its layout, measured and extrapolated.
+
+python benchmarks/modelnet_o.py [SHAPES] [WORKERS]      1,000 shapes in as many processes as there are cores
+"""
+
+import os
+import resource
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.farm import local
+from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.meshes import shapes
+
+WHOLE = 246_220
+
+
+def main() -> None:
+    n_shapes = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000
+    n_workers = int(sys.argv[2]) if len(sys.argv) > 2 else os.cpu_count() or 1
+    collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
+    recipe = Recipe(method="exact", views="fibonacci:20", subset="fps")
+    run = partial(local.run_shards, n_workers=n_workers, limits=Limits())
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        manifest = generate(Plan(collection, recipe, "modelnet-o"), Path(folder) / "out", run=run)
+        seconds = time.perf_counter() - began
+    n_clouds = manifest["counts"]["clouds"]
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    processors = sum(usage.ru_utime + usage.ru_stime for usage in used)
+    print(f"{n_shapes:,} shapes, {n_clouds:,} clouds, {n_workers} workers")
+    for name, value in (("clock", seconds), ("processors", processors)):
+        whole = value / n_clouds * WHOLE / 60
+        print(f"{name:>10} {value:8.1f} s, {1e3 * value / n_clouds:6.2f} ms per cloud, all: {whole:6.1f} min")
+    print(manifest["seconds"])
+
+
+if __name__ == "__main__":
+    main()
