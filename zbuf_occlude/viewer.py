@@ -2,6 +2,7 @@
 
 import base64
 import json
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -65,6 +66,11 @@ def pack_cloud(
         "palette": [(61, 111, 180)] if palette is None else palette,
         "emphasis": emphasis or [],
     }
+
+
+def coloured(codes: ArrayLike, palette: Sequence[Sequence[int]]) -> dict[str, Any]:
+    """Return codes (n,) and their palette as the viewer reads them, to be put over those of a packed cloud."""
+    return {"codes": _base64(np.asarray(codes).astype(np.uint8)), "palette": [list(colour) for colour in palette]}
 
 
 def json_for_page(document: Any) -> str:

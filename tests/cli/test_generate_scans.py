@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.browser import MISSING, find_browser, open_page
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
@@ -88,6 +89,24 @@ def test_verify_and_show_and_convert(run: Run, street: Path, tmp_path: Path) -> 
     before, after = records_of(street), records_of(tmp_path / "ply")
     for name in before.dtype.names:
         assert np.array_equal(before[name], after[name]), name
+
+
+@pytest.mark.skipif(find_browser() is None, reason=MISSING)
+def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp_path: Path) -> None:
+    assert run("show", street).code == 0
+    with open_page(street / "gallery.html", tmp_path) as page:
+        names = page.ask("return [...document.getElementById('colour').options].map((o) => o.value)")
+        assert names == ["", "range", "incidence", "ring", "instance"]
+        seen = page.ask(
+            "const found = []; const select = document.getElementById('colour');"
+            "for (const name of ['', 'range', 'instance']) {"
+            "  select.value = name; select.dispatchEvent(new Event('change')); await frame();"
+            "  found.push(new Set(gallery.large.cloud.codes).size); } return found"
+        )
+        page.screenshot(tmp_path / "page.png")
+    assert seen[0] == 1
+    assert seen[1] > 20  # a ramp of ranges
+    assert 1 < seen[2] <= 8
 
 
 def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path) -> None:

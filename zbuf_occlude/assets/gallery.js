@@ -7,7 +7,11 @@
   const all = document.getElementById("all");
   const large = new CloudViewer(document.getElementById("large"));
   const small = [];
-  let chosen = null;
+  const colour = document.getElementById("colour");
+  let chosen = null, shown = null;
+
+  // scans know more of their points: the colouring that was chosen lies over the class's colour
+  const painted = (cloud) => ({...cloud, ...((cloud.colourings || {})[colour.value] || {})});
 
   // aside of the camera, so that the missing side shows
   const aside = (cloud) => ({azimuth: cloud.azimuth + 60, elevation: Math.max(-40, Math.min(40, cloud.elevation + 10))});
@@ -23,7 +27,8 @@
     chosen = cell;
     cell.classList.add("chosen");
     large.camera = {azimuth: cloud.azimuth, elevation: cloud.elevation};
-    large.show(cloud, aside(cloud));
+    shown = cloud;
+    large.show(painted(cloud), aside(cloud));
     fact.textContent = name + ", " + cloud.mesh + ", variation " + cloud.variation + ": camera at azimuth " +
       cloud.azimuth + "°, elevation " + cloud.elevation + "°; it sees " + cloud.n_visible.toLocaleString("en") +
       " points, " + (100 * cloud.visible_fraction).toFixed(1) + " % of the object's; " + cloud.n + " are shown.";
@@ -44,7 +49,8 @@
       cell.append(canvas, caption);
       cells.append(cell);
       const viewer = new CloudViewer(canvas);
-      viewer.show(cloud, aside(cloud));
+      viewer.show(painted(cloud), aside(cloud));
+      viewer.repaint = () => viewer.show(painted(cloud));
       small.push(viewer);
       canvas.addEventListener("click", () => choose(cell, row.name, cloud));
     }
@@ -54,6 +60,13 @@
   document.getElementById("camera").addEventListener("click", () => large.turn(large.camera.azimuth, large.camera.elevation));
   document.getElementById("aside").addEventListener("click", () => large.reset());
   all.addEventListener("change", () => large.turn(large.azimuth, large.elevation));
+  const colourings = Object.keys((data.classes[0] && data.classes[0].clouds[0].colourings) || {});
+  colourings.forEach((name) => colour.append(new Option(name, name)));
+  document.getElementById("colours").hidden = !colourings.length;
+  colour.addEventListener("change", () => {
+    small.forEach((viewer) => viewer.repaint());
+    if (shown) large.show(painted(shown));
+  });
   const first = place.querySelector(".cell");
   if (first) choose(first, data.classes[0].name, data.classes[0].clouds[0]);
   window.gallery = {large, small};

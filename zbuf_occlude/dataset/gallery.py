@@ -1,6 +1,7 @@
 """The gallery of a dataset: one self-contained HTML page, classes x views, every cloud to be turned by hand."""
 
 import html
+from colorsys import hsv_to_rgb
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -12,8 +13,10 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic, table2
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.viewer import asset, json_for_page, pack_cloud, viewer_script
+from zbuf_occlude.viewer import asset, coloured, json_for_page, pack_cloud, viewer_script
 
+RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
+"""From low to high: blue, green, red."""
 VIEWS = 6
 """Columns: clouds of each class."""
 POINTS = 2048
@@ -96,7 +99,20 @@ def _packed(record: Any, source: Source, colour: tuple[int, int, int]) -> dict[s
         "elevation": round(float(elevation), 2),
         "n_visible": int(record["n_visible"]),
         "visible_fraction": float(record["visible_fraction"]),
+        "colourings": _colourings(record) if source.plan.recipe.setup is not None else {},
     }
+
+
+def _colourings(record: Any) -> dict[str, Any]:
+    """Return for each thing that points of a scan may be coloured by their codes and what these look like."""
+    found = {}
+    for name in ("range", "incidence", "ring"):
+        values = record[name][:POINTS].astype(float)
+        low, high = values.min(), values.max()
+        codes = np.round((values - low) / max(high - low, 1e-9) * (len(RAINBOW) - 1))
+        found[name] = coloured(codes, RAINBOW)
+    found["instance"] = coloured(record["instance"][:POINTS] % len(COLOURS), list(COLOURS))
+    return found
 
 
 def _table(rows: list[table2.Row]) -> str:
