@@ -71,7 +71,7 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     module = ModuleType("zbuf_occlude.dataset.formats.toy")
     module.names, module.write, module.read = names, write, read  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, Format("toy", "one array per split", ("toy_*.npy",))))
+    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, Format("toy", "one array per split")))
 
 
 @pytest.mark.usefixtures("toys")
