@@ -38,7 +38,7 @@ SURE = np.float32(1.001)
 
 @njit(_nrt=False, forceinline=True)
 def classify(scene, space, slot, cluster, own, boxes, column, extent):
-    """Sort the 16 faces of a cluster by what they can do to the points of a packet or chunk.
+    """Sort the 16 faces of a cluster by what they can do to the points of a packet.
 
     Parameters
     ----------

@@ -47,14 +47,14 @@ def list_clusters(scene, extent, space):
                 found &= found - 1
                 m += 1
         current, below, n = below, current, m
-    sort_by_depth(current, below, n, extent.farthest, space)
+    _sort_by_depth(current, below, n, extent.farthest, space)
     for j in range(n):
         put(space.before, j, below[j], space.rectangles, below[j])
     return n
 
 
 @njit(_nrt=False)
-def sort_by_depth(clusters, nearest_first, n, farthest, space):
+def _sort_by_depth(clusters, nearest_first, n, farthest, space):
     """Sort n clusters by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
     w, starts = space.rectangles[NEAREST], space.depth_starts
     nearest = farthest

@@ -8,10 +8,7 @@ from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.image_space.search.setup import slot_of
 from zbuf_occlude.lanes import ALL, count_lanes, first_lane, load, not_less, splat
 
-LONG_LIST = 128
-"""In longer lists a packet's points are compared with every rectangle, one by one."""
-
-FEW_POINTS = 3
+FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""
 
 
@@ -33,11 +30,9 @@ def search_packet(scene, points, view, packet, undecided, extent, n, space):
         while found:
             entry = j + first_lane(found)
             found &= found - 1
-            within = undecided
-            if n > LONG_LIST:
-                within &= _within(space, entry, error)
-                if not within:
-                    continue
+            within = undecided & _within(space, entry, error)
+            if not within:
+                continue
             hidden = _hide(scene, points, view, packet, within, extent, space.listed.clusters[entry], space)
             found_hidden |= hidden
             undecided &= ~hidden

@@ -1,21 +1,17 @@
-"""All views, shared out among threads; each is searched by tiles where points are few, by chunks else."""
+"""All views, shared out among threads."""
 
 import numpy as np
 from numba import get_num_threads, njit
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.image_space.layout import CHUNK_POINTS, COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
+from zbuf_occlude.image_space.layout import COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
 from zbuf_occlude.image_space.scene import Packets, Scene
 from zbuf_occlude.image_space.search.chunks import search_chunks
 from zbuf_occlude.image_space.search.decide import hide_near_points
 from zbuf_occlude.image_space.search.project import project_boxes
-from zbuf_occlude.image_space.search.tiles import make_tiles, search_tiles
 from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import Views, view_of
 from zbuf_occlude.threads import shared, take, together
-
-FEW_POINTS_PER_FACE = 4
-"""With fewer, an eye outside goes by tiles."""
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
@@ -30,17 +26,15 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
     if n_blocks > 1:
         answer[:] = True
     alone = n_eyes * points.n_points <= PAIRS_ALONE
-    few = points.n_points < FEW_POINTS_PER_FACE * len(scene.world_corners)
-    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, few, answer)
+    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, answer)
     return answer
 
 
 @shared
-def _search_views(tasks, scene, points, views, n_blocks, few, answer):
+def _search_views(tasks, scene, points, views, n_blocks, answer):
     """Take eyes, or blocks of points for an eye, and write False where a point is hidden."""
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     space = make_workspace(scene)
-    tiles = make_tiles(n_chunks * CHUNK_POINTS if few else 0, len(scene.used) if few else 0)
     task = take(tasks)
     while task < len(views.eyes) * n_blocks:
         k, block = task // n_blocks, task % n_blocks
@@ -53,10 +47,7 @@ def _search_views(tasks, scene, points, views, n_blocks, few, answer):
             if view.near > ZERO and frame == 0:
                 hide_near_points(scene, points, view, first, last, answer[k])
             _project_nodes(scene, view, space)
-            if few and view.near == ZERO:
-                search_tiles(scene, points, view, (first, last), space, tiles, answer[k])
-            else:
-                search_chunks(scene, points, view, (first, last), space, answer[k])
+            search_chunks(scene, points, view, (first, last), space, answer[k])
         task = take(tasks)
 
 

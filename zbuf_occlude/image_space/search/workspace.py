@@ -54,8 +54,8 @@ def make_workspace(scene):
         chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
         scratch=np.empty((2, capacity), dtype=np.int32),
         depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
-        before=make_list(capacity),
-        listed=make_list(capacity),
+        before=_make_list(capacity),
+        listed=_make_list(capacity),
         setups=np.empty(n_slots * SETUP_ROWS * CLUSTER, dtype=np.float32),
         slot_rectangles=np.empty((6, n_slots), dtype=np.float32),
         slot_tags=np.full(n_slots, -1, dtype=np.int64),
@@ -66,7 +66,7 @@ def make_workspace(scene):
 
 
 @njit
-def make_list(capacity):
+def _make_list(capacity):
     """Allocate a list of clusters."""
     return ClusterList(
         clusters=np.zeros(capacity, dtype=np.int32), rectangles=np.zeros((6, capacity), dtype=np.float32)
