@@ -37,9 +37,8 @@ from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path
 from zbuf_occlude.farm import local
-from zbuf_occlude.farm.worker import resident_gigabytes
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 

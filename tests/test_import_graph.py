@@ -12,8 +12,16 @@ FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names beside it
-    {"errors": set(), "lanes": set(), "numba_cache": set(), "seeds": set(), "threads": set()},
-    {"arrays": set(), "checks": set(), "limits": set(), "origin": set(), "vectors": set(), "versions": set()},
+    {"errors": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
+    {
+        "arrays": set(),
+        "checks": set(),
+        "limits": set(),
+        "origin": set(),
+        "seeds": set(),
+        "vectors": set(),
+        "versions": set(),
+    },
     {"cleaning": set()},
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},

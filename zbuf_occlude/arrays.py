@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.errors import ArgumentError
 
+LARGEST = 1e70
+"""Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
@@ -34,7 +37,7 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     Raises
     ------
     ArgumentError
-        Not (n, 3), not numeric, or with NaN or infinity.
+        Not (n, 3), not numeric, with NaN or infinity, or beyond `LARGEST`.
     """
     try:
         array = np.asarray(values)
@@ -50,9 +53,10 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
             hint = " Transpose it?"
         raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}.{hint}")
     array = np.ascontiguousarray(array, dtype=np.float64)
-    if not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise ArgumentError(f"{name} must be finite; row {bad} is {array[bad].tolist()}. Remove or repair it.")
+    if not np.abs(array).max(initial=0.0) <= LARGEST:  # NaN is not either
+        bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
+        what = f"at most {LARGEST:g} in size" if np.isfinite(array).all() else "finite"
+        raise ArgumentError(f"{name} must be {what}; row {bad} is {array[bad].tolist()}. Remove or repair it.")
     return array
 
 

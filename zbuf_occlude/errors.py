@@ -3,9 +3,32 @@
 Every message has the same form: what must be; what it is; what to do.
 """
 
+import re
+
+_NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+
+def printable(text: str) -> str:
+    """Return a text with what would break a line or command a terminal written as in Python, ``\\n``, ``\\x1b``.
+
+    So are bytes of file names that are not UTF-8, which Python holds as lone surrogates: ``\\xff``.
+    """
+    return _NOT_PRINTABLE.sub(_escaped, text)
+
+
+def _escaped(match: re.Match[str]) -> str:
+    character = match[0]
+    if "\udc80" <= character <= "\udcff":
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode()
+
 
 class OccludeError(Exception):
-    """Base of everything this package raises on purpose."""
+    """Base of everything this package raises on purpose; names in its message are made printable, lines kept."""
+
+    def __init__(self, *arguments: object) -> None:
+        said = ("\n".join(map(printable, a.split("\n"))) if isinstance(a, str) else a for a in arguments)
+        super().__init__(*said)
 
 
 class ArgumentError(OccludeError, ValueError):

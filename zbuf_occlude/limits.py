@@ -1,9 +1,19 @@
 """Limits: what one mesh may take, in time and memory, before whoever works on it is killed."""
 
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import MeshError, OptionError
+
+LOOK = 0.5
+"""Seconds between two looks at time and memory."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +37,46 @@ class Limits:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
     def excess(self, seconds: float, gigabytes: float) -> str:
-        """Say which limit a mesh has exceeded that has taken so much; empty when none."""
+        """Say which limit a mesh has exceeded that has taken this much; empty when none."""
         if seconds > self.seconds:
-            return f"a mesh may take {self.seconds:g} seconds; this one took longer. Raise --mesh-seconds."
+            return f"a mesh may take {self.seconds:g} seconds; this one took longer."
         if gigabytes > self.gigabytes:
-            return f"a mesh may take {self.gigabytes:g} GB of memory; this one took more. Raise --mesh-gigabytes."
+            return f"a mesh may take {self.gigabytes:g} GB of memory; this one took more."
         return ""
+
+    @contextmanager
+    def watch(self) -> Iterator[None]:
+        """Hold what is done with a mesh in this process, within the block, to these limits.
+
+        Raises
+        ------
+        MeshError
+            It took more. A single call into compiled code is not interrupted: the error comes when it returns.
+
+        Notes
+        -----
+        For the main thread of a process, which alone hears signals; in another, and where somebody else uses the alarm,
+        nothing is watched. Workers need none of it: their supervisor kills them (`zbuf_occlude.farm.supervisor`).
+        """
+        if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGALRM) not in (
+            signal.SIG_DFL,
+            signal.SIG_IGN,
+        ):
+            yield
+            return
+        began = time.monotonic()
+
+        def look(number: int, frame: Any) -> None:
+            if excess := self.excess(time.monotonic() - began, resident_gigabytes(os.getpid())):
+                raise MeshError(f"{excess} Simplify it.")
+
+        before = signal.signal(signal.SIGALRM, look)
+        signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
 
 
 class GivenUp(NamedTuple):
@@ -40,3 +84,12 @@ class GivenUp(NamedTuple):
 
     reason: str
     limits: Limits
+
+
+def resident_gigabytes(pid: int) -> float:
+    """Read the resident memory of a process off /proc; 0 when it has just ended."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except (OSError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.seeds import generator
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
 """Counts and ids are int32."""
@@ -127,7 +128,7 @@ def sample_surface(
     """
     if (n_points is None) == (density is None):
         raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     if density is not None:
         counts = stochastic_counts(mesh.areas, density, rng)
     else:

@@ -9,6 +9,7 @@ import numpy as np
 from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
+from zbuf_occlude.limits import Limits
 
 
 @click.command()
@@ -32,7 +33,8 @@ def command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | No
     from zbuf_occlude.gl.depth_image import depth_image
 
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
-    loaded = load_mesh(mesh, up=up)
+    with Limits().watch():
+        loaded = load_mesh(mesh, up=up)
     with GlContext.open() as gl:
         depths = depth_image(gl, loaded, camera(loaded), size)
         renderer = gl.renderer

@@ -7,6 +7,7 @@ import click
 from zbuf_occlude.cli.options import given, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.compare.figures import FIGURES, Exhibit, make_mask
 from zbuf_occlude.learn.sydney import largest_scan, read_scan
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.files import load_mesh
 
@@ -59,7 +60,8 @@ def command(
     refuse_idle(context, name, mesh_file, up)
     mask = make_mask(method, parse_settings(method, settings))
     if mesh_file is not None:
-        mesh = load_mesh(mesh_file, up=up)
+        with Limits().watch():
+            mesh = load_mesh(mesh_file, up=up)
     elif chosen.kind:
         mesh = shapes.make(chosen.kind, 0)
     else:

@@ -12,6 +12,7 @@ from zbuf_occlude.cli.options import suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.seeds import seed_of
@@ -104,7 +105,8 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
         A class without a size, or a range within the object.
     """
     first = collection[0]
-    loaded = first.load()
+    with Limits().watch():
+        loaded = first.load()
     if len(collection) > 1:
         others = collection[1:]
     else:

@@ -19,6 +19,7 @@ from zbuf_occlude.cli.options import (
 )
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.dataset.ply import write_ply
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
 from zbuf_occlude.sensors import Sensor, look_at, scan
@@ -79,7 +80,8 @@ def command(
         box, asked = box_around(positions), SurfacePoints.free(positions)
         samples = asked
     else:
-        asked = box = load_mesh(mesh, up=up)
+        with Limits().watch():
+            asked = box = load_mesh(mesh, up=up)
         samples = sample_surface(asked, n_points=points, seed=seed)
     view = camera(box)
     eyes = view.eyes

@@ -12,6 +12,7 @@ from zbuf_occlude.compare.paper import GRIDS, MODIFIED, TABLE_1A, TABLE_1B, Pape
 from zbuf_occlude.compare.question import Question, ask, ask_vertices
 from zbuf_occlude.compare.run import Case
 from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -41,7 +42,9 @@ def of_meshes(
     """Return a case for each mesh."""
 
     def question(entry: MeshEntry) -> Question:
-        return ask(entry.key, entry.load(), views, n_points=n_points, seed=seed, most_views=most_views)
+        with Limits().watch():
+            mesh = entry.load()
+        return ask(entry.key, mesh, views, n_points=n_points, seed=seed, most_views=most_views)
 
     short = Counter(Path(entry.key).stem for entry in meshes)
     labels = [stem if short[stem := Path(entry.key).stem] == 1 else entry.key for entry in meshes]

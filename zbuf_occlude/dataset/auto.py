@@ -9,6 +9,7 @@ import numpy as np
 
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import GlError, MeshError, OptionError
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 AUTO = "auto"
@@ -18,6 +19,9 @@ LOOKED_AT = 8
 
 LARGE, BYTES_A_FACE = 1 << 24, 40.0
 """Of a larger file the number of faces is guessed from its size."""
+
+PATIENCE = 10.0
+"""Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
 
 FEW_POINTS, MANY_FACES = 2_000, 1_000_000
 """With at most so many points on at least so many faces Embree answers before `exact` (docs/performance.md)."""
@@ -102,7 +106,8 @@ def _sizes(entry: MeshEntry, recipe: Recipe) -> tuple[float, float] | None:
         n_bytes = os.path.getsize(entry.path) if entry.path else 0
         if n_bytes > LARGE:  # a worker loads it, within limits
             return n_bytes / BYTES_A_FACE, recipe.n_points or recipe.density or 0.0
-        mesh = entry.load()
+        with Limits(seconds=PATIENCE).watch():
+            mesh = entry.load()
     except (MeshError, OSError):
         return None
     by_area = (recipe.density or 0.0) * float(mesh.areas.sum()) / mesh.longest_side**2

@@ -14,6 +14,7 @@ from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.oracle import BAND
@@ -169,7 +170,8 @@ def _ask_oracle(
             faults.append(f"the meshes given must have {key}; they have not. Give those that the dataset was made of.")
             break
         try:
-            mesh = by_key[key].load()
+            with Limits().watch():
+                mesh = by_key[key].load()
         except MeshError as error:
             faults.append(str(error))
             continue

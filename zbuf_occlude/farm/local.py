@@ -10,8 +10,8 @@ from typing import Any
 
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
-from zbuf_occlude.farm.worker import resident_gigabytes, serve
-from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.farm.worker import serve
+from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.visibility import find_method
 
 

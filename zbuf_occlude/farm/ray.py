@@ -13,8 +13,8 @@ from typing import Any
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
-from zbuf_occlude.farm.worker import resident_gigabytes, work
-from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.farm.worker import work
+from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.visibility import find_method
 
 LISTEN_SECONDS = 0.4

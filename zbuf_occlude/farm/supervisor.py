@@ -217,4 +217,5 @@ def _excess(seat: _Seat, limits: Limits) -> str:
     """Say which limit a worker's mesh has exceeded; empty when none."""
     if seat.mesh_id is None:
         return ""
-    return limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
+    excess = limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
+    return excess and f"{excess} Raise --mesh-{'seconds' if 'seconds' in excess else 'gigabytes'}."

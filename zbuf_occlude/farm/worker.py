@@ -53,15 +53,6 @@ def work(connection: Connection, plan: Plan, out: Path, device_index: int | None
                 gl.close()
 
 
-def resident_gigabytes(pid: int) -> float:
-    """Read the resident memory of a process off /proc; 0 when it has just ended."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except (OSError, IndexError):
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
-
-
 def die_with_parent(parent: int) -> None:
     """Have the kernel kill this process when its parent ends, however that ends (Linux)."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import overload
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
@@ -20,7 +20,6 @@ from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
 from zbuf_occlude.origin import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
-_NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -163,21 +162,21 @@ class MeshCollection(Sequence[MeshEntry]):
             tree = plant(path)
             layout, (places, said) = recognise(tree)
             if not tree.single:
-                remarks.append("; ".join([f"{_printable(str(path))}: layout {layout.name}", *said]))
+                remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
             for place in places:
                 file = tree.base / place.file
                 absolute = os.path.abspath(file)
                 if absolute in met:
                     continue
                 met.add(absolute)
-                key = _free(_printable(place.key), entries)
+                key = _free(printable(place.key), entries)
                 load = (
                     partial(_unreadable, file.parent)
                     if file.name == ALL
                     else partial(load_mesh, file, up=up or layout.up, name=key)
                 )
                 up_there = up or layout.up or default_up(file)
-                entries[key] = MeshEntry(key, _printable(place.label), place.split, load, file, up_there)
+                entries[key] = MeshEntry(key, printable(place.label), place.split, load, file, up_there)
         found = cls(sorted(entries.values(), key=lambda entry: _natural(entry.key)), remarks)
         return found if labels is None else found.labelled(labels)
 
@@ -197,9 +196,9 @@ class MeshCollection(Sequence[MeshEntry]):
                 f"its first is {labels[0].key!r}, the first mesh {self[0].key!r}."
             )
         entries = [
-            replace(e, label=_printable(label.label or e.label), split=label.split or e.split) for e, label in found
+            replace(e, label=printable(label.label or e.label), split=label.split or e.split) for e, label in found
         ]
-        said = f"{_printable(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
+        said = f"{printable(str(path))}: {len(found):,} of {len(self):,} meshes are named there, the others left out"
         if n_unknown:
             said += f"; {n_unknown:,} of its labels are of no mesh"
         return MeshCollection(entries, (*self.remarks, said))
@@ -252,17 +251,6 @@ class MeshCollection(Sequence[MeshEntry]):
 
     def _with(self, entries: Iterable[MeshEntry]) -> "MeshCollection":
         return MeshCollection(entries, self.remarks)
-
-
-def _printable(name: str) -> str:
-    return _NOT_PRINTABLE.sub(_escaped, name)
-
-
-def _escaped(match: re.Match[str]) -> str:
-    character = match[0]
-    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8, as Python holds it
-        return f"\\x{ord(character) - 0xDC00:02x}"
-    return character.encode("unicode_escape").decode()
 
 
 def _unreadable(folder: Path) -> Mesh:

@@ -30,6 +30,7 @@ SUFFIXES = (*_READERS, *_GLTF)
 """Endings of the files that `load_mesh` reads, in lower case."""
 
 UP = ("z", "y")
+_BOM = b"\xef\xbb\xbf"
 _BEGINNINGS = {
     ".glb": re.compile(rb"glTF"),
     ".ply": re.compile(rb"ply\s"),
@@ -87,6 +88,8 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
             )
         files = MeshFiles(path)
         data = files.read(path)
+        if suffix != ".stl" or data.startswith(_BOM + b"solid"):  # the head of a binary STL is anybody's
+            data = data.removeprefix(_BOM)
         try:
             polygons = read_gltf(data, path.parent, files.read) if suffix in _GLTF else _READERS[suffix](data)
             return _finished(polygons, path.stem if name is None else name, up or default_up(path), files.origin)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.gltf_data import Data, Json, whole
-from zbuf_occlude.meshes.polygons import LARGEST, Ints, Polygons
+from zbuf_occlude.meshes.polygons import Ints, Polygons
 
 _LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
 _READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quantization")

@@ -124,7 +124,8 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
     newline = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if newline is None:
         raise MeshError("a PLY file must begin with the line 'ply'; this one does not. Is it of another format?")
-    end = re.search(rb"[\r\n]end_header[ \t]*(%s|$)" % re.escape(newline[1]), data)
+    ends = (re.escape(newline[1]) + rb"|$", rb"\r\n|\n|\r")  # the last line may end in another way than the first
+    end = next(filter(None, (re.search(rb"[\r\n]end_header[ \t]*(%s)" % each, data) for each in ends)), None)
     if end is None:
         raise MeshError("the header of a PLY file must end with end_header; this one does not. Is it cut short?")
     encoding = ""

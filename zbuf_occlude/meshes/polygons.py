@@ -9,14 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.vectors import cross, dot, minus
 
 Ints = NDArray[np.int64]
-
-LARGEST = 1e70
-"""Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
 
 _ROUNDING = 1e-12  # a fan's triangle may be turned over by so much of the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)

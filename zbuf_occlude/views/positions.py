@@ -5,6 +5,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.seeds import generator
 from zbuf_occlude.views.model import Views
 
 PAPER_DISTANCE = 4.0
@@ -67,7 +68,7 @@ def random(
     seed: Seed = 0,
 ) -> Views:
     """Return `n_views` positions uniform over the sphere's band between two elevations (radians)."""
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     low, high = np.sin(elevations[0]), np.sin(elevations[1])
     elevation = np.arcsin(np.clip(rng.uniform(low, high, _positive(n_views, "n_views")), -1, 1))
     return Views(rng.uniform(0, 2 * np.pi, n_views), elevation, np.asarray(distance))
@@ -80,7 +81,7 @@ def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -
     ----------
     PCN (Yuan et al. 2018) draws its camera poses so, for each object anew.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     elevation = np.arcsin(rng.uniform(-1, 1, _positive(n_views, "n_views")))
     azimuth, roll = rng.uniform(0, 2 * np.pi, (2, n_views))
     return Views(azimuth, elevation, np.asarray(distance), roll=roll)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from zbuf_occlude.checks import find_row
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.mesh import Mesh, box_around
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder
@@ -120,6 +120,8 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
 
     Raises
     ------
+    ArgumentError
+        `mesh` is of another package, or a name.
     OptionError
         Unknown method, unknown option, a value out of range, or a point cloud for a method that needs faces.
     UnavailableError
@@ -127,6 +129,11 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
     GlError
         The method needs GL and no context could be opened.
     """
+    if not isinstance(mesh, Mesh | SurfacePoints):
+        raise ArgumentError(
+            f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}. Make one: load_mesh(path), "
+            "Mesh.from_trimesh(mesh), Mesh(vertices, faces)."
+        )
     row = find_method(method)
     row.check_options(options)
     factory = row.load()

@@ -23,6 +23,10 @@ _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int
 """Of options' values; a bool is an int too, and so comes first."""
 
 
+FARTHEST = 1e15
+"""Diagonals of the mesh that points and eyes may be away from it."""
+
+
 class Closable(Protocol):
     """Anything with a `close`."""
 
@@ -89,6 +93,12 @@ class Occluder(ABC):
                 "Wrap free positions: SurfacePoints.free(positions)."
             )
         eyes = as_vectors(eyes, "eyes")
+        for name, positions in (("points", points.positions), ("eyes", eyes)):
+            if len(positions) and not np.abs(positions - self.mesh.centre).max() <= FARTHEST * self.mesh.diagonal:
+                raise ArgumentError(
+                    f"{name} must lie within {FARTHEST:g} diagonals of the mesh, beyond which float64 cannot tell its "
+                    f"faces apart; one is {np.abs(positions).max():.3g} out. Are they in the mesh's unit?"
+                )
         if len(points) and int(points.face_ids.max()) >= len(self.mesh.faces):
             raise ArgumentError(
                 f"face_ids must index the mesh's {len(self.mesh.faces)} faces; got {int(points.face_ids.max())}. "

@@ -1,0 +1,154 @@
+"""Odd values at the public border: what is valid is understood, what is not is one clear error, never a traceback."""
+
+import json
+import pickle
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trimesh.creation import box
+
+import zbuf_occlude as zo
+from zbuf_occlude.errors import ArgumentError, MeshError, OccludeError, OptionError
+from zbuf_occlude.limits import Limits
+
+CUBE = zo.Mesh.from_trimesh(box())
+PLY = (
+    "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\n"
+)
+TEXTS = {
+    "a.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    "a.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "a.ply": PLY.format("ascii") + "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    "a.stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+    "endfacet\nendsolid\n",
+}
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_byte_order_mark_is_no_part_of_a_mesh(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + TEXTS[name].encode())
+    assert len(zo.load_mesh(tmp_path / name).faces) == 1
+
+
+@pytest.mark.parametrize("ending", [b"\n", b"\r\n", b"\r"])
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_the_last_line_of_a_header_may_end_in_its_own_way(tmp_path: Path, encoding: str, ending: bytes) -> None:
+    text = b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    body = text if encoding == "ascii" else TRIANGLE + b"\x03" + np.array([0, 1, 2], "<i4").tobytes()
+    (tmp_path / "a.ply").write_bytes(PLY.format(encoding).encode() + b"end_header" + ending + body)
+    assert zo.load_mesh(tmp_path / "a.ply").areas.tolist() == [0.5]
+
+
+def test_several_solids_of_text_keep_their_own_corners(tmp_path: Path) -> None:
+    solid = TEXTS["a.stl"]
+    (tmp_path / "a.stl").write_text(
+        solid + solid.replace("vertex 0 1 0", "vertex 0 2 0") + solid.replace("1 0 0", "3 0 0")
+    )
+    assert zo.load_mesh(tmp_path / "a.stl").areas.tolist() == [0.5, 1.0, 1.5]
+
+
+def gltf(path: Path, buffers: list[dict[str, object]], *accessors: dict[str, object]) -> Path:
+    views = [{"buffer": i, "byteLength": 36} for i in range(len(buffers))]
+    position = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": buffers,
+        "bufferViews": views,
+        "accessors": [position, *accessors],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+    }
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_sparse_accessors_that_nothing_needs_do_not_matter(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(TRIANGLE)
+    sparse = {"componentType": 5126, "count": 10**9, "type": "VEC3", "sparse": {"count": 1}}
+    path = gltf(tmp_path / "a.gltf", [{"uri": "a.bin", "byteLength": 36}], sparse)
+    assert zo.load_mesh(path).areas.tolist() == [0.5]
+
+
+def test_a_file_that_names_itself_many_times_is_read_once(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "self.gltf", [{"uri": "self.gltf", "byteLength": 36}] * 3000)
+    with pytest.raises(MeshError, match=r"self\.gltf: "):
+        zo.load_mesh(path)
+    (tmp_path / "large.bin").write_bytes(TRIANGLE + bytes(20_000_000))
+    path = gltf(tmp_path / "a.gltf", [{"uri": "large.bin", "byteLength": 20_000_036}] * 200)  # 4 GB, if each were read
+    with Limits(seconds=60, gigabytes=3.0).watch():
+        assert len(zo.load_mesh(path).faces) == 1
+
+
+@pytest.fixture
+def free_alarm() -> Iterator[None]:
+    """The alarm as a program has it that does not use it; pytest's plugins may."""
+    handler, timer = signal.getsignal(signal.SIGALRM), signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, *timer)
+
+
+@pytest.mark.usefixtures("free_alarm")
+def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
+    for limits, said in (
+        (Limits(seconds=0.1), r"a mesh may take 0\.1 seconds; this one took longer"),
+        (Limits(gigabytes=1e-3), r"a mesh may take 0\.001 GB of memory; this one took more"),
+    ):
+        with pytest.raises(MeshError, match=said), limits.watch():
+            threading.Event().wait(20)
+    assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_a_mesh_of_another_package_is_said_to_be_one() -> None:
+    for mesh, name in ((box(), "Trimesh"), ("chair.off", "str"), (None, "NoneType")):
+        with pytest.raises(ArgumentError, match=rf"mesh must be a zbuf_occlude\.Mesh; got {name}\."):
+            zo.prepare(mesh, "exact")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [-1, "a", 1.5])
+def test_a_seed_that_is_none(seed: object) -> None:
+    for draw in (
+        lambda: zo.sample_surface(CUBE, n_points=3, seed=seed),  # type: ignore[arg-type]
+        lambda: zo.views.parse("random:4", seed=seed),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(OptionError, match="seed must be an int of at least 0"):
+            draw()
+
+
+@pytest.mark.parametrize("kind", ["ring", "fibonacci", "random", "grid"])
+def test_numbers_of_thousands_of_digits(kind: str) -> None:
+    for spec in (f"{kind}:{'9' * 5000}", f"{kind}:{'9' * 5000}@30", f"{kind}:3x{'9' * 5000}"):
+        with pytest.raises(OptionError) as caught:
+            zo.views.parse(spec)
+        assert len(str(caught.value)) < 1000
+
+
+def test_coordinates_beyond_all_measure() -> None:
+    for size in (1e71, 1e160, 1e308):
+        with pytest.raises(ArgumentError, match=r"vertices must be at most 1e\+70 in size"):
+            zo.Mesh(CUBE.vertices * size, CUBE.faces)
+    with zo.prepare(CUBE, "exact") as occluder:
+        for size in (1e16, 1e39, 1e70):
+            far = zo.SurfacePoints.free(np.full((3, 3), size))
+            with pytest.raises(ArgumentError, match=r"points must lie within 1e\+15 diagonals of the mesh"):
+                occluder.visible(far, [[0, 0, 4]])
+            with pytest.raises(ArgumentError, match="eyes must lie within"):
+                occluder.visible(zo.SurfacePoints.free(np.ones((3, 3))), [[0, 0, size]])
+        assert occluder.visible(zo.SurfacePoints.free(np.full((1, 3), 1e14)), [[0, 0, 4]]).all()
+
+
+def test_names_in_errors_command_no_terminal() -> None:
+    error = MeshError("\x1b[31mred\r\udcff\x07: it is bad\nsecond line")
+    assert str(error) == "\\x1b[31mred\\r\\xff\\x07: it is bad\nsecond line"
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (MeshError, str(error))
+    assert isinstance(again, OccludeError)
