@@ -238,7 +238,7 @@ def disagreements_of(method: str, seed: int, index: int, contact: float = CONTAC
 
 
 def rays_of(seed: int, index: int) -> tuple[Mesh, FloatArray, FloatArray]:
-    """Make rays into one scene, (n, 3) each: from its eyes to points, corners and edges, along axes, and at random."""
+    """Make rays into one scene, (n, 3) each: fans from its eyes; to points, corners, edges; along axes; anyhow."""
     mesh, points, eyes, _ = scene(seed, index)
     rng = np.random.default_rng([seed, index, 1])
     corners = mesh.corners[rng.integers(len(mesh.faces), size=40)]
@@ -248,9 +248,24 @@ def rays_of(seed: int, index: int) -> tuple[Mesh, FloatArray, FloatArray]:
     directions[: len(targets)] = targets - origins[: len(targets)]
     axes = rng.random(len(origins)) < 0.1
     directions[axes] = np.eye(3)[rng.integers(3, size=axes.sum())] * rng.choice([-1.0, 1.0], (axes.sum(), 1))
+    for k in range(len(eyes)):
+        fan = fan_of(targets[rng.integers(len(targets))] - eyes[k], 10.0 ** rng.uniform(-4.0, 0.0), rng)
+        origins, directions = (
+            np.concatenate([np.tile(eyes[k], (len(fan), 1)), origins]),
+            np.concatenate([fan, directions]),
+        )
     lengths = np.linalg.norm(directions, axis=1)
     some = lengths > 0.0
     return mesh, origins[some], directions[some] * 10.0 ** rng.uniform(-3, 3, (some.sum(), 1))
+
+
+def fan_of(towards: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
+    """Eight rows of 32 directions about one, this wide; some rows so narrow that they are all but one direction."""
+    axis = _unit(towards) if towards.any() else np.array([0.0, 0.0, 1.0])
+    across = _unit(np.cross(axis, rng.normal(size=3)))
+    u, v = np.meshgrid(np.linspace(-width, width, 8), np.linspace(-width, width, 32), indexing="ij")
+    v[rng.random(8) < 0.1] *= 1e-6
+    return (axis + u[..., None] * np.cross(axis, across) + v[..., None] * across).reshape(-1, 3)
 
 
 def ray_disagreements_of(method: str, seed: int, index: int) -> tuple[int, int, int]:

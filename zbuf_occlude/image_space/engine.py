@@ -37,5 +37,5 @@ class Engine:
         return find_visible(self._scene, packets, views)
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Answer which face n rays meet first, (n,) int32, -1 for none, and how many directions away, (n,) float64."""
+        """Answer which face n rays meet first, (n,) int32, -1 for none, and the eye distance, (n,) float64."""
         return find_first_hits(self._scene, origins, directions)

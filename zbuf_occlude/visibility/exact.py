@@ -1,7 +1,5 @@
 """`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
 
-import numpy as np
-
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.image_space import Engine
@@ -27,5 +25,4 @@ class Exact(Occluder):
         return self._engine.visible(points, eyes)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        face_ids, fractions = self._engine.first_hits(origins, directions)
-        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1))
+        return FirstHits(*self._engine.first_hits(origins, directions))

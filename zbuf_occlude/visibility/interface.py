@@ -142,7 +142,7 @@ class Occluder(ABC):
             raise ArgumentError(
                 f"origins must be one, or one per direction ({len(directions)}); got {len(origins)}. Repeat them."
             )
-        none = ~directions.any(axis=1)
+        none = (directions[:, 0] == 0.0) & (directions[:, 1] == 0.0) & (directions[:, 2] == 0.0)
         if none.any():
             raise ArgumentError(f"directions must have a length; row {int(none.argmax())} is zero. Leave it out.")
         if len(directions) == 0:

@@ -1,4 +1,4 @@
-"""First hits: each ray goes down the scene's boxes, nearest first; float32 leaves out, float64 decides.
+"""One ray goes down the scene's boxes, nearest first; float32 leaves out, float64 decides.
 
 What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it. What
 is left is asked of `predicates.meeting`, the definition itself, so face and distance are the oracle's, ties included.
@@ -14,9 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER, ZERO
-from zbuf_occlude.image_space.scene import Scene
 from zbuf_occlude.lanes import (
     absolute,
     cross3,
@@ -34,7 +32,6 @@ from zbuf_occlude.lanes import (
     store,
 )
 from zbuf_occlude.predicates import meeting
-from zbuf_occlude.threads import shared, take, together
 from zbuf_occlude.vectors import dot
 
 SPHERE = 1.01
@@ -62,9 +59,6 @@ DEPTH_ERROR = np.float32(16e-6)
 
 LEAST_DIRECTION = 1e-9
 """Components of a unit direction smaller than this count as this: it moves no place within the scene by 1e-8."""
-
-BLOCK_RAYS = 256
-"""Rays that a thread casts at a time, in the caller's order: neighbours often meet the same face."""
 
 
 class Ray(NamedTuple):
@@ -98,57 +92,26 @@ class Stack(NamedTuple):
     lanes: NDArray[np.float32]
 
 
-def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the first face that each ray meets, (n,) int32, and how many times its direction away, (n,) float64.
+@njit(_nrt=False)
+def first_hit(scene, origin, direction, guess, stack):
+    """Return the first face on a ray, and how many directions away.
 
     Parameters
     ----------
     scene : Scene
-    origins : (n, 3) or (1, 3) float64, world space
-    directions : (n, 3) float64, world space
-
-    Notes
-    -----
-    -1 and infinity where a ray meets nothing. O(log f) per ray.
+    origin, direction : (3,) float64, world space
+    guess : int
+        A face to begin with, or -1.
+    stack : Stack
+        Scratch.
     """
-    face_ids = np.full(len(directions), -1, dtype=np.int32)
-    fractions = np.full(len(directions), np.inf)
-    origins, directions = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
-    together(_cast, -(-len(directions) // BLOCK_RAYS), scene, origins, directions, face_ids, fractions)
-    return face_ids, fractions
-
-
-@shared
-def _cast(tasks, scene, origins, directions, face_ids, fractions):
-    """Take blocks of rays and fill in their answers."""
-    room = CLUSTER * (len(scene.level_counts) + 8)
-    stack = Stack(
-        np.empty(room, dtype=np.int64),
-        np.empty(room, dtype=np.int64),
-        np.empty(room, dtype=np.float32),
-        np.empty(CLUSTER, dtype=np.float32),
-    )
-    block = take(tasks)
-    while block * BLOCK_RAYS < len(directions):
-        guess = -1
-        for i in range(block * BLOCK_RAYS, min((block + 1) * BLOCK_RAYS, len(directions))):
-            origin = origins[i if len(origins) > 1 else 0]
-            face_ids[i], fractions[i] = _first_hit(scene, origin, directions[i], guess, stack)
-            if face_ids[i] >= 0:
-                guess = face_ids[i]
-        block = take(tasks)
-
-
-@njit(_nrt=False)
-def _first_hit(scene, origin, direction, guess, stack):
-    """Return the first face on a ray, and how many directions away; `guess` is a face to begin with, or -1."""
     ray, meets = _make_ray(scene, origin, direction)
     face, fraction = np.int64(-1), math.inf
     if not meets:
         return face, fraction
     if guess >= 0:
-        face, fraction = _nearer(scene, origin, direction, guess, face, fraction)
-    n = _push_top(scene, stack)
+        face, fraction = nearer(scene, origin, direction, guess, face, fraction)
+    n = push_top(scene, stack)
     while n:
         n -= 1
         limit = _limit(ray, fraction)
@@ -207,8 +170,8 @@ def _limit(ray, fraction):
 
 
 @njit(_nrt=False)
-def _push_top(scene, stack):
-    """Begin with all groups of the top level."""
+def push_top(scene, stack):
+    """Begin with all groups of the top level of a scene on a `Stack`; return their number."""
     top = len(scene.level_counts) - 1
     n_groups = (scene.level_counts[top] + CLUSTER - 1) // CLUSTER
     for group in range(n_groups):
@@ -218,10 +181,7 @@ def _push_top(scene, stack):
 
 @njit(_nrt=False)
 def _open_group(scene, ray, level, first, limit, stack, n):
-    """Push the boxes of a group that the ray goes through before `limit`, the nearest on top; return the stack's size.
-
-    A box of level 0 is a cluster, pushed with level -1; another stands for the group of its children.
-    """
+    """Push the boxes of a group that the ray goes through before `limit`; return the stack's size."""
     place, stride = scene.level_starts[level] + first, scene.nodes.shape[1]
     enter, leave = splat(ZERO), splat(limit)
     for axis in range(3):
@@ -234,6 +194,23 @@ def _open_group(scene, ray, level, first, limit, stack, n):
     mask = not_less(leave, enter)
     n_boxes = min(CLUSTER, scene.level_counts[level] - first)
     mask &= (np.int64(1) << n_boxes) - 1
+    return push_boxes(stack, n, mask, level, first)
+
+
+@njit(_nrt=False)
+def push_boxes(stack, n, mask, level, first):
+    """Push boxes of a group, the nearest on top; return the stack's size.
+
+    Parameters
+    ----------
+    stack, n : Stack, int
+        And how much of it is in use; its lanes hold how near the boxes are.
+    mask : int
+        Which boxes.
+    level, first : int
+        The group's level and first node. A box of level 0 is a cluster, pushed with level -1; another stands for the
+        group of its children.
+    """
     bottom = n
     while mask:
         lane = first_lane(mask)
@@ -256,13 +233,22 @@ def _ask_cluster(scene, origin, direction, ray, cluster, face, fraction):
     while mask:
         lane = first_lane(mask)
         mask &= mask - 1
-        face, fraction = _nearer(scene, origin, direction, scene.face_ids[cluster, lane], face, fraction)
+        face, fraction = nearer(scene, origin, direction, scene.face_ids[cluster, lane], face, fraction)
     return face, fraction
 
 
 @njit(_nrt=False)
-def _nearer(scene, origin, direction, candidate, face, fraction):
-    """Return the nearer of a face and the nearest so far, and its fraction; of equally near ones the lower."""
+def nearer(scene, origin, direction, candidate, face, fraction):
+    """Return the nearer of a face and the nearest so far, and its fraction; of equally near ones the lower.
+
+    Parameters
+    ----------
+    scene : Scene
+    origin, direction : (3,) float64, world space
+    candidate, face : int
+    fraction : float
+        How many directions away `face` is.
+    """
     corners = scene.world_corners[candidate]
     found = meeting(origin, direction, corners[0], corners[1], corners[2])
     if found < fraction or (found == fraction and found < math.inf and candidate < face):
