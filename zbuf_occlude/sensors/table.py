@@ -30,10 +30,13 @@ _MANUAL = "maker's manual"
 _HELIOS = "HELIOS++'s table of scanners"
 _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for all"
 _ASSUMED = "assumed"
-_FITTED = "fitted to half of the objects of one Argoverse 2 log (benchmarks/against_real_scans.py); assumed of others"
+_FITTED = (
+    "fitted to vehicles from 10 to 60 m of half of one Argoverse 2 log (benchmarks/against_real_scans.py --every 4), "
+    "two VLP-32C; assumed of others"
+)
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
 
-DROPOUT = {"drop": 0.0, "attenuation": 0.004, "drop_limit": 0.8, "drop_zero": 0.4}
+DROPOUT = {"drop": 0.0, "attenuation": 0.05, "drop_limit": 0.3, "drop_zero": 0.5}
 _DROPOUT = {name: (value, _FITTED) for name, value in DROPOUT.items()}
 
 ROWS: tuple[Row, ...] = (
