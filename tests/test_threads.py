@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -60,3 +61,22 @@ def test_every_kernel_with_threads_has_a_twin() -> None:
     package = Path(threads.__file__).parent
     sources = {path.name: path.read_text() for path in package.rglob("*.py")}
     assert [name for name, source in sources.items() if "parallel=True" in source] == ["threads.py"]
+
+
+def test_two_threads_ask_one_occluder_and_two_at_the_same_time() -> None:
+    mesh = sphere(24)
+    points, eyes = zo.sample_surface(mesh, n_points=5000, seed=0), zo.views.paper100().eyes[:40]
+    with zo.prepare(mesh, "exact") as one, zo.prepare(sphere(24), "exact") as other, ThreadPoolExecutor(4) as pool:
+        expected = one.visible(points, eyes)
+        asked = [pool.submit(occluder.visible, points, eyes) for occluder in (one, other, one, other) for _ in range(3)]
+        assert all(np.array_equal(answer.result(), expected) for answer in asked)
+
+
+def test_a_helper_that_never_begins_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Busy:
+        def submit(self, *_: object) -> Future[None]:
+            return Future()  # pending for ever
+
+    monkeypatch.setattr(threads, "_helpers", Busy)
+    monkeypatch.setattr(threads.numba, "get_num_threads", lambda: 8)
+    assert np.asarray(answer("exact")).any()
