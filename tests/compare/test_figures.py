@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.scenes import box, sphere
-from zbuf_occlude import Mesh, Views
+from zbuf_occlude import Mesh, SurfacePoints, Views
 from zbuf_occlude.compare.figures import FIGURES, SIDES, Exhibit, cells_as_mesh, eye_at, make_mask, projected_areas
 from zbuf_occlude.drawing import project
 
@@ -56,3 +56,16 @@ def test_a_real_scan_is_figure_7s_last_row() -> None:
     ]
     x, y = np.asarray(figure.axes[6].collections[0].get_offsets()).T
     assert np.ptp(x) < np.ptp(y) * 3, "the scanner looks along the box's length"
+
+
+@pytest.mark.parametrize("name", [name for name, figure in FIGURES.items() if figure.masked])
+def test_cameras_stand_at_the_distance_asked_for(name: str) -> None:
+    mesh, lengths = Mesh(sphere(6).vertices * [0.5, 0.4, 0.3], sphere(6).faces), []
+
+    def mask(mesh: Mesh, points: SurfacePoints, eyes: np.ndarray) -> np.ndarray:
+        lengths.extend(np.linalg.norm(eyes, axis=1))
+        return np.ones((len(eyes), len(points)), dtype=bool)
+
+    FIGURES[name].draw(Exhibit(mesh, mask, distance=2.5))
+    assert np.allclose(lengths, 2.5)
+    assert lengths

@@ -30,4 +30,7 @@ def command(folder: Path, format: str, out: Path) -> None:
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05) as bar:
         document = convert(folder, out, format, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
-    click.echo(f"{total} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")
+    n_clouds = document["counts"]["clouds"]
+    click.echo(
+        f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})"
+    )

@@ -10,6 +10,7 @@ from zbuf_occlude.learn.sydney import largest_scan, read_scan
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150
 WITH_SCAN = "fig7"
@@ -27,6 +28,13 @@ WITH_SCAN = "fig7"
     help=f"The unpacked Sydney Urban Objects dataset: {WITH_SCAN} then shows its car of the most points, from three "
     "sides.",
 )
+@click.option(
+    "--distance",
+    type=click.FloatRange(0, min_open=True),
+    default=PAPER_DISTANCE,
+    show_default=True,
+    help="Of the cameras from the object's centre, in multiples of its longest side.",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @up_option
 @click.pass_context
@@ -39,6 +47,7 @@ def command(
     method: str,
     settings: tuple[str, ...],
     sydney: Path | None,
+    distance: float,
     seed: int,
     up: str | None,
 ) -> None:
@@ -67,7 +76,7 @@ def command(
     else:
         mesh = shapes.formulas.make("torus")
     scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path)
-    chosen.draw(Exhibit(mesh.normalized(), mask, seed, scan)).savefig(out, dpi=DPI)
+    chosen.draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
     click.echo(f"{name}{f' of {mesh.name}' if chosen.kind else ''}: {out}")
 
 
@@ -79,7 +88,7 @@ def refuse_idle(context: click.Context, name: str, mesh_file: Path | None, up: s
     click.UsageError
     """
     chosen = FIGURES[name]
-    idle = [] if chosen.masked else given(context, ("method", "settings"))
+    idle = [] if chosen.masked else given(context, ("method", "settings", "distance"))
     idle += [] if name == WITH_SCAN else given(context, ("sydney",))
     if mesh_file is not None and not chosen.kind:
         idle.append("MESH")

@@ -17,7 +17,7 @@ from zbuf_occlude.meshes.shapes import formulas
 from zbuf_occlude.object_space.division import divide_faces
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.views import Views, paper100
+from zbuf_occlude.views import PAPER_DISTANCE, Views, paper100
 from zbuf_occlude.visibility import prepare
 
 ORIGIN = np.zeros(3)
@@ -38,12 +38,15 @@ class Exhibit:
     seed : int
     scan : (n, 3) float, optional
         A real scan, metres, the scanner at the origin, z up: what fig. 7's last row shows.
+    distance : float
+        Of the cameras that decide what is visible, from the centre (the paper's 4).
     """
 
     mesh: Mesh
     mask: Mask
     seed: int = 0
     scan: FloatArray | None = None
+    distance: float = PAPER_DISTANCE
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ def figure_7(exhibit: Exhibit) -> Figure:
     mesh, seed = exhibit.mesh, exhibit.seed
     points = sample_surface(mesh, n_points=100_000, seed=seed)
     azimuth, elevation = 40.0, 20.0
-    seen = points.select(exhibit.mask(mesh, points, eye_at(azimuth, elevation)[None])[0])
+    seen = points.select(exhibit.mask(mesh, points, eye_at(azimuth, elevation, exhibit.distance)[None])[0])
     fewer = seen.select(np.random.default_rng(seed).permutation(len(seen))[:6_000])
     figure, axes = new_figure(2 if exhibit.scan is None else 3, 3, panel=3.4)
     fixed: dict[str, Any] = {"eye": eye_at(azimuth, elevation), "target": ORIGIN, "radius": radius_of(mesh)}
@@ -182,7 +185,7 @@ def figure_11(exhibit: Exhibit) -> Figure:
 
 def figure_12(exhibit: Exhibit) -> Figure:
     """Projected area of the visible part on the three coordinate planes against the camera's elevation."""
-    views = paper100()
+    views = paper100(exhibit.distance)
     areas = projected_areas(exhibit.mesh, exhibit.mask, views, exhibit.seed)
     elevations = np.round(np.degrees(views.elevation)).astype(int)
     levels = np.unique(elevations)
@@ -272,7 +275,7 @@ def title(axes: Axes, text: str) -> None:
 def _four_views(exhibit: Exhibit, angles: Sequence[tuple[float, float]], varied: str) -> Figure:
     mesh = exhibit.mesh
     points = sample_surface(mesh, n_points=12_000, seed=exhibit.seed)
-    eyes = np.stack([eye_at(*angle) for angle in angles])
+    eyes = np.stack([eye_at(*angle, exhibit.distance) for angle in angles])
     visible = exhibit.mask(mesh, points, eyes)
     figure, axes = new_figure(2, len(angles), panel=2.9)
     for column, (eye, seen) in enumerate(zip(eyes, visible, strict=True)):
