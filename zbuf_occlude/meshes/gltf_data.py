@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints
+from zbuf_occlude.meshes.text import as_doubles
 
 Json = dict[str, Any]
 Count = Callable[[int], None]
@@ -54,7 +55,7 @@ class Data:
         """Return vectors as float64, (n, 3) or (n, 4); normalized integers become numbers in [-1, 1]."""
         accessor = self._accessor(accessor_id, role, (_VECTORS[role],), _FLOATS)
         values = self._values(accessor_id, accessor, count)
-        as_floats = values.astype(np.float64)
+        as_floats = as_doubles(values)
         if accessor.get("normalized") and values.dtype.kind in "iu":
             as_floats = np.maximum(as_floats / np.iinfo(values.dtype).max, -1.0)
         return as_floats
@@ -148,9 +149,10 @@ class Data:
         extensions = view.get("extensions", {})
         buffer = self._buffer(whole(view["buffer"]), "EXT_meshopt_compression" in extensions)
         begin = whole(view.get("byteOffset", 0)) + offset
-        if begin + size > len(buffer):
+        end = begin - offset + max(offset + size, whole(view["byteLength"]))
+        if end > len(buffer):
             raise MeshError(
-                f"buffers of glTF must hold what is declared; byteLength is {begin + size:,} of {len(buffer):,} bytes."
+                f"buffers of glTF must hold what is declared; byteLength is {end:,} of {len(buffer):,} bytes."
             )
         return memoryview(buffer)[begin : begin + size]
 
