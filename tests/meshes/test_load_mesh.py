@@ -159,7 +159,8 @@ def test_one_line_names_the_file_and_says_what_to_do(
     path = make(tmp_path)
     with pytest.raises(MeshError, match=message) as caught:
         load_mesh(path)
-    assert str(caught.value).startswith(f"{path}: ")
+    shown = str(path).replace("\0", r"\x00")  # what cannot be printed is escaped
+    assert str(caught.value).startswith(f"{shown}: ")
     assert str(caught.value).count(str(path)) == 1
     assert "\n" not in str(caught.value)
     assert caught.value.__suppress_context__  # no traceback of another kind behind it
