@@ -8,6 +8,9 @@
 # size, and larger than the number of nodes. Submit the same line again to resume after a failure: shards that are done
 # stay done. `zbuf-occlude status OUT` says how far it is.
 #
+# What is compiled in the first run is kept beside the package or in ~/.cache/numba. Where nodes can write neither, or to keep
+# it out of a shared home, name a folder of the node: export NUMBA_CACHE_DIR=/tmp/$USER-numba
+#
 #SBATCH --job-name=zbuf-occlude
 #SBATCH --cpus-per-task=2
 #SBATCH --mem=6G
