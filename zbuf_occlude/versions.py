@@ -1,5 +1,6 @@
-"""Versions of Python and of the packages that answers, data and times depend on; every manifest and row has them."""
+"""What answers, data and times depend on: versions of Python and packages, in every manifest and row; the cores."""
 
+import os
 import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -17,3 +18,10 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:  # an extra
             continue
     return found
+
+
+def n_cores() -> int:
+    """Return how many cores this process may use; where the system does not say, how many there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,6 +1,5 @@
 """Run a comparison: every case, every subject, one row each; what has a row is not run again."""
 
-import os
 import platform
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ from zbuf_occlude.compare.question import Question, row_key
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.errors import OccludeError
-from zbuf_occlude.versions import versions
+from zbuf_occlude.versions import n_cores, versions
 from zbuf_occlude.visibility import find_method
 
 ROW_SECONDS = 120.0
@@ -223,4 +222,4 @@ def machine() -> str:
             name = next((line.split(":")[1].strip() for line in file if line.startswith("model name")), name)
     except OSError:
         pass
-    return f"{name}, {len(os.sched_getaffinity(0))} cores"
+    return f"{name}, {n_cores()} cores"

@@ -3,6 +3,7 @@
 import ctypes
 import os
 import signal
+import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -54,7 +55,9 @@ def work(connection: Connection, plan: Plan, out: Path, device_index: int | None
 
 
 def die_with_parent(parent: int) -> None:
-    """Have the kernel kill this process when its parent ends, however that ends (Linux)."""
+    """Have the kernel kill this process when its parent ends, however that ends; elsewhere than on Linux do nothing."""
+    if sys.platform != "linux":
+        return
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before the line above
         os._exit(1)

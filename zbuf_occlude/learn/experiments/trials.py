@@ -26,7 +26,7 @@ from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import path_of, read_result
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.train import train
-from zbuf_occlude.versions import versions
+from zbuf_occlude.versions import n_cores, versions
 
 CLASSIFIERS = "classifiers"
 """Folder of a study: the trained model of each trial."""
@@ -100,7 +100,7 @@ def run_trials(
     for trial in set(trials) - set(missing):
         progress.trial(trial.key, 1.0)
     if workers is None:
-        workers = 1 if torch.cuda.is_available() else len(os.sched_getaffinity(0))
+        workers = 1 if torch.cuda.is_available() else n_cores()
     workers = min(workers, len(missing))
     if workers < 2:
         for trial in missing:
@@ -135,7 +135,7 @@ def _run_in_workers(trials: Sequence[Trial], size: Size, folder: Path, progress:
     context = multiprocessing.get_context("spawn")
     heard = context.SimpleQueue()
     others = set(multiprocessing.active_children())
-    begin = (os.getpid(), max(1, len(os.sched_getaffinity(0)) // workers), heard)
+    begin = (os.getpid(), max(1, n_cores() // workers), heard)
     pool = ProcessPoolExecutor(workers, context, _begin_worker, begin)
     try:
         left = {pool.submit(_work, trial, size, folder) for trial in trials}
