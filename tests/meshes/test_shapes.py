@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
+from zbuf_occlude.compare.paper import TABLE_1A, PaperObject
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes import shapes
 
@@ -255,3 +256,17 @@ def test_other_seeds_have_other_keys() -> None:
 def test_errors(call, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         call()
+
+
+@pytest.mark.parametrize("paper", TABLE_1A, ids=lambda paper: paper.label)
+def test_stand_ins_have_the_papers_faces_and_vertices(paper: PaperObject) -> None:
+    """Table 1A is about the product of the two."""
+    mesh = shapes.benchmark_mesh(paper.faces, paper.kind)
+    n_vertices = min(paper.vertices, 3 * len(mesh.faces))
+    more = shapes.with_vertices(mesh, n_vertices)
+    assert paper.faces - 8 <= len(more.faces) <= paper.faces
+    assert len(more.vertices) == n_vertices > 0.99 * paper.vertices
+    assert np.array_equal(more.corners, mesh.corners)
+    assert len(np.unique(more.faces)) == n_vertices
+    with pytest.raises(OptionError, match=f"n_vertices must be from .* to {3 * len(mesh.faces)} "):
+        shapes.with_vertices(mesh, 3 * len(mesh.faces) + 1)

@@ -62,7 +62,7 @@ def preset(name: str, *, root: Path | None, seed: int, budget: float | None = No
         One of `PRESETS`.
     root : Path, optional
         ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes
-        of as many faces stand in for the others.
+        of as many faces and vertices stand in for the others.
     seed : int
     budget : float, optional
         Seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods, and the
@@ -155,4 +155,5 @@ def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], 
         if found:
             return (lambda: load_mesh(found[0])), f"{paper.file}.off"
     mesh = shapes.benchmark_mesh(paper.faces, paper.kind)
-    return (lambda: mesh), f"built-in {paper.kind}, {len(mesh.faces):,} faces"
+    mesh = shapes.with_vertices(mesh, min(paper.vertices, 3 * len(mesh.faces)))
+    return (lambda: mesh), f"built-in {paper.kind}, {len(mesh.faces):,} faces, {len(mesh.vertices):,} vertices"

@@ -11,7 +11,7 @@ Everything is computed from numbers alone: the same arguments give the same byte
 """
 
 from zbuf_occlude.meshes.shapes import formulas, solids
-from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh, refined, soup
+from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
 from zbuf_occlude.meshes.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
 
 __all__ = [
@@ -26,4 +26,5 @@ __all__ = [
     "solids",
     "soup",
     "split_of",
+    "with_vertices",
 ]

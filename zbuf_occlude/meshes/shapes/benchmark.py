@@ -83,6 +83,37 @@ def refined(mesh: Mesh, n_faces: int) -> Mesh:
         faces = _divided(faces, middle[which].reshape(-1, 3))
 
 
+def with_vertices(mesh: Mesh, n_vertices: int) -> Mesh:
+    """Give corners vertices of their own until a mesh has `n_vertices`, as files do that repeat shared positions.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    n_vertices : int
+        Between the vertices that the mesh's faces use and three a face.
+
+    Returns
+    -------
+    Mesh
+        The same faces in the same places; vertices that no face uses are gone.
+
+    Raises
+    ------
+    OptionError
+        `n_vertices` is out of range.
+    """
+    used, corners = np.unique(mesh.faces, return_inverse=True)
+    corners = corners.reshape(-1).astype(np.int64)
+    if not len(used) <= n_vertices <= len(corners):
+        raise OptionError(f"n_vertices must be from {len(used)} to {len(corners)} for {mesh.name}; got {n_vertices}.")
+    first = np.zeros(len(corners), dtype=bool)
+    first[np.unique(corners, return_index=True)[1]] = True
+    moved = np.flatnonzero(~first)[: n_vertices - len(used)]
+    points = np.concatenate([mesh.vertices[used], mesh.vertices[used[corners[moved]]]])
+    corners[moved] = len(used) + np.arange(len(moved))
+    return Mesh(points, corners.reshape(-1, 3).astype(np.int32), name=mesh.name)
+
+
 def _divided(faces: Indices, middles: Indices) -> Indices:
     """Divide faces (f, 3) at the midpoints given for their edges ab, bc, ca, (f, 3), -1 where an edge stays whole."""
     count = (middles >= 0).sum(axis=1)
