@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zbuf_occlude.object_space.occupancy import OWN_SURFACE, OccupancyGrid
+from zbuf_occlude.object_space.occupancy import RUN, OccupancyGrid
 
 CUBE = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
@@ -60,9 +60,26 @@ def test_cells_that_touch_do_not_occlude() -> None:
 def test_an_unbroken_run_is_the_own_surface_for_three_cells() -> None:
     ahead = (10.0, 0.55, 0.55)
     run = [(x, 5, 5) for x in range(2, 10)]
-    assert not occluded(grid_with(10, run[: OWN_SURFACE + 1]), (2, 5, 5), ahead)
-    assert occluded(grid_with(10, run[: OWN_SURFACE + 2]), (2, 5, 5), ahead)
+    assert not occluded(grid_with(10, run[: RUN + 1]), (2, 5, 5), ahead)
+    assert occluded(grid_with(10, run[: RUN + 2]), (2, 5, 5), ahead)
     assert occluded(grid_with(10, [run[0], run[1], run[3]]), (2, 5, 5), ahead)  # broken at run[2]
+
+
+@pytest.mark.parametrize(("touching", "run"), [(1, 1), (2, 4), (3, 3), (0, 2)])
+def test_the_own_surface_can_be_chosen(touching: int, run: int) -> None:
+    """A cell that stands alone occludes from touching + 1 cells away, the end of a run from run + 1."""
+    ahead = (10.0, 0.55, 0.55)
+
+    def nearest(run_of: bool) -> int:
+        for apart in range(2, 8):
+            xs = range(2, 3 + apart) if run_of else (2, 2 + apart)
+            positions = (np.array([(x, 5, 5) for x in xs]) + 0.5) / 10
+            if occluded(OccupancyGrid(CUBE, 10, positions, touching=touching, run=run), (2, 5, 5), ahead):
+                return apart
+        raise AssertionError("nothing occludes")
+
+    assert nearest(run_of=False) == max(touching + 1, 2)
+    assert nearest(run_of=True) == max(run + 1, 2)
 
 
 def test_the_eyes_own_cell_does_not_count_nor_what_is_behind_it() -> None:
@@ -102,7 +119,7 @@ def slow_walk(grid: OccupancyGrid, start: np.ndarray, eye: np.ndarray) -> bool:
         if (cell == np.floor(eye)).all():
             return False
         if in_grid and grid.occupied[tuple(cell)]:
-            if apart > (OWN_SURFACE if unbroken else 1):
+            if apart > (RUN if unbroken else 1):
                 return True
         elif in_grid and apart > 0:
             unbroken = False

@@ -12,8 +12,8 @@ from zbuf_occlude.threads import threaded
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
 
-OWN_SURFACE = 3
-"""So many cells away an unbroken run of occupied cells may still be the surface that a cell lies on."""
+RUN = 3
+"""This many cells away an unbroken run of occupied cells may still be the surface that a cell lies on."""
 
 SNAP = 2.0**20
 """Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
@@ -31,12 +31,15 @@ class OccupancyGrid:
         Cells along a side.
     positions : (s, 3) float
         Points of the object's surface; the cells that contain them are occupied.
+    touching, run : int
+        Which occupied cells are of a cell's own surface and do not occlude it: those up to `touching` cells away, and
+        those up to `run` cells away that the line of sight reaches through occupied cells only.
 
     Notes
     -----
     **When does a cell occlude a cell?** The paper does not say. Here: when it is occupied, the line from the other
-    cell's centre to the eye passes through it, and it is not of the other cell's own surface. Of the own surface are
-    the cells that touch it, and those up to `OWN_SURFACE` cells away that the line reaches through occupied cells
+    cell's centre to the eye passes through it, and it is not of the other cell's own surface. By default of the own
+    surface are the cells that touch it, and those up to `RUN` cells away that the line reaches through occupied cells
     only. The eye's own cell does not count either.
 
     Without the last condition an object would hide its own front, since a surface's cells touch each other and a line
@@ -52,8 +55,11 @@ class OccupancyGrid:
     belonging to an occluded cell are also considered occluded". The walk is that of Amanatides and Woo (1987).
     """
 
-    def __init__(self, bounds: FloatArray, n: int, positions: FloatArray) -> None:
+    def __init__(
+        self, bounds: FloatArray, n: int, positions: FloatArray, *, touching: int = TOUCHING, run: int = RUN
+    ) -> None:
         self.n = n
+        self._own = touching, max(touching, run)
         side = float(np.ptp(bounds, axis=0).max())
         self._cell = side / n if side > 0.0 else 1.0
         self._lowest = (bounds[0] + bounds[1]) / 2.0 - self._cell * n / 2.0
@@ -85,26 +91,26 @@ class OccupancyGrid:
 
     def occluded_cells(self, cells: IntArray, eye: FloatArray) -> BoolArray:
         """Find the cells whose line of sight to an eye (world space) is blocked; (c, 3) int32 -> (c,) bool."""
-        return _walk_all(self.occupied, cells + 0.5, self._in_cells(eye))
+        return _walk_all(self.occupied, cells + 0.5, self._in_cells(eye), *self._own)
 
     def occluded_positions(self, positions: FloatArray, eye: FloatArray) -> BoolArray:
         """The same for positions outside the grid (world space), which start where they are; (c,) bool."""
-        return _walk_all(self.occupied, self._in_cells(positions), self._in_cells(eye))
+        return _walk_all(self.occupied, self._in_cells(positions), self._in_cells(eye), *self._own)
 
     def _in_cells(self, positions: FloatArray) -> FloatArray:
         return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
 
 
 @threaded
-def _walk_all(occupied, starts, eye):  # type: ignore[no-untyped-def]
+def _walk_all(occupied, starts, eye, touching, run):  # type: ignore[no-untyped-def]
     blocked = np.zeros(len(starts), dtype=np.bool_)
     for i in prange(len(starts)):
-        blocked[i] = _walk(occupied, starts[i], eye)
+        blocked[i] = _walk(occupied, starts[i], eye, touching, run)
     return blocked
 
 
 @njit
-def _walk(occupied, start, eye):  # type: ignore[no-untyped-def]
+def _walk(occupied, start, eye, touching, run):  # type: ignore[no-untyped-def]
     """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
     n = len(occupied)
     begin, end = 0.0, 1.0  # the part of the line within the grid
@@ -139,7 +145,7 @@ def _walk(occupied, start, eye):  # type: ignore[no-untyped-def]
             return False
         apart = max(abs(cell[0] - first[0]), abs(cell[1] - first[1]), abs(cell[2] - first[2]))
         if occupied[cell[0], cell[1], cell[2]]:
-            if apart > (OWN_SURFACE if unbroken else TOUCHING):
+            if apart > (run if unbroken else touching):
                 return True
         elif apart > 0:
             unbroken = False

@@ -6,7 +6,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.object_space.occupancy import OccupancyGrid
+from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -14,7 +14,9 @@ LARGEST = 512
 """The finest grid: 128 MiB of cells, and 512 MiB while points are asked."""
 
 
-def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0) -> "OccupancyGridOccluder":
+def prepare(
+    mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0, touching: int = TOUCHING, run: int = RUN
+) -> "OccupancyGridOccluder":
     """Convert a mesh into an occupancy grid.
 
     Parameters
@@ -27,6 +29,9 @@ def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0)
         Too few for a fine grid leave holes.
     seed : int
         Of that sampling.
+    touching, run : int
+        What is a cell's own surface, as in `OccupancyGrid`: the paper does not say, docs/object_space.md has what was
+        tried.
 
     Raises
     ------
@@ -37,7 +42,10 @@ def prepare(mesh: Mesh, *, n: int = 32, n_samples: int = 100_000, seed: int = 0)
         raise OptionError(f"n must be an int in [2, {LARGEST}], cells along a side; got {n!r}.")
     check_int("n_samples", n_samples, 1)
     check_int("seed", seed, 0)
-    return OccupancyGridOccluder(mesh, int(n), int(n_samples), seed)
+    check_int("touching", touching, 0)
+    check_int("run", run, 0)
+    positions = sample_surface(mesh, n_points=int(n_samples), seed=seed).positions
+    return OccupancyGridOccluder(mesh, OccupancyGrid(mesh.bounds, int(n), positions, touching=touching, run=run))
 
 
 class OccupancyGridOccluder(Occluder):
@@ -66,9 +74,9 @@ class OccupancyGridOccluder(Occluder):
     Paper section 3.6, Fig. 7, Table 1B.
     """
 
-    def __init__(self, mesh: Mesh, n: int, n_samples: int, seed: int) -> None:
+    def __init__(self, mesh: Mesh, grid: OccupancyGrid) -> None:
         super().__init__(mesh)
-        self.grid = OccupancyGrid(mesh.bounds, n, sample_surface(mesh, n_points=n_samples, seed=seed).positions)
+        self.grid = grid
         self.n_lines = 0
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
