@@ -9,7 +9,7 @@
 # stay done. `zbuf-occlude status OUT` says how far it is.
 #
 # What is compiled in the first run is kept beside the package or in ~/.cache/numba. Where nodes can write neither, or to keep
-# it out of a shared home, name a folder of the node: export NUMBA_CACHE_DIR=/tmp/$USER-numba
+# it out of a shared home, export NUMBA_CACHE_DIR, a folder that nobody but you can write: what lies there is run.
 #
 #SBATCH --job-name=zbuf-occlude
 #SBATCH --cpus-per-task=2
