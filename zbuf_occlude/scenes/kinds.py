@@ -1,5 +1,6 @@
 """The kinds of scenes: what is put around a target, drawn from a seed, so that a stated share of it is hidden."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -86,7 +87,7 @@ def street(asked: Asked, rng: np.random.Generator) -> Arranged:
             place = back * along[:2] + side * across[:2]
             if back < 0.5 * abs(side) + size / 2 + radius and abs(side) < size + 2 * radius + 1.0:
                 continue
-            if all(np.linalg.norm(place - other) > radius + reach + 0.3 for other, reach in taken):
+            if all(_apart(place, other) > radius + reach + 0.3 for other, reach in taken):
                 placed.append(_standing(mesh, label, place, asked.floor, rng))
                 taken.append((place, radius))
                 break
@@ -120,7 +121,7 @@ def room(asked: Asked, rng: np.random.Generator) -> Arranged:
             back = rng.uniform(-size, max(behind - radius, -size + 0.01))
             place = back * along[:2] + side * across[:2]
             clear = back > 0 or abs(side) > size + radius
-            if clear and all(np.linalg.norm(place - other) > radius + reach for other, reach in taken):
+            if clear and all(_apart(place, other) > radius + reach for other, reach in taken):
                 placed.append(_standing(mesh, label, place, asked.floor, rng))
                 taken.append((place, radius))
                 break
@@ -194,6 +195,11 @@ def _standing(
     mesh: Mesh, label: str, place: FloatArray | Sequence[float], floor: float, rng: np.random.Generator
 ) -> Placed:
     return Placed(mesh, label, moved(yaw=float(rng.uniform(0, 2 * np.pi)), to=[*place, floor]))
+
+
+def _apart(a: FloatArray, b: FloatArray) -> float:
+    """Distance of two places on the ground; hundreds are asked for per scene."""
+    return math.hypot(a[0] - b[0], a[1] - b[1])
 
 
 def _ground(asked: Asked) -> Placed:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +40,7 @@ class Placed:
             raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
         object.__setattr__(self, "pose", frozen(pose))
 
-    @property
+    @cached_property
     def vertices(self) -> FloatArray:
         """World space, (v, 3)."""
         return np.asarray(self.mesh.vertices @ self.pose[:3, :3].T + self.pose[:3, 3])
