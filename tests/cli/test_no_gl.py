@@ -1,4 +1,4 @@
-"""A machine without OpenGL: `exact` where no method was named, and who named one is told what is missing."""
+"""A machine without OpenGL, or with none on its GPU: what is taken where no method was named, and what is said."""
 
 import json
 import shutil
@@ -10,6 +10,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset import auto
+from zbuf_occlude.gl import nvidia
 from zbuf_occlude.meshes.shapes import solids
 
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
@@ -100,3 +101,24 @@ def test_both_commands_of_the_readme_with_all_libraries_masked(mesh: Path, tmp_p
         assert child.returncode == 0, child.stderr
         assert child.stderr.splitlines()[0] == f"method exact, because {WHY}"
         assert "by exact on none" in child.stdout
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("gl")
+def test_a_run_that_fell_to_software_says_so_first_and_in_the_manifest(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "nvidiactl").touch()
+    monkeypatch.setattr(nvidia, "NVIDIA", tmp_path / "nvidiactl")
+    monkeypatch.setattr(nvidia, "hindrance", lambda: nvidia.Hindrance("it is hidden.", "show it"))
+    monkeypatch.setattr("zbuf_occlude.cli.generate.WORTH_A_TRIAL", 0.0)
+    monkeypatch.setattr("zbuf_occlude.cli.generate.gain_of", lambda *_: 2.96)
+    out = tmp_path / "out"
+    result = run("generate", "--limit", 1, "--views", "ring:2@30", "--points", 200, "--workers", 1, "--out", out)
+    assert result.code == 0, result.err
+    if "llvmpipe" not in result.out:
+        pytest.skip("this machine may have a GPU")
+    assert result.err.splitlines()[0].startswith("warning: OpenGL runs in software (llvmpipe")
+    assert json.loads((out / "manifest.json").read_text())["renderer_remark"] in result.err.splitlines()[0]
+    assert "it is hidden. Fix: show it" in result.out
+    assert result.out.splitlines()[-1] == "exact, and about 3.0 times as fast here: --method exact"

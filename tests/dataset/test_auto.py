@@ -6,29 +6,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh, MeshCollection, OptionError
-from zbuf_occlude.dataset import auto
+from zbuf_occlude import Mesh, MeshCollection, OptionError, SurfacePoints, sample_surface
+from zbuf_occlude.dataset import auto, trial
 from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.gl import nvidia
 from zbuf_occlude.meshes import shapes
 
 
 @pytest.mark.parametrize(
-    ("n_faces", "n_points", "gpu", "embree", "method"),
+    ("n_faces", "n_points", "gain", "embree", "method"),
     [
-        (3000, 20_000, True, True, "exact_gl"),
-        (3000, 20_000, False, True, "exact"),
-        (MANY_FACES, FEW_POINTS, False, True, "embree"),
-        (MANY_FACES, FEW_POINTS, False, False, "exact"),
-        (MANY_FACES, FEW_POINTS + 1, False, True, "exact"),
-        (MANY_FACES - 1, FEW_POINTS, False, True, "exact"),
+        (3000, 20_000, 2.5, True, "exact_gl"),
+        (3000, 20_000, 0.7, True, "exact"),
+        (3000, 20_000, 0.0, True, "exact"),
+        (MANY_FACES, FEW_POINTS, 0.0, True, "embree"),
+        (MANY_FACES, FEW_POINTS, 0.0, False, "exact"),
+        (MANY_FACES, FEW_POINTS + 1, 0.0, True, "exact"),
+        (MANY_FACES - 1, FEW_POINTS, 0.0, True, "exact"),
     ],
 )
-def test_choices(n_faces: int, n_points: int, gpu: bool, embree: bool, method: str) -> None:
-    choice = choose(n_faces, n_points, gpu=gpu, embree=embree)
+def test_choices(n_faces: int, n_points: int, gain: float, embree: bool, method: str) -> None:
+    choice = choose(n_faces, n_points, gain=gain, embree=embree)
     assert choice.method == method
-    assert ("GPU here" in choice.reason) == gpu
-    if not gpu:
+    assert ("GPU here" in choice.reason) == (gain > 0.0)
+    if gain:
+        assert f"{gain} times as fast" in choice.reason
+    else:
         assert f"{n_points:,} points" in choice.reason
         assert f"{n_faces:,} faces" in choice.reason
 
@@ -82,3 +87,48 @@ def test_a_named_method_resumes_what_auto_began(monkeypatch: pytest.MonkeyPatch)
 def test_options_need_a_named_method() -> None:
     with pytest.raises(OptionError, match="--set needs a named method; got --method auto"):
         resolve(Recipe(method=AUTO, method_options={"contact": 1e-6}), shapes.collection())
+
+
+def test_on_a_gpu_both_are_tried_on_a_mesh_of_middling_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def record(method: str, other: str, mesh: Mesh, points: SurfacePoints, options: object) -> float:
+        tried.append((method, other, len(mesh.faces), len(points)))
+        return 3.0
+
+    monkeypatch.setattr(auto, "_has_gpu", lambda: True)
+    monkeypatch.setattr(auto, "times_as_fast", record)
+    meshes = shapes.collection().limit(3)
+    found = resolve(Recipe(method=AUTO, n_points=321), meshes)
+    assert found.method == "exact_gl"
+    assert tried == [("exact_gl", "exact", sorted(len(entry.load().faces) for entry in meshes)[1], 321)]
+
+
+def test_a_trial_compares_what_a_mesh_costs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Brute force beside the same on a tenth of the points."""
+    monkeypatch.setattr(trial, "SECONDS", 0.05)
+    mesh = shapes.make("chair", 1).normalized()
+    few, many = (sample_surface(mesh, n_points=n, seed=0) for n in (300, 3000))
+    seconds = [trial._seconds("oracle", {}, mesh, points) for points in (few, many)]
+    assert seconds[1] > 2.0 * seconds[0]
+    assert 0.2 < trial.times_as_fast("oracle", "oracle", mesh, many) < 5.0
+
+
+def test_what_cannot_be_tried_has_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> float:
+        raise GlError("no GPU")
+
+    monkeypatch.setattr(auto, "times_as_fast", fail)
+    assert auto.gain_of("exact", "depth_buffer", Recipe(n_points=10), shapes.collection().limit(1)) == 0.0
+
+
+def test_software_beside_an_nvidia_gpu_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "nvidiactl").touch()
+    monkeypatch.setattr(nvidia, "hindrance", lambda: nvidia.Hindrance("it is hidden.", "show it"))
+    assert nvidia.fallen_to_software("llvmpipe (LLVM 15)") == ""
+    monkeypatch.setattr(nvidia, "NVIDIA", tmp_path / "nvidiactl")
+    assert nvidia.fallen_to_software("NVIDIA H100") == ""
+    said = nvidia.fallen_to_software("llvmpipe (LLVM 15)")
+    assert said == (
+        "OpenGL runs in software (llvmpipe (LLVM 15)), though /dev/nvidiactl is there: it is hidden. Fix: show it"
+    )

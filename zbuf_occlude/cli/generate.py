@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 from contextlib import ExitStack
 from dataclasses import asdict
 from functools import partial
@@ -28,7 +29,7 @@ from zbuf_occlude.cli.options import (
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
-from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
+from zbuf_occlude.dataset.auto import AUTO, Choice, gain_of, resolve
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
@@ -48,6 +49,9 @@ from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method, prepare
 
 FORMULAS = "formulas"
+WORTH_A_TRIAL, LEAST_GAIN = 10.0, 1.2
+"""Seconds of a run from which on `exact` is tried beside a software renderer, and the gain that is worth a line."""
+
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
 
@@ -272,6 +276,7 @@ def command(
     failed = False
     for one, folder in plans:
         mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
+        began = time.perf_counter()
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
             document = generate(
@@ -279,12 +284,24 @@ def command(
             )
         if document:
             click.echo(summary(document, folder))
+            if time.perf_counter() - began > WORTH_A_TRIAL and (hint := faster_exact(one, document["renderer"])):
+                click.echo(hint)
             failed |= bool(document["failures"])
         else:
             done = shards_done(one, folder)
             click.echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
     if failed:
         raise SystemExit(SOME_FAILED)
+
+
+def faster_exact(plan: Plan, renderer: str) -> str:
+    """Say how much faster `exact` would be than a method that renders, and did so in software; "" if it would not."""
+    from zbuf_occlude.gl.context import is_software  # late, as above
+
+    if plan.recipe.complete or not is_software(renderer):
+        return ""
+    gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes)
+    return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""
 
 
 def rehearse(recipe: Recipe, require_gpu: bool) -> None:

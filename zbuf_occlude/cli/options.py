@@ -12,7 +12,7 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from zbuf_occlude.dataset.auto import AUTO, Choice, by_default
+from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -75,6 +75,8 @@ def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]
     choice = by_default() if default and not settings else Choice(method, "")
     if choice.reason:
         click.echo(f"method {choice.method}, because {choice.reason}", err=True)
+    elif remark := remark_on_renderer(choice.method):
+        click.echo(f"warning: {remark}", err=True)
     return choice
 
 

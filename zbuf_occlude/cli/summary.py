@@ -56,6 +56,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
         f"{counted(counts['clouds'], 'cloud')} of {counted(n_used, 'mesh', 'meshes')}, "
         f"{counted(len(document['classes']), 'class', 'classes')}, {how} on {document['renderer']}",
         *why,
+        *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         measured(error),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",

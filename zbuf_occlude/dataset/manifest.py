@@ -8,6 +8,7 @@ from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar
+from zbuf_occlude.gl.nvidia import fallen_to_software
 from zbuf_occlude.versions import versions
 
 
@@ -48,6 +49,7 @@ def summed_up(
         "options": plan.document["recipe"],
         "versions": versions(),
         "renderer": ", ".join(renderers) or "none",
+        "renderer_remark": next(filter(None, map(fallen_to_software, renderers)), ""),
         "classes": plan.classes,
         "counts": {
             "meshes": len(plan.meshes),

@@ -46,6 +46,11 @@ _PATIENCE = 1_000_000_000  # nanoseconds of one wait
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
 
 
+def is_software(renderer: str) -> bool:
+    """Whether a GL_RENDERER is a program for the CPU."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
+
+
 class GlContext:
     """An open OpenGL context. Make one with `GlContext.open`; close it, or use it as a context manager.
 
@@ -128,7 +133,7 @@ class GlContext:
     @property
     def is_software(self) -> bool:
         """Whether a CPU does the rendering (containers without the graphics capability fall back to it silently)."""
-        return any(name in self.renderer.lower() for name in _SOFTWARE)
+        return is_software(self.renderer)
 
     def make_current(self) -> None:
         """Make this the context that GL calls of this thread go to; needed only where a process has several.

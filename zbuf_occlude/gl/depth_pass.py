@@ -15,8 +15,9 @@ from zbuf_occlude.gl.tiles import CUBE
 MOST_TILES = 48
 """Of a batch: eight eyes with six cube faces each; their matrices fit into a uniform block on any driver."""
 
-SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 26, 1 << 28
-"""What an atlas may take: memory is first touched, and matters, where a CPU draws. One eye's tiles may exceed it."""
+SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 24, 1 << 28
+"""What an atlas may take: caches, and memory touched first, matter to a CPU; full batches to a GPU. One eye's tiles may
+exceed it."""
 
 
 class DepthPass:

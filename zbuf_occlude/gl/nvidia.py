@@ -5,6 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from zbuf_occlude.gl.context import is_software
+
+NVIDIA = Path("/dev/nvidiactl")
+"""There where a driver for NVIDIA's GPUs is."""
+
 LIBRARIES = ("usr/lib/x86_64-linux-gnu", "usr/lib/aarch64-linux-gnu", "usr/lib64", "usr/lib", "usr/local/lib", "lib64")
 VENDORS = ("etc/glvnd/egl_vendor.d", "usr/share/glvnd/egl_vendor.d")
 """Where the dynamic loader, and glvnd, look."""
@@ -59,3 +64,11 @@ def hindrance(root: Path = Path("/"), environment: Mapping[str, str] | None = No
 
 def _library(root: Path, name: str) -> bool:
     return any(any((root / folder).glob(f"{name}*")) for folder in LIBRARIES)
+
+
+def fallen_to_software(renderer: str) -> str:
+    """Say that a GL_RENDERER is software though there is an NVIDIA GPU, and why; "" where that is not so."""
+    if not is_software(renderer) or not NVIDIA.exists():
+        return ""
+    found = hindrance() or Hindrance("nothing is seen to be missing.", "ask `zbuf-occlude doctor`")
+    return f"OpenGL runs in software ({renderer}), though /dev/nvidiactl is there: {found.cause} Fix: {found.fix}"

@@ -93,7 +93,7 @@ class DepthBuffer(Occluder):
     held against it in float64, and the nearest that it meets is the answer. Wrong where that face is in no pixel there.
 
     Costs a draw of f triangles for each eye and some arithmetic for each point. Memory: 12 bytes per vertex and 72 per
-    face, 256 MiB for the pictures of a batch of eyes (64 MiB where a CPU draws), 32 per point, which stay there until
+    face, 256 MiB for the pictures of a batch of eyes (16 MiB where a CPU draws), 32 per point, which stay there until
     others are asked about, and at most 128 MiB of answers per million points.
 
     References
