@@ -132,22 +132,6 @@ def test_masks() -> None:
         np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
 
 
-def test_whole_numbers_and_what_lies_there() -> None:
-    @njit
-    def kernel(a, picture, width, rows, columns, out):
-        store(out, 0, lanes.whole(load(a, 0)))
-        store(out, 16, lanes.gather(picture, width, load(rows, 0), load(columns, 0)))
-
-    picture = RNG.normal(size=(40, 70)).astype(np.float32)
-    for _ in range(20):
-        a = (1000.0 * RNG.normal(size=16)).astype(np.float32)
-        rows, columns = (RNG.integers(0, n, 16).astype(np.float32) for n in picture.shape)
-        out = np.empty(32, dtype=np.float32)
-        kernel(a, picture, picture.shape[1], rows, columns, out)
-        np.testing.assert_array_equal(out[:16], np.trunc(a))
-        np.testing.assert_array_equal(out[16:], picture[rows.astype(int), columns.astype(int)])
-
-
 def test_strided_arrays_are_refused() -> None:
     @njit
     def kernel(a, out):
@@ -157,3 +141,25 @@ def test_strided_arrays_are_refused() -> None:
         kernel(np.ones((16, 2), dtype=np.float32)[:, 0], np.empty(16, dtype=np.float32))
     with pytest.raises(TypingError, match="lanes must be taken from a C-contiguous float32 array"):
         kernel(np.ones(16), np.empty(16, dtype=np.float32))
+
+
+def test_three_vectors_at_a_time() -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 3, 16)).astype(np.float32)
+    matrix = rng.normal(size=12).astype(np.float32)
+
+    @njit
+    def kernel(a, b, matrix, out):  # type: ignore[no-untyped-def]
+        u, v = lanes.load3(a, 0, 16), lanes.load3(b, 0, 16)
+        store(out, 0, lanes.dot3(u, v, lanes.splat(np.float32(0.5))))
+        lanes.store3(out, 16, 16, lanes.cross3(u, v))
+        lanes.store3(out, 64, 16, lanes.transform(matrix, u[0], u[1], u[2]))
+        lanes.store3(out, 112, 16, lanes.splat3((matrix[0], matrix[1], matrix[2])))
+
+    out = np.zeros((10, 16), dtype=np.float32)
+    kernel(a, b, matrix, out.reshape(-1))
+    rows = matrix.reshape(3, 4)
+    np.testing.assert_allclose(out[0], (a * b).sum(axis=0) + 0.5, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(out[1:4], np.cross(a, b, axis=0), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(out[4:7], rows[:, :3] @ a + rows[:, 3:], rtol=1e-5, atol=1e-5)
+    assert np.array_equal(out[7:], np.repeat(matrix[:3, None], 16, axis=1))

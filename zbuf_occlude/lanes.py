@@ -190,36 +190,6 @@ def store(typing_context, array, index, vector):
 
 
 @intrinsic
-def whole(typing_context, a):
-    """a without its fraction, for -2^31 < a < 2^31."""
-
-    def codegen(context, builder, signature, args):
-        return builder.sitofp(builder.fptosi(args[0], _INTS), _FLOATS)
-
-    return VECTOR(VECTOR), codegen
-
-
-@intrinsic
-def gather(typing_context, array, width, row, column):
-    """``array.flat[row * width + column]`` for the whole numbers in two vectors; the index must be below 2^31."""
-    _must_be_contiguous(array)
-
-    def codegen(context, builder, signature, args):
-        _, width, row, column = args
-        widths = _repeat(builder, builder.trunc(width, ir.IntType(32)), _INTS)
-        places = builder.add(builder.mul(builder.fptosi(row, _INTS), widths), builder.fptosi(column, _INTS))
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        found = ir.Constant(_FLOATS, ir.Undefined)
-        for i in range(N_LANES):
-            lane = ir.Constant(ir.IntType(32), i)
-            place = builder.sext(builder.extract_element(places, lane), _WORD)
-            found = builder.insert_element(found, builder.load(builder.gep(data, [place])), lane)
-        return found
-
-    return VECTOR(array, types.intp, VECTOR, VECTOR), codegen
-
-
-@intrinsic
 def equal(typing_context, array, index, value):
     """Mask of the 16 int32 of an array from a flat index on that equal a value."""
 
