@@ -75,6 +75,17 @@ def test_a_damaged_file(run: Run, dataset: Path, modelnet: Path) -> None:
     assert "fault: ply_data_test0.h5 must have the checksum" in outcome.err
 
 
+@pytest.mark.parametrize("name", ["shape_names.txt", "mesh_keys.txt", "train_files.txt"])
+def test_names_and_lists_are_verified_too(run: Run, dataset: Path, name: str) -> None:
+    content = (dataset / name).read_text()
+    (dataset / name).write_text(content.replace("a", "b"))
+    outcome = run("verify", dataset)
+    assert (outcome.code, f"fault: {name} must have the checksum" in outcome.err) == (1, True)
+    (dataset / name).unlink()
+    outcome = run("verify", dataset)
+    assert (outcome.code, f"fault: {name} must be there; it is missing." in outcome.err) == (1, True)
+
+
 def test_a_missing_file(run: Run, dataset: Path, modelnet: Path) -> None:
     (dataset / "ply_data_test0.h5").unlink()
     outcome = run("verify", dataset, modelnet)
