@@ -2,11 +2,13 @@
 
 import ast
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from zbuf_occlude.farm import worker
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.versions import n_cores
 
 PACKAGE = Path(worker.__file__).parents[1]
@@ -22,6 +24,12 @@ def test_cores_where_the_system_does_not_say(monkeypatch: pytest.MonkeyPatch) ->
     assert 1 <= n_cores() <= (os.cpu_count() or 1)
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     assert n_cores() == os.cpu_count()
+
+
+def test_limits_where_there_is_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(signal, "SIGALRM", raising=False)
+    with Limits().watch():
+        pass
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))

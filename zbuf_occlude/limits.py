@@ -58,10 +58,9 @@ class Limits:
         For the main thread of a process, which alone hears signals; in another, and where somebody else uses the alarm,
         nothing is watched. Workers need none of it: their supervisor kills them (`zbuf_occlude.farm.supervisor`).
         """
-        if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGALRM) not in (
-            signal.SIG_DFL,
-            signal.SIG_IGN,
-        ):
+        alarm = getattr(signal, "SIGALRM", None)  # Windows has none
+        free = alarm is not None and signal.getsignal(alarm) in (signal.SIG_DFL, signal.SIG_IGN)
+        if threading.current_thread() is not threading.main_thread() or not free:
             yield
             return
         began = time.monotonic()
