@@ -14,7 +14,7 @@ from zbuf_occlude.vectors import cross, dot
 FARTHEST_ORIGIN = 16.0
 """Scene units. Errors grow with an origin's distance; from farther away rays go one by one."""
 
-NARROW = 0.9
+NARROW = 0.99
 """Cosine between a beam's axis and its rays, at least; wider beams meet too much, and go ray by ray."""
 
 N_PLANES = 4
@@ -91,29 +91,29 @@ def make_state():
 
 
 @njit(_nrt=False)
-def make_beam(scene, origins, directions, first, last, state):
+def make_beam(scene, origins, directions, chosen, state):
     """Put some rays into `state`, and return them as a beam, if they are one.
 
     Parameters
     ----------
     scene : Scene
     origins, directions : (n, 3) or (1, 3), and (n, 3) float64, world space
-    first, last : int
+    chosen : (m,) int64
         Which of them; at most 16.
     state : State
     """
-    o = origins[first if len(origins) > 1 else 0]
+    o = origins[chosen[0] if len(origins) > 1 else 0]
     world_origin = (o[0], o[1], o[2])
     local = _scene_place(scene, world_origin)
     distance = math.sqrt(dot(local, local))
     together = distance <= FARTHEST_ORIGIN
     if len(origins) > 1:
-        for i in range(first + 1, last):
+        for i in chosen:
             other = origins[i]
             together &= other[0] == o[0] and other[1] == o[1] and other[2] == o[2]
     mean = (0.0, 0.0, 0.0)
     for lane in range(PACKET):
-        d = directions[min(first + lane, last - 1)]
+        d = directions[chosen[min(lane, len(chosen) - 1)]]
         squared = dot(d, d)
         together &= 1e-200 < squared < 1e200
         length = math.sqrt(squared) if squared > 0.0 else 1.0
@@ -129,7 +129,7 @@ def make_beam(scene, origins, directions, first, last, state):
     together = together and _fit_planes(local, mean, state)
     return Beam(
         together=together,
-        rays=(np.int64(1) << (last - first)) - 1,
+        rays=(np.int64(1) << len(chosen)) - 1,
         origin=(np.float32(local[0]), np.float32(local[1]), np.float32(local[2])),
         world_origin=world_origin,
         reach=np.float32(distance + 1.01),
