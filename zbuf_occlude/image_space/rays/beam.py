@@ -29,7 +29,7 @@ class Beam(NamedTuple):
     ----------
     together : bool
         Whether they are a beam at all; the rest means nothing otherwise.
-    rays : int
+    rays : int64
         Mask of the lanes in use.
     origin : tuple of 3 float32, scene space
     world_origin : tuple of 3 float64
@@ -38,7 +38,7 @@ class Beam(NamedTuple):
     """
 
     together: bool
-    rays: int
+    rays: np.int64
     origin: tuple[np.float32, np.float32, np.float32]
     world_origin: tuple[float, float, float]
     reach: np.float32
