@@ -12,7 +12,7 @@ from zbuf_occlude.dataset import claim as claiming
 from zbuf_occlude.dataset.claim import State, claim, look, remove, strangers
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes import shapes
 
@@ -116,7 +116,7 @@ def test_a_plan_of_an_earlier_version_is_read_and_not_gone_on_with(
     monkeypatch.setattr("zbuf_occlude.dataset.plan.DATA_VERSION", 1000)
     newer = Plan(PLAN.meshes, RECIPE)
     assert look(tmp_path).state is State.UNFINISHED
-    with pytest.raises(DatasetError, match="in which data version was 2, and is 1000"):
+    with pytest.raises(DatasetError, match=f"in which data version was {DATA_VERSION}, and is 1000"):
         claim(newer, tmp_path)
 
 

@@ -130,7 +130,7 @@ def test_killed_and_resumed_it_ends_with_the_same_weights(tmp_path: Path) -> Non
     assert (folder / CHECKPOINT).exists()
     with pytest.raises(DatasetError, match=rf"it has no {MODEL}. Its training is not done; run the same command again"):
         load_trained(folder)
-    (folder / f".{CHECKPOINT}.123.part").write_bytes(b"what a kill while writing leaves")
+    (folder / ".zbuf-0123456789abcdef.part").write_bytes(b"what a kill while writing leaves")
     numbers: list[int] = []
     resumed = train(CONFIG, boxes(24, 0), boxes(8, 1), folder, progress=lambda epoch: numbers.append(epoch.number))
     assert numbers[0] in (4, 5)

@@ -94,7 +94,8 @@ class Occluder(ABC):
             )
         eyes = as_vectors(eyes, "eyes")
         for name, positions in (("points", points.positions), ("eyes", eyes)):
-            if len(positions) and not np.abs(positions - self.mesh.centre).max() <= FARTHEST * self.mesh.diagonal:
+            extent = self.mesh.diagonal or np.inf  # of a mesh that is but a point everything is as far
+            if len(positions) and not np.abs(positions - self.mesh.centre).max() <= FARTHEST * extent:
                 raise ArgumentError(
                     f"{name} must lie within {FARTHEST:g} diagonals of the mesh, beyond which float64 cannot tell its "
                     f"faces apart; one is {np.abs(positions).max():.3g} out. Are they in the mesh's unit?"

@@ -185,7 +185,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"method_options": {"colour": 3}}, "must be given one of its options"),
         ({"n_points": 0}, "n_points must be positive; got 0"),
         ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
-        ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
+        ({"scale": "sphere"}, "scale must be one of cloud, object, mesh; got 'sphere'"),
     ],
 )
 def test_errors(options: dict[str, Any], message: str) -> None:
