@@ -64,7 +64,7 @@ def test_too_few_objects_of_a_class_are_an_error() -> None:
 def test_an_unknown_preset_says_which_there_are() -> None:
     with pytest.raises(
         OptionError,
-        match="preset must be one of paper-modelnet40, paper-modelnet8, .*; got 'mnist'",
+        match=r"preset must be one of paper-modelnet40, paper-modelnet8, .*; got 'mnist'",
     ):
         find_preset("mnist")
 
