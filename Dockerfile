@@ -1,4 +1,4 @@
-# docker build -t zbuf-occlude . && docker run --rm -v "$PWD:/work" zbuf-occlude generate --out /work/occluded
+# docker build -t zbuf-occlude . && docker run --rm -v "$PWD:/clouds" zbuf-occlude generate --out /clouds/occluded
 # With a GPU: docker run --gpus all ... (the driver's EGL comes from the host; without it Mesa renders in software)
 FROM python:3.12-slim
 
@@ -16,8 +16,8 @@ RUN mkdir -p /usr/share/glvnd/egl_vendor.d \
 COPY . /tmp/source
 RUN pip install --no-cache-dir '/tmp/source[report,embree]' && rm -rf /tmp/source
 
-RUN useradd --create-home --uid 1000 occlude && mkdir /work && chown occlude /work
+RUN useradd --create-home --uid 1000 occlude && mkdir /clouds && chown occlude /clouds
 USER occlude
-WORKDIR /work
+WORKDIR /clouds
 ENTRYPOINT ["zbuf-occlude"]
 CMD ["--help"]
