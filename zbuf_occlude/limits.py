@@ -36,6 +36,15 @@ class Limits:
             if not value > 0:
                 raise OptionError(f"the {what} that a mesh may take must be positive; got {value}.")
 
+    @property
+    def document(self) -> list[float]:
+        """Plain data, for JSON."""
+        return [self.seconds, self.gigabytes]
+
+    def allow_more_than(self, others: "Limits") -> bool:
+        """Whether a mesh that was given up within others may be made within these."""
+        return self.seconds > others.seconds or self.gigabytes > others.gigabytes
+
     def excess(self, seconds: float, gigabytes: float) -> str:
         """Say which limit a mesh has exceeded that has taken this much; empty when none."""
         if seconds > self.seconds:

@@ -137,6 +137,34 @@ def test_a_mesh_that_failed_is_tried_again_when_it_changed(meshes: Path, tmp_pat
     assert generate(plan_of(meshes), out)["failures"] == {}
 
 
+def test_a_finished_dataset_says_that_a_mesh_which_failed_may_be_made_now(meshes: Path, tmp_path: Path) -> None:
+    out, bad = tmp_path / "out", meshes / "solid" / "solid_0.off"
+    bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
+    first = generate(plan_of(meshes), out)
+    assert list(first["failures"]) == list(first["tries"]) == ["solid/solid_0.off"]
+    assert generate(plan_of(meshes), out) == first
+    tetrahedron(bad)
+    with pytest.raises(DatasetError, match=r"solid/solid_0\.off failed when .* and may be made now: .*--overwrite"):
+        generate(plan_of(meshes), out)
+    assert generate(plan_of(meshes), out, overwrite=True)["failures"] == {}
+
+
+def test_a_finished_dataset_says_that_limits_are_wider_now(meshes: Path, tmp_path: Path) -> None:
+    out, plan = tmp_path / "out", plan_of(meshes)
+
+    def run(plan: Plan, shards: list[int], out: Path, done: object) -> None:
+        for shard in shards:
+            run_shard(plan, shard, out, None, lost={1: GivenUp("it took longer", Limits(60, 4))})
+
+    first = generate(plan, out, run=run, limits=Limits(60, 4))
+    assert list(first["failures"]) == ["solid/solid_1.off"]
+    for narrower in (Limits(60, 4), Limits(20, 4), Limits(60, 3)):
+        assert generate(plan, out, limits=narrower) == first
+    for wider in (Limits(61, 4), Limits(60, 5), None):
+        with pytest.raises(DatasetError, match=r"solid/solid_1\.off failed when .* what a mesh may take, is another"):
+            generate(plan, out, limits=wider)
+
+
 def test_a_mesh_that_was_given_up_is_tried_again_within_other_limits(meshes: Path, tmp_path: Path) -> None:
     plan, out, few = plan_of(meshes), tmp_path / "out", Limits(seconds=1)
     generate(plan, out, part=(1, 2))

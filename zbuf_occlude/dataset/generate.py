@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,12 @@ from zbuf_occlude.dataset.claim import claim, own_names, remove, remove_shards
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, SHAPE_NAMES, checksums, read_manifest
 from zbuf_occlude.dataset.formats import find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
+from zbuf_occlude.dataset.origins import check_finished, check_origins, origins_of_made, worth_another_try
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.shard import Sidecar, data_path, look_at, read_sidecar, run_shard, source_of_shards
+from zbuf_occlude.dataset.shard import data_path, look_at, read_sidecar, run_shard, source_of_shards
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.origin import Origin
 from zbuf_occlude.visibility import find_method
 
 _LOG = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ def generate(
     part : (int, int)
         (i, n): make only the shards of the i-th (from 0) of n machines; `merge` then makes the dataset of them.
     limits : Limits, optional
-        Those that the engine keeps: a mesh given up within others is tried again.
+        Those that the engine keeps: a mesh given up within narrower ones is tried again.
     progress : callable
         Told the number of clouds planned in a shard when the shard is done.
 
@@ -63,7 +63,7 @@ def generate(
     ------
     DatasetError
         The folder holds another plan's dataset, or files that are not a dataset; a mesh is another than what has been
-        made of it; no mesh could be used.
+        made of it; the dataset is finished, and a mesh that failed may be made now; no mesh could be used.
     GlError
         The method needs GL and there is none.
     OptionError, UnavailableError
@@ -76,7 +76,7 @@ def generate(
         remove(out)
     claim(plan, out)
     if (finished := read_manifest(out)) is not None:
-        check_origins(plan, {key: Origin.from_document(each) for key, each in finished.get("origins", {}).items()}, out)
+        check_finished(plan, finished, limits or Limits(), out)
         remove_shards(plan, out)  # left when the run ended between its last two steps
         progress(plan.n_clouds)
         return finished
@@ -117,9 +117,9 @@ def make_shards(
     for shard in range(part[0], len(plan.shards), part[1]):
         sidecar, fault = look_at(plan, out, shard, closely=True)
         if sidecar is not None:
-            check_origins(plan, _of_made(sidecar), out)
-            again = [key for key in sidecar.failures if sidecar.may_be_made_now(key, plan, limits or Limits())]
-            fault = f"{again[0]}, which failed, may be another now" if again else ""
+            check_origins(plan, origins_of_made(sidecar), out)
+            again = worth_another_try(plan, sidecar, limits or Limits())
+            fault = f"{again[0]}, which failed, may be made now" if again else ""
         if fault:
             _LOG.warning("shard %d is made again: %s", shard, fault)
         if sidecar is None or fault:
@@ -130,29 +130,6 @@ def make_shards(
         done(shard)
     if missing:
         run(plan, missing, out, done)
-
-
-def check_origins(plan: Plan, origins: Mapping[str, Origin], out: Path) -> None:
-    """Check that meshes are what data in a folder were made of; `origins` are what they were, by their keys.
-
-    Raises
-    ------
-    DatasetError
-        One is not.
-    """
-    for entry in plan.meshes:
-        then = origins.get(entry.key)
-        if then is None or (now := entry.origin_now(then)).sha256 == then.sha256:
-            continue
-        what = f"sha256 {now.sha256[:12]}..." if now.sha256 else "no longer readable"
-        raise DatasetError(
-            f"{entry.key} must be what the data in {out} were made of, sha256 {then.sha256[:12]}...; it is {what}. "
-            "Put it back, choose another folder, or make all clouds again with --overwrite."
-        )
-
-
-def _of_made(sidecar: Sidecar) -> dict[str, Origin]:
-    return {key: origin for key, origin in sidecar.origins.items() if key not in sidecar.failures}
 
 
 def shards_done(plan: Plan, out: Path) -> int:
@@ -200,7 +177,7 @@ def merge(plan: Plan, out: Path, seconds: dict[str, float], *, closely: bool = T
                 "Run it first: the `zbuf-occlude generate` that made the others."
             )
         sidecars.append(sidecar)
-    check_origins(plan, {key: origin for sidecar in sidecars for key, origin in _of_made(sidecar).items()}, out)
+    check_origins(plan, {key: origin for sidecar in sidecars for key, origin in origins_of_made(sidecar).items()}, out)
     if not any(sidecar.counts.n_clouds for sidecar in sidecars):
         reasons = [reason for sidecar in sidecars for reason in sidecar.failures.values()]
         raise DatasetError(

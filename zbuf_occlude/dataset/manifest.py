@@ -5,6 +5,7 @@ from typing import Any
 from zbuf_occlude.dataset.confidence import interval
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.origins import origins_of_made, tries
 from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar
@@ -37,7 +38,7 @@ def summed_up(
         ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point,
         the oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that
         are wrong in more than `counts.BAD_VIEW` of their checked points, and which was the worst. ``origins`` says what
-        each mesh was made of.
+        each mesh was made of, ``tries`` what showed of those that failed, and the limits they had.
     """
     counts = sum((sidecar.counts for sidecar in sidecars), Counts())
     failures = {key: reason for sidecar in sidecars for key, reason in sidecar.failures.items()}
@@ -63,12 +64,8 @@ def summed_up(
             "faces_dropped": dict(counts.faces_dropped),
         },
         "failures": failures,
-        "origins": {
-            key: origin.document
-            for sidecar in sidecars
-            for key, origin in sidecar.origins.items()
-            if key not in failures
-        },
+        "tries": tries(sidecars),
+        "origins": {key: origin.document for sidecar in sidecars for key, origin in origins_of_made(sidecar).items()},
         "files": files,
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
         "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,

@@ -84,7 +84,7 @@ class Sidecar:
         return {
             **self.__dict__,
             "counts": self.counts.document,
-            "given_up": {key: [limits.seconds, limits.gigabytes] for key, limits in self.given_up.items()},
+            "given_up": {key: limits.document for key, limits in self.given_up.items()},
             "origins": {key: origin.document for key, origin in self.origins.items()},
         }
 
@@ -99,11 +99,6 @@ class Sidecar:
                 "origins": {key: Origin.from_document(each) for key, each in document["origins"].items()},
             }
         )
-
-    def may_be_made_now(self, key: str, plan: Plan, limits: Limits) -> bool:
-        """Whether a mesh that failed may be another, or has other limits, than when it did."""
-        entry = next(plan.meshes[i] for i in plan.shards[self.shard] if plan.meshes[i].key == key)
-        return self.given_up.get(key, limits) != limits or entry.origin_of_failure() != self.origins[key]
 
 
 def new_store(plan: Plan) -> Store:
