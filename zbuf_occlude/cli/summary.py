@@ -8,7 +8,8 @@ from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.meshes.collection import SPLITS
 
 BAD = 0.05
-"""A dataset with a view of whose checked points a larger share is wrong comes with a warning."""
+"""A dataset comes with a warning where a larger share of a view's checked points is wrong, or of a mesh's surface has
+another sheet too near."""
 SOME_FAILED = 3
 """Exit code of a run that was done but for some meshes."""
 
@@ -37,6 +38,18 @@ def measured(error: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def stacked(document: dict[str, Any]) -> list[str]:
+    """Warn of sheets that a method cannot tell apart."""
+    found = document.get("stacked")
+    if found is None or found["most"]["share"] <= BAD:
+        return []
+    most, method = found["most"], document["options"]["method"]
+    return [
+        f"warning: {most['share']:.0%} of the surface of {most['mesh']}, and {found['share']:.1%} of all, has another "
+        f"sheet nearer than the tolerance of {method}, and may show through it. --method exact tells them apart."
+    ]
+
+
 def picture(path: Path) -> str:
     """Say where a contact sheet is, or what it would take."""
     return str(path) if path.exists() else "none: that needs matplotlib, pip install 'zbuf-occlude[report]'"
@@ -58,6 +71,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         measured(error),
+        *stacked(document),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 BAD_VIEW = 0.01
 """A view of whose checked points a larger share is wrong counts as a bad one."""
@@ -16,6 +16,13 @@ class WorstView(NamedTuple):
     mesh: str
     variation: int
     view: int
+
+
+class WorstMesh(NamedTuple):
+    """The mesh of whose surface the largest share has another sheet too near to be told from it."""
+
+    share: float
+    mesh: str
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,10 @@ class Counts:
         Views of which points were checked; those of which more than `BAD_VIEW` were wrong.
     worst : WorstView, optional
         None where nothing was checked.
+    n_looked_at, n_stacked : int
+        Points that were looked at for another sheet, and those that have one nearer than the method's tolerance.
+    most_stacked : WorstMesh, optional
+        None where none was looked at.
     faces_dropped : mapping of reason to number
         What cleaning took away.
     """
@@ -50,6 +61,9 @@ class Counts:
     n_views_checked: int = 0
     n_bad_views: int = 0
     worst: WorstView | None = None
+    n_looked_at: int = 0
+    n_stacked: int = 0
+    most_stacked: WorstMesh | None = None
     faces_dropped: Mapping[str, int] = field(default_factory=dict)
 
     def __add__(self, other: "Counts") -> "Counts":
@@ -57,13 +71,16 @@ class Counts:
         numbers = {
             each.name: getattr(self, each.name) + getattr(other, each.name)
             for each in fields(self)
-            if each.name not in ("worst", "faces_dropped")
+            if each.name not in ("worst", "most_stacked", "faces_dropped")
         }
-        known = [worst for worst in (self.worst, other.worst) if worst is not None]
-        worst = max(known, key=lambda each: each.share, default=None)  # the first of equals
         dropped = Counter(self.faces_dropped)
         dropped.update(other.faces_dropped)
-        return Counts(**numbers, worst=worst, faces_dropped=dict(dropped))
+        return Counts(
+            **numbers,
+            worst=_larger(self.worst, other.worst),
+            most_stacked=_larger(self.most_stacked, other.most_stacked),
+            faces_dropped=dict(dropped),
+        )
 
     @property
     def document(self) -> dict[str, Any]:
@@ -73,5 +90,15 @@ class Counts:
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Counts":
         """Read back what `document` gave."""
-        worst = document["worst"]
-        return cls(**{**document, "worst": WorstView(*worst) if worst else None})
+        worst, most = document["worst"], document["most_stacked"]
+        read = {"worst": worst and WorstView(*worst), "most_stacked": most and WorstMesh(*most)}
+        return cls(**{**document, **read})
+
+
+Worst = TypeVar("Worst", WorstView, WorstMesh)
+
+
+def _larger(one: Worst | None, other: Worst | None) -> Worst | None:
+    """Return the one of the larger share, the first of equals."""
+    known = [each for each in (one, other) if each is not None]
+    return max(known, key=lambda each: each.share, default=None)

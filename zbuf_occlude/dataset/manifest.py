@@ -38,7 +38,8 @@ def summed_up(
         ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point,
         the oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that
         are wrong in more than `counts.BAD_VIEW` of their checked points, and which was the worst. ``origins`` says what
-        each mesh was made of, ``tries`` what showed of those that failed, and the limits they had.
+        each mesh was made of, ``stacked`` how much of the surface has another sheet nearer than the method's tolerance,
+        ``tries`` what showed of those that failed, and the limits they had.
     """
     counts = sum((sidecar.counts for sidecar in sidecars), Counts())
     failures = {key: reason for sidecar in sidecars for key, reason in sidecar.failures.items()}
@@ -70,6 +71,7 @@ def summed_up(
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
         "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
         "error": error_of(counts),
+        "stacked": stacked_of(counts),
         "seconds": {
             **{name: round(value, 3) for name, value in seconds.items()},
             "shards": round(sum(sidecar.seconds for sidecar in sidecars), 3),
@@ -88,4 +90,15 @@ def error_of(counts: Counts) -> dict[str, Any]:
         "n_views_checked": n_views,
         "bad_views": counts.n_bad_views / n_views if n_views else None,
         "worst_view": None if worst is None else worst._asdict(),
+    }
+
+
+def stacked_of(counts: Counts) -> dict[str, Any] | None:
+    """Say how much of the surface has another sheet too near; None of methods without a tolerance."""
+    if counts.most_stacked is None:
+        return None
+    return {
+        "share": counts.n_stacked / counts.n_looked_at,
+        "n_looked_at": counts.n_looked_at,
+        "most": counts.most_stacked._asdict(),
     }

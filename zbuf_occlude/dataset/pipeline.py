@@ -9,6 +9,7 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.stacked import count_stacked
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints, curve_order, sample_surface
 from zbuf_occlude.seeds import seed_of
@@ -52,7 +53,7 @@ def occlude(
     kept : list
         What `keep` returned, variation by variation.
     counts : Counts
-        Of its clouds, of what cleaning took away, and of what was asked again of the oracle.
+        Of its clouds, of what cleaning took away, of what was asked again of the oracle, and of sheets too near.
     renderer : str
         "none" without OpenGL.
     """
@@ -73,6 +74,8 @@ def occlude(
                 mask = occluder.visible(points, views.eyes)
                 rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
+                if variation == 0:
+                    counts += count_stacked(mesh, points, occluder.tolerance, key)
             if views.windows is not None:
                 mask = mask & views.shows(points.positions)
             n_visible = np.count_nonzero(mask, axis=1)

@@ -108,7 +108,7 @@ class DepthBuffer(Occluder):
     ) -> None:
         super().__init__(mesh)
         self._gl = gl
-        self._resolution = resolution
+        self._resolution, self._tolerance = resolution, tolerance * mesh.diagonal
         gl.make_current()
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
@@ -124,6 +124,11 @@ class DepthBuffer(Occluder):
     def renderer(self) -> str:
         """GL_RENDERER of the context."""
         return str(self._gl.renderer)
+
+    @property
+    def tolerance(self) -> float:
+        """The option's, in world units."""
+        return self._tolerance
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()

@@ -66,6 +66,11 @@ class Occluder(ABC):
         """The name of the GL renderer that answers, or "none" where no GL is involved."""
         return "none"
 
+    @property
+    def tolerance(self) -> float:
+        """How near to each other, in world units, sheets are taken for one beyond the contact tolerance; 0: never."""
+        return 0.0
+
     @final
     def visible(self, points: SurfacePoints, eyes: ArrayLike) -> BoolArray:
         """Answer which points each eye sees.

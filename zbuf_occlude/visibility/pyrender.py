@@ -111,7 +111,7 @@ class PyrenderOccluder(Occluder):
         normal = mesh.transformed(self._scale, self._shift)
         self._positions = normal.vertices[np.unique(normal.faces)]
         self._radius = float(np.linalg.norm(self._positions, axis=1).max())
-        self._tolerance = tolerance * normal.diagonal
+        self._tolerance = tolerance * normal.diagonal  # in that unit
         self._slope_bias = slope_bias
         self._margin = 2.0 / resolution
         self._turn, self._process = threading.Lock(), os.getpid()
@@ -127,6 +127,11 @@ class PyrenderOccluder(Occluder):
     def renderer(self) -> str:
         """GL_RENDERER of the process that pyrender runs in."""
         return self._renderer
+
+    @property
+    def tolerance(self) -> float:
+        """The option's, in world units."""
+        return float(self._tolerance / self._scale)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         if os.getpid() != self._process:
