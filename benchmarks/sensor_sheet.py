@@ -12,7 +12,7 @@ from matplotlib import colormaps
 
 import zbuf_occlude as zo
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.drawing import draw_cloud, new_figure, set_title
+from zbuf_occlude.drawing import draw_cloud, new_figure
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.sensors import Scan, make
@@ -65,7 +65,7 @@ def main() -> None:
     figure, axes = new_figure(2, 3, panel=3.2)
     for panel, (title, positions, values) in zip(axes.flat, shown, strict=True):
         draw_cloud(panel, positions, eye=FIXED, target=(0.0, 0.0, 0.0), values=values, radius=1.75, size=3.0)
-        set_title(panel, f"{title}: {len(positions):,} points", fontsize=9)
+        panel.set_title(f"{title}: {len(positions):,} points", fontsize=9)
     figure.savefig(given.out, format="png", dpi=110)
 
 

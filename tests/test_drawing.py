@@ -1,13 +1,12 @@
 """Drawing: where things land in the picture, and what covers what."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from tests.scenes import SQUARE, box, stacked
-from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure, project, set_title
+from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.marks import project
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -88,26 +87,3 @@ def test_errors() -> None:
         project(np.zeros((3, 5)), eye=[0, 0, 4], target=[0, 0, 0])
     with pytest.raises(ArgumentError, match="an eye must not be at its target"):
         project([[0, 0, 0]], eye=[1, 1, 1], target=[1, 1, 1])
-
-
-def test_titles_in_any_script(recwarn: pytest.WarningsRecorder, monkeypatch: pytest.MonkeyPatch) -> None:
-    def drawn(text: str) -> str:
-        figure, axes = new_figure(1, 1)
-        set_title(axes[0, 0], text)
-        pixels_of(figure)
-        return str(axes[0, 0].get_title())
-
-    assert drawn("Стул $x$ é") == "Стул $x$ é"
-    monkeypatch.setattr("matplotlib.font_manager.fontManager.ttflist", [])
-    assert drawn("椅子 <b>") == r"\u6905\u5b50 <b>"
-    assert not [str(warning.message) for warning in recwarn], "every character had a glyph"
-
-
-def test_a_title_takes_the_font_that_can_write_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    axes = new_figure(1, 1)[1]
-    monkeypatch.setattr("zbuf_occlude.drawing._characters", lambda file: {0x6905} if file == "kai.ttf" else set())
-    fonts = [SimpleNamespace(name="Latin", fname="latin.ttf"), SimpleNamespace(name="Kai", fname="kai.ttf")]
-    monkeypatch.setattr("matplotlib.font_manager.fontManager.ttflist", fonts)
-    set_title(axes[0, 0], "椅")
-    assert axes[0, 0].get_title() == "椅"
-    assert axes[0, 0].title.get_fontfamily()[-1] == "Kai"

@@ -96,7 +96,7 @@ def cli(*arguments: object) -> str:
 def test_the_main_job_needs_nothing_optional(tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = run(cli("generate", "--limit", 1, "--views", "ring:2@20", "--method", "exact", "--workers", 1, "--out", out))
-    assert "picture   none: that needs matplotlib, pip install 'zbuf-occlude[report]'" in said
+    assert "picture   none: that needs Pillow, pip install 'zbuf-occlude[report]'" in said
     assert (out / "manifest.json").exists()
 
 

@@ -7,20 +7,19 @@ import numpy as np
 from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ft2font import FT2Font
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, as_vectors
-from zbuf_occlude.camera import view_matrices
+from zbuf_occlude import marks
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.marks import area_of_mark, axes_of_eye, frame_of, lambert, marks_of, project, shade
 from zbuf_occlude.mesh import Mesh
 
-COLOUR = "#3d6fb4"
+COLOUR = to_hex(marks.COLOUR)
 """What a surface is painted with unless told otherwise."""
-LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
-"""Direction to the light in eye space: over the viewer's left shoulder."""
 MESH_PIXELS = 1200
 """Side of the picture that `draw_mesh` rasterises; matplotlib scales it to the axes."""
 
@@ -35,56 +34,18 @@ def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figu
     return figure, axes
 
 
-def set_title(axes: Axes, text: str, **style: Any) -> None:
-    """Write a title in any script, $ and all: by an installed font that has its characters, else as Python escapes."""
-    families = list(font_manager.FontProperties().get_family())
-    lacking = set(map(ord, text)) - _characters(font_manager.findfont(font_manager.FontProperties()))
-    if lacking:
-        fonts = sorted(font_manager.fontManager.ttflist, key=lambda font: (font.name, font.fname))
-        fallback = next((font.name for font in fonts if lacking <= _characters(font.fname)), None)
-        if fallback is None:
-            text = "".join(ascii(c)[1:-1] if ord(c) in lacking else c for c in text)
-        else:
-            families.append(fallback)
-    axes.set_title(text, fontfamily=families, parse_math=False, **style)
+def font_file_for(text: str) -> str | None:
+    """Return an installed font that has every character of a text, matplotlib's own first; None where there is none."""
+    wanted = set(map(ord, text))
+    fonts = sorted(font_manager.fontManager.ttflist, key=lambda font: (font.name, font.fname))
+    files = [font_manager.findfont(font_manager.FontProperties()), *(font.fname for font in fonts)]
+    return next((file for file in files if wanted <= _characters(file)), None)
 
 
 @cache
 def _characters(font_file: str) -> frozenset[int]:
     """The code points that a font can write."""
     return frozenset(FT2Font(font_file).get_charmap())
-
-
-def project(
-    positions: ArrayLike, *, eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None, perspective: bool = True
-) -> FloatArray:
-    """Project positions onto the picture plane through the target.
-
-    Parameters
-    ----------
-    positions : (n, 3) float
-        World space.
-    eye, target : (3,) float
-        World space; the target falls on the picture's origin.
-    up : (3,) float, optional
-        What points upwards in the picture; as in `zbuf_occlude.camera.view_matrices` by default.
-    perspective : bool
-        Lines of sight through the eye; otherwise parallel.
-
-    Returns
-    -------
-    (n, 3) float64
-        x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
-        What lies behind a perspective eye gets NaN for x and y.
-    """
-    positions, eye, target = as_vectors(positions, "positions"), np.asarray(eye, float), np.asarray(target, float)
-    x, y, back = _axes_of_eye(eye, target, up) @ (positions - eye).T
-    depth = -back
-    if perspective:
-        factor = np.full_like(depth, np.nan)
-        np.divide(np.linalg.norm(target - eye), depth, out=factor, where=depth > 0.0)
-        x, y = x * factor, y * factor
-    return np.stack([x, y, depth], axis=1)
 
 
 def draw_cloud(
@@ -109,7 +70,7 @@ def draw_cloud(
     positions : (n, 3) float
         World space.
     eye, target, up, perspective
-        As in `project`.
+        As in `zbuf_occlude.marks.project`.
     normals : (n, 3) float, optional
         Unit normals, either sign; points are then lit from over the viewer's shoulder. Without them depth alone shades.
     values : (n, 3) float, optional
@@ -127,20 +88,21 @@ def draw_cloud(
     Nothing is hidden here: points behind others are drawn first and lighter. Call it with visible points only to
     see what the eye sees.
     """
-    positions = as_vectors(positions, "positions")
-    screen = project(positions, eye=eye, target=target, up=up, perspective=perspective)
-    keep = np.isfinite(screen[:, 0])
-    order = np.flatnonzero(keep)[np.argsort(-screen[keep, 2], kind="stable")]
-    base = np.broadcast_to(to_rgb(colour), (len(positions), 3)) if values is None else as_vectors(values, "values")
-    lit, fade = np.full(len(positions), 0.8), 0.8
-    if normals is not None:
-        lit, fade = _lambert(as_vectors(normals, "normals") @ _axes_of_eye(eye, target, up).T), 0.4
-    _frame(axes, screen[order], radius)
-    if not len(order):
+    places, shaded = marks_of(
+        positions,
+        eye=eye,
+        target=target,
+        up=up,
+        normals=normals,
+        values=values,
+        colour=to_rgb(colour),
+        perspective=perspective,
+    )
+    _frame(axes, places, radius)
+    if not len(places):
         return
-    shaded = _shade(base[order], lit[order], screen[order, 2], fade)
-    size = _mark_size(axes, screen[order, :2]) if size is None else size
-    axes.scatter(screen[order, 0], screen[order, 1], s=size, c=shaded, linewidths=0, rasterized=True)
+    size = _mark_size(axes, places) if size is None else size
+    axes.scatter(places[:, 0], places[:, 1], s=size, c=shaded, linewidths=0, rasterized=True)
 
 
 def draw_mesh(
@@ -179,13 +141,13 @@ def draw_mesh(
     corners = mesh.corners
     screen = project(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective).reshape(-1, 3, 3)
     keep = np.isfinite(screen).all(axis=(1, 2))
-    _frame(axes, screen[keep].reshape(-1, 3), radius)
+    _frame(axes, screen[keep].reshape(-1, 3)[:, :2], radius)
     if not keep.any():
         return
     normals = mesh.face_normals / np.maximum(np.linalg.norm(mesh.face_normals, axis=1, keepdims=True), 1e-300)
     base = np.broadcast_to(to_rgb(colour), (*keep.shape, 3)) if face_colours is None else np.asarray(face_colours)
-    lit = _lambert(normals @ _axes_of_eye(eye, target, up).T)
-    shaded = _shade(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
+    lit = lambert(normals @ axes_of_eye(eye, target, up).T)
+    shaded = shade(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     pixels = screen[keep].copy()
     pixels[..., 0] = (pixels[..., 0] - left) / (right - left) * MESH_PIXELS
@@ -197,49 +159,18 @@ def draw_mesh(
     axes.imshow(picture, extent=(left, right, bottom, top), origin="lower", interpolation="antialiased", aspect="auto")
 
 
-def _axes_of_eye(eye: ArrayLike, target: ArrayLike, up: ArrayLike | None) -> FloatArray:
-    """The (3, 3) rotation from world to eye axes."""
-    ups = None if up is None else np.asarray(up, float)[None]
-    return view_matrices(np.asarray(eye, float)[None], np.asarray(target, float), ups)[0, :3, :3]
-
-
-def _lambert(normals: FloatArray) -> FloatArray:
-    """Two-sided diffuse light in [0, 1]; normals (n, 3) in eye axes, any sign. A zero normal is fully lit."""
-    towards_viewer = np.where(normals[:, 2:] < 0.0, -normals, normals)
-    lit = np.clip(towards_viewer @ LIGHT, 0.0, 1.0)
-    return np.where((normals == 0.0).all(axis=1), 1.0, lit)
-
-
-def _mark_size(axes: Axes, screen: FloatArray) -> float:
+def _mark_size(axes: Axes, places: FloatArray) -> float:
     """Area of a mark in points squared with which the marks cover what they span about once."""
     panel = axes.get_window_extent()
-    side = min(panel.width, panel.height) / axes.figure.dpi * 72.0
-    (left, right), spans = axes.get_xlim(), np.ptp(screen, axis=0)
-    return float(np.clip(np.prod(spans / (right - left) * side) / len(screen), 0.25, 12.0))
+    left, right = axes.get_xlim()
+    return area_of_mark(places, (right - left) / 2.0, min(panel.width, panel.height) / axes.figure.dpi * 72.0)
 
 
-def _shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
-    """Darken colours away from the light and fade them towards white with depth; (n, 3) RGB."""
-    near, far = depth.min(), depth.max()
-    mist = fade * ((depth - near) / (far - near) if far > near else np.zeros_like(depth))[:, None]
-    colour = base * (0.35 + 0.65 * lit)[:, None]
-    highlight = 0.25 * (lit**4)[:, None]
-    colour = colour + (1.0 - colour) * highlight
-    return np.clip(colour + (1.0 - colour) * mist, 0.0, 1.0)
-
-
-def _frame(axes: Axes, screen: FloatArray, radius: float | None) -> None:
+def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
     """Bare square axes about the target, or fitted to what is drawn; an axes already framed by `radius` stays."""
     axes.set_axis_off()
     axes.set_aspect("equal")
-    if radius is not None:
-        centre, half = np.zeros(2), radius
-    elif len(screen):
-        low, high = screen[:, :2].min(axis=0), screen[:, :2].max(axis=0)
-        centre, half = (low + high) / 2.0, float((high - low).max()) * 0.53
-    else:
-        centre, half = np.zeros(2), 1.0
-    half = half if half > 0.0 else 1.0
+    centre, half = frame_of(places, radius)
     axes.set_xlim(centre[0] - half, centre[0] + half)
     axes.set_ylim(centre[1] - half, centre[1] + half)
 

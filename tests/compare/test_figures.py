@@ -6,7 +6,7 @@ import pytest
 from tests.scenes import box, sphere
 from zbuf_occlude import Mesh, SurfacePoints, Views
 from zbuf_occlude.compare.figures import FIGURES, SIDES, Exhibit, cells_as_mesh, eye_at, make_mask, projected_areas
-from zbuf_occlude.drawing import project
+from zbuf_occlude.marks import project
 
 
 def test_projected_area_of_a_box_from_above_and_from_a_corner() -> None:

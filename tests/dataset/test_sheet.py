@@ -1,4 +1,4 @@
-"""The contact sheet shows whole clouds."""
+"""The contact sheet shows whole clouds, under names in any script."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -6,29 +6,83 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from PIL import Image
 
 from zbuf_occlude import views
 from zbuf_occlude.camera import view_matrices
-from zbuf_occlude.dataset.sheet import write_contact_sheet
+from zbuf_occlude.dataset import sheet
+from zbuf_occlude.dataset.sheet import PANEL, TITLE, write_contact_sheet
 
 
-def test_no_cloud_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The corners of a cube, the largest that a cloud with longest side 1 can be, stay within the axes."""
-    corners = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
+def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarray:
+    """The pixels of a sheet of one cloud, (h, w, 3)."""
+    n = len(positions)
     view = views.ring(1, 0.6)
-    fields = {"data": (8, 3), "label": 1, "view": 3, "pose": (4, 4), "centre": 3, "factor": ()}
-    cloud = np.zeros(1, [(name, "i8" if name == "label" else "f4", shape) for name, shape in fields.items()])
-    cloud["data"], cloud["factor"], cloud["pose"] = corners, 1.0, view_matrices(view.eyes, np.zeros(3))
-    plan = SimpleNamespace(classes=("cube",), recipe=SimpleNamespace(frame="object"))
+    fields = {"data": (n, 3), "label": 1, "view": 3, "pose": (4, 4), "centre": 3, "factor": ()}
+    cloud = np.zeros(1, [(field, "i8" if field == "label" else "f4", shape) for field, shape in fields.items()])
+    cloud["data"], cloud["factor"], cloud["pose"] = positions, 1.0, view_matrices(view.eyes, np.zeros(3))
+    plan = SimpleNamespace(classes=(name,), recipe=SimpleNamespace(frame="object"))
     source: Any = SimpleNamespace(plan=plan, order={"train": [0]}, batches=lambda split, n: iter([cloud]))
-    drawn: list[Figure] = []
-    save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (drawn.append(self), save(self, *a, **k))[1])
-    write_contact_sheet(tmp_path / "sheet.png", source)
-    for axes in drawn[0].axes:
-        marks = np.asarray(axes.collections[0].get_offsets())
-        assert len(marks) == 8
-        low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-        assert (marks > low).all()
-        assert (marks < high).all()
+    assert write_contact_sheet(path, source)
+    return np.asarray(Image.open(path))
+
+
+def test_no_cloud_is_cut_off(tmp_path: Path) -> None:
+    """The corners of a cube, the largest that a cloud with longest side 1 can be, stay within their panels."""
+    image = sheet_of(tmp_path / "sheet.png", np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+    assert image.shape == (2 * (TITLE + PANEL), PANEL, 3)
+    for row in range(2):
+        top = TITLE + row * (TITLE + PANEL)
+        panel = image[top : top + PANEL]
+        marked = (panel < 250).any(axis=-1)
+        n_blue = np.count_nonzero(marked)
+        assert n_blue > 8 * 5, "eight marks, none of them on another's place"
+        assert not marked[:3].any()
+        assert not marked[-3:].any()
+        assert not marked[:, [0, 1, 2, -3, -2, -1]].any()
+
+
+def test_each_view_shows_what_is_near_in_front(tmp_path: Path) -> None:
+    """A cloud with one more point far below it is drawn smaller, and that point at the bottom of both pictures."""
+    ball = np.random.default_rng(0).normal(size=(500, 3))
+    ball *= 0.1 / np.linalg.norm(ball, axis=1, keepdims=True)
+    image = sheet_of(tmp_path / "sheet.png", np.concatenate([ball, [[0, 0, -0.9]]]))
+    for row in range(2):
+        top = TITLE + row * (TITLE + PANEL)
+        marked = np.argwhere((image[top : top + PANEL] < 250).any(axis=-1))
+        rows, counts = np.unique(marked[:, 0] // (PANEL // 2), return_counts=True)
+        assert rows.tolist() == [0, 1]
+        assert counts[0] > 10 * counts[1]
+
+
+def test_names_in_any_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert sheet._written("Стул $x$ é", 15)[0] == "Стул $x$ é"
+    written = [sheet_of(tmp_path / f"{name}.png", np.eye(3), name)[:TITLE] for name in ("Стул", "Стол", "????")]
+    assert not (written[0] == written[1]).all()
+    assert not (written[1] == written[2]).all()
+    monkeypatch.setattr("zbuf_occlude.drawing.font_file_for", lambda text: None)
+    assert sheet._written("椅子 <b>", 15)[0] == r"\u6905\u5b50 <b>"
+    monkeypatch.setattr(sheet, "find_spec", lambda name: None)
+    assert sheet._written("椅", 15)[0] == r"\u6905"
+
+
+def test_a_font_is_one_that_has_all_characters(monkeypatch: pytest.MonkeyPatch) -> None:
+    from zbuf_occlude import drawing
+
+    monkeypatch.setattr(drawing, "_characters", lambda file: {0x6905, 0x20} if file == "kai.ttf" else {0x20})
+    fonts = [SimpleNamespace(name="Latin", fname="latin.ttf"), SimpleNamespace(name="Kai", fname="kai.ttf")]
+    monkeypatch.setattr("matplotlib.font_manager.fontManager.ttflist", fonts)
+    assert drawing.font_file_for("椅 椅") == "kai.ttf"
+    assert drawing.font_file_for("椅 a") is None
+
+
+def test_long_names_fit() -> None:
+    text, font = sheet._written("a_class_whose_name_is_of_a_sentence", 15)
+    assert font.getlength(text) <= PANEL
+    assert sheet._written("chair", 15)[1].size == 15
+
+
+def test_without_pillow_there_is_no_sheet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sheet, "find_spec", lambda name: None)
+    assert not write_contact_sheet(tmp_path / "sheet.png", None)  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())

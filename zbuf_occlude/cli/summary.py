@@ -52,7 +52,7 @@ def stacked(document: dict[str, Any]) -> list[str]:
 
 def picture(path: Path) -> str:
     """Say where a contact sheet is, or what it would take."""
-    return str(path) if path.exists() else "none: that needs matplotlib, pip install 'zbuf-occlude[report]'"
+    return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
 
 
 def summary(document: dict[str, Any], out: Path) -> str:

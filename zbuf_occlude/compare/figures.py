@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.compare.plots import canvas
-from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure, project
+from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure
+from zbuf_occlude.marks import project
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.shapes import formulas
 from zbuf_occlude.object_space.division import divide_faces

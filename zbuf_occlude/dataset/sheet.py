@@ -10,15 +10,25 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.marks import area_of_mark, frame_of, marks_of, paint
 from zbuf_occlude.views import Views
 
 COLUMNS = 8
-CONSIDERED = 1024
+CONSIDERED = 256
 """The clouds shown are chosen among so many."""
 FIXED = Views(np.radians([35.0]), np.radians([25.0]), np.array([4.0])).eyes[0]
 """The fixed viewpoint, about a cloud whose longest side is 1."""
 TELLING_ANGLE = np.radians(115.0)
 """Between camera and fixed viewpoint: far enough round to show that the far side is missing."""
+
+PANEL, TITLE = 240, 26
+"""Pixels of a cloud's picture, each side, and of the height of a line above it."""
+MARGIN = 1.08
+FINER = 3
+"""Pixels are painted this many times finer, then averaged, so that marks are round."""
+A_POINT = 110 / 72
+"""Pixels of a typographic point."""
+BLACK, GREY = (0, 0, 0), (90, 90, 90)
 
 
 def write_contact_sheet(path: Path, source: Source) -> bool:
@@ -33,28 +43,67 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     Returns
     -------
     bool
-        Whether it was drawn: without matplotlib (extra `report`) there is no picture, and a dataset all the same.
+        Whether it was drawn: without Pillow (extra `report`) there is no picture, and a dataset all the same.
     """
-    if find_spec("matplotlib") is None:
+    if find_spec("PIL") is None:
         return False
-    from zbuf_occlude.drawing import draw_cloud, new_figure, set_title  # late: matplotlib is an extra
+    from PIL import Image, ImageDraw  # late: Pillow is an extra
 
     classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
     clouds = next(source.batches(next(iter(source.order)), CONSIDERED))
     labels = clouds["label"][:, 0]
     shown = choose(labels, clouds["pose"])
-    figure, axes = new_figure(2, len(shown), panel=2.2)
+    canvas = np.full((2 * (TITLE + PANEL) * FINER, len(shown) * PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     for column, index in enumerate(shown):
         positions, camera, up = upright(clouds[index], in_camera_frame)
-        top, bottom = axes[:, column]
-        draw_cloud(top, positions, eye=FIXED, target=(0.0, 0.0, 0.0))
-        draw_cloud(bottom, positions, eye=camera, target=(0.0, 0.0, 0.0), up=up)
+        for row, (eye, above) in enumerate(((FIXED, None), (camera, up))):
+            place = np.s_[_top(row) * FINER :, column * PANEL * FINER :]
+            _draw(canvas[place][: PANEL * FINER, : PANEL * FINER], positions, eye, above)
+    picture = Image.frombuffer("RGBX", canvas.shape[::-1], canvas, "raw", "RGBX", 0, 1).reduce(FINER).convert("RGB")
+    draw = ImageDraw.Draw(picture)
+    for column, index in enumerate(shown):
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
-        set_title(top, classes[labels[index]], fontsize=10)
-        bottom.set_title(f"az {azimuth:.0f}°, el {elevation:.0f}°", fontsize=8, color="0.35")
-    figure.suptitle("Above: from a fixed viewpoint. Below: from the camera of each cloud.", fontsize=9, color="0.35")
-    atomic.write(path, lambda file: figure.savefig(file, format="png", dpi=110))
+        lines = (
+            (classes[labels[index]], 15, BLACK),
+            (f"from azimuth {azimuth:.0f}, elevation {elevation:.0f}", 12, GREY),
+        )
+        for row, (line, size, colour) in enumerate(lines):
+            text, font = _written(line, size)
+            draw.text(((column + 0.5) * PANEL, _top(row) - TITLE / 2), text, colour, font, anchor="mm")
+    atomic.write(path, lambda file: picture.save(file, format="PNG"))
     return True
+
+
+def _top(row: int) -> int:
+    """Where the panels of a row begin, in pixels from above."""
+    return TITLE + row * (TITLE + PANEL)
+
+
+def _draw(panel: NDArray[np.uint32], positions: FloatArray, eye: FloatArray, up: FloatArray | None) -> None:
+    places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up)
+    middle, half = frame_of(places, None)
+    half *= MARGIN
+    diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
+    pixels = ((places - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel)
+    paint(panel, pixels, float(diameter), colours)
+
+
+def _written(text: str, size: int) -> tuple[str, Any]:
+    """Return a text and a font that has its characters, of a size at which it fits; else the text as Python escapes."""
+    from PIL import ImageFont
+
+    file: str | None = None
+    font: Any
+    if not text.isascii() and find_spec("matplotlib") is not None:
+        from zbuf_occlude.drawing import font_file_for  # late: matplotlib takes half a second
+
+        file = font_file_for(text)
+    if file is None:
+        text, font = text.encode("ascii", "backslashreplace").decode(), ImageFont.load_default(size)
+    else:
+        font = ImageFont.truetype(file, size)
+    fits = (PANEL - 10) / max(font.getlength(text), 1.0)
+    return text, font if fits >= 1.0 else font.font_variant(size=max(6, int(size * fits)))
 
 
 def choose(labels: NDArray[Any], poses: FloatArray) -> list[int]:
