@@ -84,8 +84,8 @@ def test_source_face_ids_must_fit() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda m: m.transformed(2.0, (1, 2)), "scale must be a number and translation (3,); got () float64 and (2,)"),
-        (lambda m: m.transformed(np.ones(3)), "scale must be a number and translation (3,); got (3,) float64 and"),
+        (lambda m: m.transformed(2.0, (1, 2)), "translation must be (3,); got (2,) int64"),
+        (lambda m: m.transformed(np.ones(3)), "scale must be a number; got (3,) float64."),
         (lambda m: m.transformed(np.nan), "vertices must be finite; row 0 is"),
         (lambda m: m.rotated(np.eye(4)), "rotation must be (3, 3); got (4, 4) float64. Take the upper left"),
         (lambda m: Mesh.from_trimesh("chair.off"), "mesh must be a trimesh.Trimesh; got str."),

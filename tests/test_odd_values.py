@@ -4,7 +4,7 @@ import json
 import pickle
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +112,32 @@ def test_a_mesh_of_another_package_is_said_to_be_one() -> None:
     for mesh, name in ((box(), "Trimesh"), ("chair.off", "str"), (None, "NoneType")):
         with pytest.raises(ArgumentError, match=rf"mesh must be a zbuf_occlude\.Mesh; got {name}\."):
             zo.prepare(mesh, "exact")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: zo.Mesh(np.eye(3), [[0, 1, 2], [0, 1]]), r"faces must be \(n, 3\) int; got rows of unequal length"),
+        (lambda: CUBE.transformed("a"), r"scale must be a number; got \(\) <U1"),
+        (lambda: CUBE.transformed(1.0, "abc"), r"translation must be \(3,\); got \(\) <U3"),
+        (lambda: CUBE.rotated([[1, 2], [3]]), r"rotation must be \(3, 3\); got rows of unequal length"),
+        (lambda: zo.sample_surface(CUBE, n_points=True), "n_points must be a positive int; got True"),
+        (lambda: zo.sample_surface(CUBE, density="5"), "density must be positive and finite; got '5'"),
+        (lambda: zo.sample_surface(box(), n_points=3), r"mesh must be a zbuf_occlude\.Mesh; got Trimesh"),
+        (lambda: zo.sample_surface(CUBE, n_points=3).select([3]), "which must pick among 3 points; index 3 is"),
+        (lambda: zo.sample_surface(CUBE, n_points=3).select([True]), "which must pick among 3 points; boolean"),
+        (lambda: zo.views.random(3, (1.0, 0.0)), r"elevations must run upwards within -pi/2\.\.pi/2; got 1\.\.0"),
+        (lambda: zo.views.parse(None), "views must be paper100, .*; got None"),
+        (lambda: zo.load_mesh(box()), "path must be a path; got Trimesh"),
+        (
+            lambda: zo.prepare(zo.SurfacePoints.free(np.zeros((0, 3))), "hidden_point_removal"),
+            "a point cloud must have points; this one has none|needs",
+        ),
+    ],
+)
+def test_what_is_no_argument_is_one_clear_error(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(OccludeError, match=said):
+        call()
 
 
 @pytest.mark.parametrize("seed", [-1, "a", 1.5])

@@ -21,6 +21,33 @@ def describe(values: Any) -> str:
     return f"{array.shape} {array.dtype}"
 
 
+def as_array(values: ArrayLike, name: str, want: str) -> NDArray[Any]:
+    """Return values as an array of whatever shape and type; raise ArgumentError for rows of unequal length."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise ArgumentError(f"{name} must be {want}; got rows of unequal length. Pass one array.") from None
+
+
+def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:
+    """Return values as float64; raise ArgumentError unless they are numbers in an array of that shape."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = None
+    if array is None or array.shape != shape:
+        raise ArgumentError(f"{name} must be {shape or 'a number'}; got {_say(values)}.{hint}")
+    return array
+
+
+def _say(values: Any) -> str:
+    """Shape and dtype of what may be an array."""
+    try:
+        return describe(values)
+    except ValueError:
+        return "rows of unequal length"
+
+
 def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     """Check an array of 3-vectors.
 
@@ -39,10 +66,7 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     ArgumentError
         Not (n, 3), not numeric, with NaN or infinity, or beyond `LARGEST`.
     """
-    try:
-        array = np.asarray(values)
-    except ValueError:  # ragged nested lists
-        raise ArgumentError(f"{name} must be (n, 3) float; got rows of unequal length. Pass one array.") from None
+    array = as_array(values, name, "(n, 3) float")
     if array.dtype.kind not in "fiu":
         raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}. Convert it to numbers.")
     if array.ndim != 2 or array.shape[1] != 3:
@@ -83,10 +107,7 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
         Wrong shape, not integers, or an index out of range.
     """
     want = "(n,)" if columns is None else f"(n, {columns})"
-    try:
-        array = np.asarray(values)
-    except ValueError:  # ragged nested lists
-        raise ArgumentError(f"{name} must be {want} int; got rows of unequal length. Pass one array.") from None
+    array = as_array(values, name, f"{want} int")
     right_shape = array.ndim == 1 if columns is None else array.ndim == 2 and array.shape[1] == columns
     if array.size == 0 and right_shape:
         return np.ascontiguousarray(array, dtype=np.int32)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
+from zbuf_occlude.arrays import FloatArray, IntArray, as_array, as_indices, as_numbers, as_vectors, frozen, sealed
 from zbuf_occlude.cleaning import faulty_faces
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.origin import UNKNOWN, Origin
@@ -57,12 +57,13 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices")
-        if len(vertices) == 0 or np.size(self.faces) == 0:
+        faces = as_array(self.faces, "faces", "(n, 3) int")
+        if len(vertices) == 0 or faces.size == 0:
             raise MeshError(
                 f"a mesh must have vertices and faces; {self.name} has {len(vertices)} vertices and "
-                f"{len(np.atleast_1d(self.faces))} faces. Is it a point cloud or an empty file?"
+                f"{len(np.atleast_1d(faces))} faces. Is it a point cloud or an empty file?"
             )
-        faces = as_indices(self.faces, "faces", columns=3, upper=len(vertices))
+        faces = as_indices(faces, "faces", columns=3, upper=len(vertices))
         source = np.arange(len(faces)) if self.source_face_ids is None else self.source_face_ids
         source = as_indices(source, "source_face_ids", columns=None, upper=np.iinfo(np.int32).max)
         if len(source) != len(faces):
@@ -146,18 +147,13 @@ class Mesh:
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
         """Return the mesh with every vertex v moved to ``scale * v + translation``."""
-        moved = np.asarray(translation, dtype=np.float64)
-        if np.ndim(scale) != 0 or moved.shape != (3,):
-            raise ArgumentError(
-                f"scale must be a number and translation (3,); got {describe(scale)} and {describe(translation)}."
-            )
-        return self._with_vertices(self.vertices * scale + moved)
+        return self._with_vertices(
+            self.vertices * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
+        )
 
     def rotated(self, rotation: ArrayLike) -> "Mesh":
         """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
-        matrix = np.asarray(rotation, dtype=np.float64)
-        if matrix.shape != (3, 3):
-            raise ArgumentError(f"rotation must be (3, 3); got {describe(rotation)}. Take the upper left of a (4, 4)?")
+        matrix = as_numbers(rotation, "rotation", (3, 3), " Take the upper left of a (4, 4)?")
         return self._with_vertices(self.vertices @ matrix.T)
 
     def normalized(self) -> "Mesh":

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, describe, frozen, sealed
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.seeds import generator
@@ -86,11 +86,14 @@ class SurfacePoints:
         chosen = np.asarray(which)
         if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
             raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
-        return SurfacePoints.of_checked(self.positions[chosen], self.face_ids[chosen], self.normals[chosen])
+        try:
+            return SurfacePoints.of_checked(self.positions[chosen], self.face_ids[chosen], self.normals[chosen])
+        except IndexError as error:
+            raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
         """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
-        moved = self.positions * scale + np.asarray(translation, dtype=np.float64)
+        moved = self.positions * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
         return SurfacePoints(moved, self.face_ids, self.normals)
 
 
@@ -128,6 +131,8 @@ def sample_surface(
     """
     if (n_points is None) == (density is None):
         raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
+    if not isinstance(mesh, Mesh):
+        raise ArgumentError(f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}.")
     rng = generator(seed)
     if density is not None:
         counts = stochastic_counts(mesh.areas, density, rng)
@@ -139,8 +144,8 @@ def sample_surface(
 
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
     """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
-    if not (np.isfinite(density) and density > 0):
-        raise ArgumentError(f"density must be positive and finite; got {density}.")
+    if not (isinstance(density, (int, float, np.integer, np.floating)) and 0 < density < math.inf):
+        raise ArgumentError(f"density must be positive and finite; got {density!r}.")
     wanted = areas * density
     if wanted.sum() > MAX_POINTS:
         raise ArgumentError(f"density {density} asks for {wanted.sum():.3g} points; at most 2^31 - 1 can be made.")
@@ -150,7 +155,7 @@ def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generato
 
 def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> IntArray:
     """Draw how many of exactly `n_points` fall on each face, proportionally to area. (f,) int32."""
-    if not isinstance(n_points, (int, np.integer)) or n_points < 1:
+    if isinstance(n_points, bool) or not isinstance(n_points, (int, np.integer)) or n_points < 1:
         raise ArgumentError(f"n_points must be a positive int; got {n_points!r}.")
     if n_points > MAX_POINTS:
         raise ArgumentError(f"n_points must be at most 2^31 - 1; got {n_points}.")

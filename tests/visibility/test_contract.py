@@ -146,6 +146,12 @@ def test_one_point_and_one_eye(method: Method, occluder: Occluder, answer: np.nd
             assert found.item() == answer[2, i]
 
 
+@pytest.mark.parametrize("n_points", [1, 3, 300])
+def test_free_points_where_the_eye_is(occluder: Occluder, n_points: int) -> None:
+    eye = np.array([[1.9, -2.3, 2.1]])
+    assert occluder.visible(zo.SurfacePoints.free(np.repeat(eye, n_points, axis=0)), eye).all()
+
+
 def test_each_eye_answers_for_itself(occluder: Occluder, answer: np.ndarray) -> None:
     """However views are batched, the answers are the same."""
     assert (occluder.visible(POINTS, EYES[::-1]) == answer[::-1]).all()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.mesh_files import MeshFiles
@@ -69,6 +69,8 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
         vertices that are missing, NaN or infinite, or without any face of some area. The message names the file.
     OptionError
         `up` is neither "z" nor "y".
+    ArgumentError
+        `path` is no path.
 
     Notes
     -----
@@ -77,6 +79,8 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
     meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
     compressed glTF longer.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise ArgumentError(f"path must be a path; got {type(path).__name__}. A mesh of trimesh: Mesh.from_trimesh.")
     path = Path(path)
     if up is not None:
         check_word("up", up, UP)

@@ -69,6 +69,8 @@ def random(
 ) -> Views:
     """Return `n_views` positions uniform over the sphere's band between two elevations (radians)."""
     rng = generator(seed)
+    if not -np.pi / 2 <= elevations[0] <= elevations[1] <= np.pi / 2:
+        raise OptionError(f"elevations must run upwards within -pi/2..pi/2; got {elevations[0]:g}..{elevations[1]:g}.")
     low, high = np.sin(elevations[0]), np.sin(elevations[1])
     elevation = np.arcsin(np.clip(rng.uniform(low, high, _positive(n_views, "n_views")), -1, 1))
     return Views(rng.uniform(0, 2 * np.pi, n_views), elevation, np.asarray(distance))

@@ -136,10 +136,10 @@ def is_drawn(spec: str) -> bool:
 
 
 def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
-    for row in SPECIFICATIONS:
+    for row in SPECIFICATIONS if isinstance(spec, str) else ():
         if match := re.fullmatch(row.pattern, spec):
             return row, match.groups()
-    raise OptionError(f"views must be {forms()}; got {spec[:80]!r}.")
+    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.")
 
 
 def _band(low: str | None = None, high: str | None = None) -> tuple[float, float]:

@@ -121,7 +121,7 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
     Raises
     ------
     ArgumentError
-        `mesh` is of another package, or a name.
+        `mesh` is of another package, a name, or a cloud without points.
     OptionError
         Unknown method, unknown option, a value out of range, or a point cloud for a method that needs faces.
     UnavailableError
@@ -141,6 +141,8 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
         if row.needs_faces:
             without = ", ".join(method.name for method in METHODS if not method.needs_faces)
             raise OptionError(f"method must be one that needs no faces for a point cloud, {without}; got {row.name!r}.")
+        if len(mesh) == 0:
+            raise ArgumentError("a point cloud must have points; this one has none.")
         mesh = box_around(mesh.positions)
     if not row.needs_gl:
         return factory(mesh, **options)

@@ -83,6 +83,9 @@ class HiddenPointRemoval(Occluder):
             # in diagonals and with the eye at the origin, neither scale nor place matters
             relative = (points.positions - eye) / self._unit
             farthest = float(np.linalg.norm(relative, axis=1).max())
+            if farthest == 0.0:  # all points are where the eye is
+                row[:] = True
+                continue
             radius = max(GROWTH * farthest**2 if self._radius is None else self._radius, farthest)
             cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative))
             try:

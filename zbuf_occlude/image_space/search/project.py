@@ -223,4 +223,5 @@ def _inverse_distances(boxes, i, view, contact):
         radius_squared += half * half
     distance, radius = np.sqrt(distance_squared), np.sqrt(radius_squared)
     least = distance * np.float32(0.999) - radius * np.float32(1.001) - contact
-    return ONE / least if least > ZERO else ENDLESS, ONE / ((distance + radius) * np.float32(1.001))
+    most = (distance + radius) * np.float32(1.001)  # zero for points that are where the eye is
+    return ONE / least if least > ZERO else ENDLESS, ONE / most if most > ZERO else ENDLESS
