@@ -33,6 +33,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
 __version__ = "0.1.0"
 
 numba_cache.ensure_writable()  # before any module compiles a function
+numba_cache.forget_stale()
 
 __all__ = [
     "METHODS",

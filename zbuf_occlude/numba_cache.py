@@ -1,9 +1,11 @@
-"""Where numba keeps compiled functions: a folder that can be written, and a note of what was compiled there."""
+"""Where numba keeps compiled functions: a folder that can be written, of these sources; a note of what is there."""
 
 import atexit
+import hashlib
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +22,29 @@ def ensure_writable() -> None:
         folder = tempfile.mkdtemp(prefix="zbuf_occlude-numba-")
         os.environ["NUMBA_CACHE_DIR"] = folder
         atexit.register(_remove, folder, os.getpid())
+
+
+def forget_stale() -> None:
+    """Remove what was compiled of other sources than these.
+
+    numba compiles a function anew when its own file changed, not when the file of one that was compiled into it did:
+    after an update it would answer as before.
+    """
+    place = _place()
+    if place is None:
+        return
+    sources, here = _sources(), os.path.dirname(os.path.abspath(__file__))
+    note = Path(place, f"zbuf_occlude-{hashlib.sha1(here.encode()).hexdigest()}.sources")
+    with suppress(OSError):
+        if note.exists() and note.read_text() == sources:
+            return
+        for folder in {os.path.dirname(os.path.abspath(source)) for source in _files()}:
+            below = f"{os.path.basename(folder)}_{hashlib.sha1(folder.encode()).hexdigest()}"  # numba's name of it
+            for kept in (Path(folder, "__pycache__"), Path(place, below)):
+                for compiled in kept.glob("*.nb[ic]"):
+                    compiled.unlink(missing_ok=True)
+        note.parent.mkdir(parents=True, exist_ok=True)
+        note.write_text(sources)
 
 
 def is_compiled(job: str) -> bool:
@@ -46,8 +71,20 @@ def _note(job: str) -> Path | None:
 
 def _stamp() -> str:
     """Change when numba or a source does."""
-    sources = Path(__file__).parent.rglob("*.py")
-    return f"numba {version('numba')}, sources of {max(source.stat().st_mtime_ns for source in sources)}"
+    return f"numba {version('numba')}, {_sources()}"
+
+
+def _sources() -> str:
+    """Change when a source does."""
+    found = sorted((path, os.stat(path)) for path in _files())
+    text = "".join(f"{path} {status.st_mtime_ns} {status.st_size}\n" for path, status in found)
+    return f"sources {hashlib.sha1(text.encode(errors='surrogateescape')).hexdigest()}"
+
+
+def _files() -> Iterator[str]:
+    """The package's sources."""
+    for folder, _, names in os.walk(os.path.dirname(os.path.abspath(__file__))):
+        yield from (os.path.join(folder, name) for name in names if name.endswith(".py"))
 
 
 def _place() -> str | None:
