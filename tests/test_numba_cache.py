@@ -39,7 +39,10 @@ def test_a_changed_function_is_compiled_anew_where_others_call_it(tmp_path: Path
     (tmp_path / "caller.py").write_text(
         "import numba, callee\n@numba.njit(cache=True)\ndef ask():\n    return callee.answer()\n"
     )
-    program = "import numba_cache; numba_cache.forget_stale(); import caller; print(caller.ask(), sum(caller.ask.stats.cache_hits.values()))"
+    program = (
+        "import numba_cache; numba_cache.forget_stale(); import caller\n"
+        "print(caller.ask(), sum(caller.ask.stats.cache_hits.values()))"
+    )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache") if elsewhere else ""}
     said = []
     for answer in (1, 1, 22):
