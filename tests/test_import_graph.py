@@ -60,7 +60,7 @@ OWNERS: dict[str, tuple[str, ...]] = {
     "mapbox_earcut": ("meshes",),
     "h5py": ("dataset", "learn"),
     "webdataset": ("dataset",),
-    "pyarrow": ("dataset",),
+    "pyarrow": ("dataset", "learn.drives"),
     "fpsample": ("dataset",),
     "DracoPy": ("meshes",),
     "torch": ("learn", "dataset.torch"),

@@ -70,7 +70,10 @@ def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     out = tmp_path / "study"
     for arguments, code, message in (
-        (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|all}'"),
+        (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|realism|all}'"),
+        (("experiment", "augmentation", "--real", tmp_path, "--out", out), 2, "--real must go with realism, which is"),
+        (("experiment", "realism", "--sydney", tmp_path, "--out", out), 2, "--sydney must go with augmentation or all"),
+        (("experiment", "realism", "--quick", "--real", tmp_path, "--out", out), 1, "--real must be a folder in KITTI"),
         (("experiment", "everything", "--out", out), 2, "'everything' is not one of"),
         (("experiment", "all", "--quick"), 2, "Missing option '--out'"),
         (("experiment", "all", "--quick", "--out", __file__), 2, "test_experiment.py' is a file."),

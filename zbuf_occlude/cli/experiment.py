@@ -9,7 +9,7 @@ from tqdm import tqdm
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
 from zbuf_occlude.learn.experiments.findings import sentences
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, REALISM
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.report import write_study
 from zbuf_occlude.learn.experiments.results import read_results, read_study
@@ -20,7 +20,7 @@ ALL = "all"
 
 
 @click.command()
-@click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, ALL]))
+@click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, REALISM, ALL]))
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the study.")
 @click.option("--quick", is_flag=True, help=f"{QUICK.summary[0].upper()}{QUICK.summary[1:]}; else {FULL.summary}.")
 @click.option(
@@ -36,7 +36,14 @@ ALL = "all"
     metavar="ROOT",
     help="The unpacked Sydney Urban Objects dataset, for Test 3 on real scans; may be given later.",
 )
-def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Path | None) -> None:
+@click.option(
+    "--real",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Labelled sweeps of real drives, in KITTI's layout (velodyne, label_2, calib) or Argoverse 2's (logs of "
+    "feather files), for a fourth test of realism; may be given later.",
+)
+def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Path | None, real: Path | None) -> None:
     """Repeat the paper's experiments with VoxNet, PointNet and 3DmFV, and compare with its numbers.
 
     \b
@@ -44,7 +51,9 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
                    why accuracy falls where the camera sees little of an object (Fig. 12)
     augmentation   4.3 and 4.4, Table 3B: trained on occluded clouds, on complete ones, on both; tested on complete
                    ones, on occluded ones, on real scans. And: does the method of hidden-surface removal matter?
-    all            both
+    all            both of these
+    realism        not the paper's: trained on uniform occluded clouds, on a LiDAR's scans of single objects, and on its
+                   scans in streets; each tested on all three, and on real objects
 
     \b
     Writes into --out:
@@ -63,8 +72,10 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
       zbuf-occlude experiment all --quick --out study
       zbuf-occlude experiment augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
     """
-    if sydney is not None and name == ELEVATION:
+    if sydney is not None and name not in (AUGMENTATION, ALL):
         raise click.UsageError(f"--sydney must go with {AUGMENTATION} or {ALL}, whose Test 3 is of scans.")
+    if real is not None and name != REALISM:
+        raise click.UsageError(f"--real must go with {REALISM}, which is tested on real objects.")
     require_torch()
     from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
@@ -72,7 +83,13 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
     bars = Bars()
     try:
         n_worked = run_study(
-            out, QUICK if quick else FULL, experiments=wanted, modelnet=modelnet, scans=sydney, progress=bars
+            out,
+            QUICK if quick else FULL,
+            experiments=wanted,
+            modelnet=modelnet,
+            scans=sydney,
+            real=real,
+            progress=bars,
         )
     finally:
         bars.close()

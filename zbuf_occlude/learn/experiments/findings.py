@@ -14,11 +14,13 @@ from zbuf_occlude.learn.experiments.names import (
     HSR,
     MAIN,
     ORIGINAL,
+    REALISM,
     SPLIT_BY,
     name_of_test,
     paper_name,
     printed,
 )
+from zbuf_occlude.learn.experiments.realism_tables import sentence
 from zbuf_occlude.learn.experiments.results import Result
 from zbuf_occlude.learn.experiments.tables import (
     NONE,
@@ -137,7 +139,8 @@ def _published(finding: Finding, model: str) -> str:
 def sentences(results: Sequence[Result]) -> list[str]:
     """Return the study's answers in a few sentences."""
     said = []
-    for experiment, make in ((AUGMENTATION, _of_augmentation), (HSR, _of_methods), (ELEVATION, _of_elevation)):
+    answers = (AUGMENTATION, _of_augmentation), (HSR, _of_methods), (ELEVATION, _of_elevation), (REALISM, sentence)
+    for experiment, make in answers:
         if of(results, experiment):
             said.append(make(results))
     return said

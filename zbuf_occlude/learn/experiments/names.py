@@ -7,6 +7,13 @@ from zbuf_occlude.compare.subjects import Subject
 ELEVATION, AUGMENTATION, HSR = "elevation", "augmentation", "methods"
 """The experiments of 4.2, of 4.3 and 4.4, and the comparison of methods of hidden-surface removal."""
 
+REALISM = "realism"
+"""What a sensor and a scene do to a classifier."""
+UNIFORM, ALONE, SCENES = KINDS = ("uniform", "scans", "scenes")
+"""Its clouds: points uniform over the visible surface, scans of single objects, scans of objects in streets."""
+OWN, MATCHED = COUNTS = ("own", "matched")
+"""How many points they have: as many as they have, or as the poorest of the three has of that object and view."""
+
 SPLIT_BY = MappingProxyType(
     {"elevations": "by elevation, as in the paper", "objects": "by elevation, objects held out"}
 )
@@ -27,6 +34,11 @@ _VARIANTS = {"threedmfv5": "5³ Gaussians", "threedmfv5-small": "5³ Gaussians, 
 def name_of_test(method: Subject) -> str:
     """Return the name of Test 2 on the clouds of a method."""
     return GENERATED if method.label == MAIN.label else f"{GENERATED}:{method.label}"
+
+
+def name_of_real(layout: str) -> str:
+    """Return the name of the test on real objects of a layout."""
+    return f"real:{layout}"
 
 
 def paper_name(model: str) -> str:

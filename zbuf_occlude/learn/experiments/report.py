@@ -13,8 +13,9 @@ from zbuf_occlude.compare.tables import Table, marked_up
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.findings import sentences, table_of_findings
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, METHODS, described, printed
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, METHODS, REALISM, described, printed
 from zbuf_occlude.learn.experiments.plots import all_plots
+from zbuf_occlude.learn.experiments.realism_tables import table_realism
 from zbuf_occlude.learn.experiments.results import AREAS, Result, read_results, read_study
 from zbuf_occlude.learn.experiments.tables import dead_angle, models_of, of, table_3a, table_3b, table_methods
 from zbuf_occlude.viewer import asset
@@ -115,13 +116,16 @@ def sections_of(
         sections += ["methods", table_methods(results, study["missing_methods"])]
     if of(results, ELEVATION):
         sections += ["elevation", table_3a(results), dead_angle(results, areas)]
-    return [*sections, trainings(results), departures(study)]
+    ends: list[Table | str] = [departures(study)] if sections else []  # of the paper's experiments
+    if of(results, REALISM):
+        sections.append(table_realism(results, study["realism"]))
+    return [*sections, trainings(results), *ends]
 
 
 def trainings(results: Sequence[Result]) -> Table:
     """Return how the classifiers were trained."""
     body = []
-    for experiment in (AUGMENTATION, HSR, ELEVATION):
+    for experiment in (AUGMENTATION, HSR, ELEVATION, REALISM):
         for model in models_of(results, experiment):
             rows = [result.document for result in of(results, experiment, model=model)]
             body.append(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import describe
 from zbuf_occlude.errors import ArgumentError, DatasetError
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, REALISM
 from zbuf_occlude.learn.models import find_model
 
 FOLDER, STUDY, AREAS = "results", "study.json", "areas.json"
@@ -21,6 +21,7 @@ _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},
     AUGMENTATION: {"model": str, "set": int, "points": int, "seed": int},
     HSR: {"model": str, "method": str, "points": int, "seed": int},
+    REALISM: {"model": str, "trained_on": str, "counts": str, "seed": int},
 }
 _REPORTED: dict[str, type | tuple[type, ...]] = {
     "n_parameters": int, "n_training": int, "epochs": int, "seconds": (int, float), "machine": str, "device": str,

@@ -7,10 +7,10 @@ from typing import Any
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn import sydney
+from zbuf_occlude.learn import drives, sydney
 from zbuf_occlude.learn.data import find_objects, is_modelnet10
-from zbuf_occlude.learn.experiments import augmentation, elevation
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION
+from zbuf_occlude.learn.experiments import augmentation, elevation, realism
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, REALISM
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import STUDY, read_study
 from zbuf_occlude.learn.experiments.sizes import Size
@@ -18,6 +18,7 @@ from zbuf_occlude.learn.experiments.trials import run_trials
 from zbuf_occlude.meshes.collection import MeshCollection
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
+"""The paper's; `REALISM` is ours."""
 
 
 def run_study(
@@ -27,6 +28,7 @@ def run_study(
     experiments: Collection[str] = EXPERIMENTS,
     modelnet: Path | None = None,
     scans: Path | None = None,
+    real: Path | None = None,
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> int:
@@ -38,11 +40,13 @@ def run_study(
         Made when missing. What is in it of the same study is not made again.
     size : Size
     experiments : collection of str
-        Some of `EXPERIMENTS`.
+        Some of `EXPERIMENTS` and `REALISM`.
     modelnet : Path, optional
         ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes.
     scans : Path, optional
         The Sydney Urban Objects dataset, for Test 3.
+    real : Path, optional
+        Labelled sweeps of real drives, for a fourth test of `REALISM`.
     progress : Progress, optional
     workers : int, optional
         As in `run_trials`.
@@ -55,7 +59,7 @@ def run_study(
     Raises
     ------
     DatasetError
-        The folder holds another study, or `scans` is not the dataset.
+        The folder holds another study, or `scans` or `real` is not such a dataset.
     MeshError
         `modelnet` is neither, or no mesh of a class can be used.
 
@@ -67,18 +71,24 @@ def run_study(
     progress = progress or Progress()
     if scans is not None:
         sydney.check_scans(scans)  # before hours of work, not after
-    meshes = find_objects(modelnet, any_ten=AUGMENTATION not in experiments)
-    parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds] = []
+    if real is not None:
+        drives.check_drive(real)
+    meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
+    parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds | realism.RealismClouds] = []
     if ELEVATION in experiments:
         parts.append(elevation.ElevationClouds(meshes, size, folder))
     if AUGMENTATION in experiments:
         parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans))
+    if REALISM in experiments:
+        parts.append(realism.RealismClouds(meshes, size, folder, real))
     study = claim(folder, size, name_of_objects(meshes) if modelnet else "built-in shapes")
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
         study["failed_meshes"] |= part.make(progress.clouds)
         if isinstance(part, augmentation.AugmentationClouds):
             study["missing_methods"] = part.missing
+        if isinstance(part, realism.RealismClouds):
+            study["realism"] = part.facts()
         atomic.write_json(folder / STUDY, study)
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
 
