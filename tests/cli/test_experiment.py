@@ -1,5 +1,6 @@
 """experiment: a small study from the command line; help, and what is wrong in one line."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +39,24 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
     assert full.code == 1
     assert "error: " in full.err
     assert "it holds another (tiny, built-in shapes), with other name, summary, models," in full.err
+
+
+@pytest.mark.usefixtures("tiny")
+def test_what_is_between_the_sizes(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    out = tmp_path / "study"
+    changes = ("--objects", 5, "--seeds", 2, "--models", "pointnet", "--points", "40", "--epochs", 2, "--voxels", 8)
+    done = run("experiment", "elevation", "--quick", *changes, "--out", out)
+    assert done.code == 0, done.err
+    assert "4 classifiers trained" in done.out
+    study = json.loads((out / "study.json").read_text())
+    assert study["size"]["name"] == "tiny, pointnet, 2 seeds, 5 objects of a class, 40 points, 2 epochs"
+    assert study["objects"] == "built-in shapes as surfaces of 8³ voxels"
+    for path in (out / "results").iterdir():
+        row = json.loads(path.read_text())
+        assert row["facts"]["model"] == "pointnet"
+        assert row["config"]["epochs"] == (2 if row["facts"]["split"] == "objects" else 1)
+    assert "5 of each class × the paper's" in (out / "study.md").read_text()
 
 
 @pytest.mark.usefixtures("tiny")
@@ -80,6 +99,16 @@ def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
         (("experiment", "all", "--quick", "--modelnet", out, "--out", out), 1, "there is no folder"),
         (("experiment", "all", "--quick", "--modelnet", tmp_path / "no", "--out", out), 1, "modelnet.cs.princeton.edu"),
         (("experiment", "all", "--quick", "--sydney", tmp_path, "--out", out), 1, "https://www.acfr.usyd.edu.au"),
+        (
+            ("experiment", "elevation", "--budget", "epochs", "--out", out),
+            2,
+            "--budget must go with augmentation or all",
+        ),
+        (("experiment", "all", "--epochs", 3, "--out", out), 2, "--epochs must go with elevation or augmentation"),
+        (("experiment", "all", "--points", "many", "--out", out), 2, "it must be N or N,N; got 'many'"),
+        (("experiment", "all", "--models", "alexnet", "--out", out), 2, "model must be one of voxnet"),
+        (("experiment", "all", "--quick", "--objects", 41, "--out", out), 2, "objects must lie in 5..40"),
+        (("experiment", "all", "--quick", "--voxels", 1, "--out", out), 2, "voxels must lie in 2..128"),
     ):
         outcome = run(*arguments)
         assert (outcome.code, message in outcome.err) == (code, True), outcome

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, GENERATED, HSR, ORIGINAL
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS
 from zbuf_occlude.learn.experiments.results import Confusion, Result
 from zbuf_occlude.learn.experiments.sizes import Size
@@ -15,12 +15,13 @@ TINY = Size(
     models=("voxnet",),
     seeds=(0, 1),
     passes=16,
+    epochs=1,
     batch_size=8,
     patience=1.0,
     n_validation=4,
     elevation_seeds=(0,),
-    elevation_passes=16,
-    elevation_objects=40,
+    elevation_epochs=1,
+    elevation_each=5,
     azimuths=1,
     variations=1,
     elevation_sampled=150,
@@ -49,7 +50,8 @@ def confusion(accuracy: float, n: int = 200, truth: tuple[str, ...] = ("bed", "c
 
 def result(experiment: str, tests: dict[str, Confusion], **facts: Any) -> Result:
     """Return a result with a document as short as a report allows."""
-    return Result(experiment, {"seed": 0, **facts}, tests, DOCUMENT)
+    budget = {} if experiment == ELEVATION else {"budget": CLOUDS}
+    return Result(experiment, {"seed": 0, **budget, **facts}, tests, DOCUMENT)
 
 
 def study_of_augmentation() -> list[Result]:

@@ -22,7 +22,7 @@ from zbuf_occlude.learn.experiments import augmentation as augmentation_module  
 from zbuf_occlude.learn.experiments import trials as trials_module  # noqa: E402
 from zbuf_occlude.learn.experiments.augmentation import AugmentationClouds  # noqa: E402
 from zbuf_occlude.learn.experiments.elevation import ElevationClouds, degrees, divided  # noqa: E402
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, MAIN  # noqa: E402
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, CLOUDS, ELEVATION, EPOCHS, HSR, MAIN  # noqa: E402
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS  # noqa: E402
 from zbuf_occlude.learn.experiments.progress import Progress  # noqa: E402
 from zbuf_occlude.learn.experiments.report import write_study  # noqa: E402
@@ -176,11 +176,27 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
 
 
 def test_a_worker_that_is_killed_is_told_in_words(tmp_path: Path) -> None:
-    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, kill_oneself, kill_oneself, {"original": kill_oneself})
+    trial = Trial(
+        AUGMENTATION, {"model": "voxnet", "seed": 0}, kill_oneself, kill_oneself, {"original": kill_oneself}, abs
+    )
     trials = [trial, replace(trial, facts={"model": "voxnet", "seed": 1})]
     with pytest.raises(UnavailableError, match="the processes that train must live; one was killed"):
         run_trials(trials, TINY, tmp_path, Progress(), workers=2)
     assert not multiprocessing.active_children()
+
+
+def test_a_budget_given_later_is_more_classifiers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(augmentation_module, "METHODS", (MAIN,))
+    size = replace(TINY, seeds=(0,), passes=48, epochs=2)
+    again = tmp_path / "budgets"
+    assert run_study(again, size, experiments=[AUGMENTATION], workers=1) == 3
+    assert run_study(again, size, experiments=[AUGMENTATION], budgets=(CLOUDS, EPOCHS), workers=1) == 3
+    rows = {(row.facts["set"], row.facts["budget"]): row.document for row in read_results(again)}
+    n_training = {1: 32, 2: 16, 3: 48}
+    assert {key: row["config"]["epochs"] for key, row in rows.items()} == {
+        **{(s, CLOUDS): max(1, round(size.passes / n)) for s, n in n_training.items()},
+        **dict.fromkeys(((s, EPOCHS) for s in n_training), size.epochs),
+    }
 
 
 def kill_oneself() -> CloudSet:
@@ -190,7 +206,7 @@ def kill_oneself() -> CloudSet:
 
 
 def test_an_error_in_a_worker_is_the_commands(tmp_path: Path) -> None:
-    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, complain, complain, {"original": complain})
+    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, complain, complain, {"original": complain}, abs)
     with pytest.raises(DatasetError, match="it is not there"):
         run_trials([trial, replace(trial, facts={"model": "voxnet", "seed": 1})], TINY, tmp_path, Progress(), workers=2)
     assert not multiprocessing.active_children()

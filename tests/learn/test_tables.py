@@ -1,5 +1,7 @@
 """The study's tables and verdicts against results written by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,23 @@ from zbuf_occlude.compare.tables import Table
 from zbuf_occlude.learn import sydney
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.findings import sentences, table_of_findings, verdict
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, GENERATED, METHODS, ORIGINAL, SCANS, paper_name, printed
+from zbuf_occlude.learn.experiments.names import (
+    AUGMENTATION,
+    BUDGETS,
+    CLOUDS,
+    EPOCHS,
+    GENERATED,
+    METHODS,
+    ORIGINAL,
+    SCANS,
+    paper_name,
+    printed,
+)
 from zbuf_occlude.learn.experiments.results import Confusion
 from zbuf_occlude.learn.experiments.tables import dead_angle, percent, table_3a, table_3b, table_methods
 from zbuf_occlude.learn.models import MODELS
 
+HERE = BUDGETS[CLOUDS]
 AREAS = {
     "elevations": [-10, 0, 10],
     "planes": ["y-z", "x-z", "x-y"],
@@ -71,10 +85,10 @@ def test_the_dead_angle() -> None:
 
 def test_table_3b_without_scans() -> None:
     table = table_3b(study_of_augmentation())
-    row = line(table, "VoxNet, 1,024 points", "C2 original", "here")
+    row = line(table, "VoxNet, 1,024 points", "C2 original", HERE)
     assert row[3:] == ["85.5 ± 0.7", "45.5 ± 0.7", "–", "–", "–", "–"]
     assert line(table, "VoxNet, 1,024 points", "C2 original", "**paper**, 12,000 points")[3:5] == ["82.0", "45.9"]
-    assert line(table, "PointNet, 1,024 points", "C3 both", "here")[3:5] == ["90.0", "80.0"]
+    assert line(table, "PointNet, 1,024 points", "C3 both", HERE)[3:5] == ["90.0", "80.0"]
     assert not [row for row in table.rows if row[0].startswith("PointNet") and "paper" in row[2]], (
         "it has none of these"
     )
@@ -93,7 +107,7 @@ def test_table_3b_beside_the_papers_numbers() -> None:
     assert line(table, "VoxNet, 12,000 points", "C3 both", "**paper**")[3:7] == ["87.5", "79.7", "20.5", "38.1"]
     assert line(table, "3DmFV, 12,000 points", "C3 both", "**paper**")[3:7] == ["89.5", "95.7", "63.6", "38.1"]
     assert line(table, "3DmFV, 1,024 points", "C3 both", "**paper**")[3:7] == ["–", "–", "76.1", "81.0"]
-    assert line(table, "3DmFV, 1,024 points", "C3 both", "here")[3] == "90.0"
+    assert line(table, "3DmFV, 1,024 points", "C3 both", HERE)[3] == "90.0"
 
 
 def test_table_3b_with_scans() -> None:
@@ -108,7 +122,7 @@ def test_table_3b_with_scans() -> None:
         SCANS: Confusion(sydney.CLASSES, ("bed", "car"), counts),
     }
     table = table_3b([result(AUGMENTATION, tests, model="voxnet", set=1, points=1024)])
-    row = line(table, "VoxNet, 1,024 points", "C1 generated", "here")
+    row = line(table, "VoxNet, 1,024 points", "C1 generated", HERE)
     f1 = {label: 2 * (n // 2) / (n // 2 + 20 + n) for label, n in totals.items()}
     assert row[5:7] == [f"{100 * 44 / 88:.1f}", f"{100 * 10 / 21:.1f}"]
     assert row[7] == f"{100 * sum(f1.values()) / 6:.1f}"
@@ -149,9 +163,28 @@ def test_findings_are_differences_of_one_seed() -> None:
     assert loses[1][2:] == ["33.8", "35.0 ± 0.0", "yes"], "C3 80 against C2 45"
     assert loses[2][2:] == ["3.4", "5.0 ± 0.0", "yes"]
     assert "C1 is trained on occluded clouds, C2 on complete ones, C3 on both." in table.note
-    assert "C2 therefore each complete cloud 3 times, C3 each of its clouds 3 times." in table.note
+    assert "Equal clouds shown: C2 saw each complete cloud 3 times, C3 each of its clouds 3 times." in table.note
     assert [row[4] for row in table.rows if row[1] == "PointNet"] == ["one seed only"] * 5
     said = sentences([*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
-    assert "VoxNet 75.5 ± 0.7, 45.5 ± 0.7 and 80.5 ± 0.7 %" in said[0]
+    assert "(equal clouds shown) VoxNet 75.5 ± 0.7, 45.5 ± 0.7 and 80.5 ± 0.7 %" in said[0]
     assert "71.0 ± 1.4 % (`occupancy_grid:n=64`)" in said[1]
     assert "VoxNet 20.0 and 20.0 (the paper 14.4)." in said[2]
+
+
+def test_both_budgets_stand_side_by_side() -> None:
+    longer = [replace(row, facts={**row.facts, "budget": EPOCHS}) for row in study_of_augmentation()]
+    better = {ORIGINAL: confusion(0.95), GENERATED: confusion(0.85)}
+    longer = [replace(row, tests=better) if row.is_of(set=3) else row for row in longer]
+    rows = [*study_of_augmentation(), *longer]
+    table = table_of_findings(rows)
+    assert list(table.header[3:]) == ["here, equal clouds shown", "shows", "here, equal epochs", "shows"]
+    complete = [row for row in table.rows if row[1] == "VoxNet"][-1]
+    assert complete[2:] == ["5.5", "5.0 ± 0.0", "yes", "9.5 ± 0.7", "yes"], "C3 less C2 on complete clouds"
+    assert "Equal epochs: both saw each of their clouds 3 and 3 times, C3 1.0 times as many in all." in table.note
+    table = table_3b(rows)
+    assert line(table, "VoxNet, 1,024 points", "C3 both", "equal clouds shown")[3] == "90.5 ± 0.7"
+    assert line(table, "VoxNet, 1,024 points", "C3 both", "equal epochs")[3:5] == ["95.0 ± 0.0", "85.0 ± 0.0"]
+    only = table_of_findings([row for row in rows if row.is_of(budget=EPOCHS)])
+    assert list(only.header[3:]) == ["here, equal epochs", "shows"]
+    methods = table_methods([*rows, *study_of_methods()], {})
+    assert methods.rows[0][2:4] == ["80.5 ± 0.7", "75.5 ± 0.7"], "of the budget that methods are compared under"

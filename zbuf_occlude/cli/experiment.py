@@ -9,12 +9,12 @@ from tqdm import tqdm
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
 from zbuf_occlude.learn.experiments.findings import sentences
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, REALISM
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, REALISM
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.report import write_study
 from zbuf_occlude.learn.experiments.results import read_results, read_study
-from zbuf_occlude.learn.experiments.sizes import FULL, QUICK
-from zbuf_occlude.learn.models import require_torch
+from zbuf_occlude.learn.experiments.sizes import FULL, QUICK, Size
+from zbuf_occlude.learn.models import MODELS, require_torch
 
 ALL = "all"
 
@@ -43,7 +43,47 @@ ALL = "all"
     help="Labelled sweeps of real drives, in KITTI's layout (velodyne, label_2, calib) or Argoverse 2's (logs of "
     "feather files), for a fourth test of realism; may be given later.",
 )
-def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Path | None, real: Path | None) -> None:
+@click.option(
+    "--voxels",
+    type=int,
+    metavar="N",
+    help="Take each object as the surface of N^3 voxels, as ModelNet10 is often passed on; 30 is usual.",
+)
+@click.option(
+    "--budget",
+    "budgets",
+    type=click.Choice(list(BUDGETS)),
+    multiple=True,
+    help=f"How long the classifiers of 4.3 are trained: each is shown as many clouds, or each cloud as often. "
+    f"Repeatable; another one later is added to what is there.  [default: {CLOUDS}]",
+)
+@click.option("--models", metavar="NAME,...", help=f"Of {', '.join(model.name for model in MODELS)}.")
+@click.option("--seeds", type=click.IntRange(1), metavar="N", help="Train each classifier with the seeds 0 to N - 1.")
+@click.option(
+    "--objects",
+    type=int,
+    metavar="N",
+    help="Objects of each class; in 4.3 so many to train and, as in the paper, 1/4 as many to validate, 5/8 to test.",
+)
+@click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes each of several, 4.2 the last.")
+@click.option(
+    "--epochs",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Epochs, at most: of each classifier under --budget epochs; under --budget clouds of the one with the fewest "
+    "clouds, and the others are shown as many clouds. Not with `all`: 4.2 and 4.3 differ.",
+)
+def command(
+    name: str,
+    out: Path,
+    quick: bool,
+    modelnet: Path | None,
+    sydney: Path | None,
+    real: Path | None,
+    voxels: int | None,
+    budgets: tuple[str, ...],
+    **changes: Any,
+) -> None:
     """Repeat the paper's experiments with VoxNet, PointNet and 3DmFV, and compare with its numbers.
 
     \b
@@ -63,19 +103,27 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
       classifiers/           the trained models, for `zbuf-occlude evaluate`
       clouds/                the datasets, as of `zbuf-occlude generate`
 
-    The same command again does only what is missing; also after a kill, with another NAME, or with --sydney given for
-    the first time. Without a GPU take --quick. Exit code 3: done, but some meshes failed (they are
+    The same command again does only what is missing; also after a kill, with another NAME, or with --sydney or another
+    --budget given for the first time. Without a GPU take --quick; the last five options change one thing of it, or of
+    the full size. Exit code 3: done, but some meshes failed (they are
     named).
 
     \b
     Examples:
       zbuf-occlude experiment all --quick --out study
+      zbuf-occlude experiment augmentation --quick --budget clouds --budget epochs --models voxnet --out budgets
+      zbuf-occlude experiment elevation --quick --voxels 30 --seeds 3 --out voxels
       zbuf-occlude experiment augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
     """
     if sydney is not None and name not in (AUGMENTATION, ALL):
         raise click.UsageError(f"--sydney must go with {AUGMENTATION} or {ALL}, whose Test 3 is of scans.")
     if real is not None and name != REALISM:
         raise click.UsageError(f"--real must go with {REALISM}, which is tested on real objects.")
+    if budgets and name not in (AUGMENTATION, ALL):
+        raise click.UsageError(
+            f"--budget must go with {AUGMENTATION} or {ALL}: other training sets are as large as each other."
+        )
+    size = changed(QUICK if quick else FULL, name, **changes)
     require_torch()
     from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
@@ -84,11 +132,13 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
     try:
         n_worked = run_study(
             out,
-            QUICK if quick else FULL,
+            size,
             experiments=wanted,
             modelnet=modelnet,
             scans=sydney,
             real=real,
+            budgets=tuple(dict.fromkeys(budgets)) or (CLOUDS,),
+            voxels=voxels,
             progress=bars,
         )
     finally:
@@ -101,6 +151,34 @@ def command(name: str, out: Path, quick: bool, modelnet: Path | None, sydney: Pa
         head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
         click.echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
         raise SystemExit(SOME_FAILED)
+
+
+def changed(
+    size: Size,
+    name: str,
+    models: str | None,
+    seeds: int | None,
+    objects: int | None,
+    points: str | None,
+    epochs: int | None,
+) -> Size:
+    """Return the size with what a person wants otherwise."""
+    if models is not None:
+        size = size.with_models([each.strip() for each in models.split(",") if each.strip()])
+    if seeds is not None:
+        size = size.with_seeds(seeds)
+    if objects is not None:
+        size = size.with_objects(objects)
+    if points is not None:
+        try:
+            size = size.with_points([int(each) for each in points.split(",")])
+        except ValueError:
+            raise click.BadParameter(f"it must be N or N,N; got {points!r}.", param_hint="--points") from None
+    if epochs is not None:
+        if name == ALL:
+            raise click.UsageError(f"--epochs must go with {ELEVATION} or {AUGMENTATION} alone: they differ in it.")
+        size = size.with_epochs(epochs)
+    return size
 
 
 class Bars(Progress):

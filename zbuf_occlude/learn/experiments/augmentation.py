@@ -1,6 +1,6 @@
 """Training on occluded clouds, complete ones, or both (paper 4.3, 4.4, Table 3B); and does the method of HSR matter?"""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from zbuf_occlude.learn.data import CloudSet, make_clouds
 from zbuf_occlude.learn.experiments.loading import loaded, read_scans
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
+    CLOUDS,
     GENERATED,
     HSR,
     MAIN,
@@ -24,7 +25,7 @@ from zbuf_occlude.learn.experiments.names import (
 )
 from zbuf_occlude.learn.experiments.paper import TRAINING_SETS
 from zbuf_occlude.learn.experiments.sizes import Size
-from zbuf_occlude.learn.experiments.trials import Trial
+from zbuf_occlude.learn.experiments.trials import Trial, as_many_clouds, as_many_epochs
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.views import modelnet8
 from zbuf_occlude.visibility import find_method
@@ -42,6 +43,8 @@ class AugmentationClouds:
         The study's.
     scans : Path, optional
         The Sydney Urban Objects dataset.
+    budgets : sequence of str
+        Of `BUDGETS`: how long classifiers are trained; those of Table 3B under each, methods under the first.
 
     Attributes
     ----------
@@ -49,8 +52,15 @@ class AugmentationClouds:
         Methods that cannot run here, and why; filled by `make`.
     """
 
-    def __init__(self, meshes: MeshCollection, size: Size, folder: Path, scans: Path | None = None) -> None:
-        self.size, self.folder, self.scans_root = size, folder, scans
+    def __init__(
+        self,
+        meshes: MeshCollection,
+        size: Size,
+        folder: Path,
+        scans: Path | None = None,
+        budgets: Sequence[str] = (CLOUDS,),
+    ) -> None:
+        self.size, self.folder, self.scans_root, self.budgets = size, folder, scans, tuple(budgets)
         self.meshes = first_of_each(seventy_five_each(meshes), size.shares)
         self.missing: dict[str, str] = {}
 
@@ -126,19 +136,21 @@ class AugmentationClouds:
     def trials(self) -> list[Trial]:
         """Return the trials of Table 3B, then those that compare methods; seed after seed.
 
-        Of Table 3B: each model on each training set, with each number of points. Of the methods: trained on the
-        generated clouds of one, tested on those of each; with `MAIN` that is training set 1 of Table 3B.
+        Of Table 3B: each model on each training set, with each number of points, under each budget. Of the methods:
+        trained on the generated clouds of one, tested on those of each; with `MAIN` that is training set 1 of Table 3B.
         """
         size, last = self.size, self.size.n_points[-1]
         table_3b = [
             Trial(
                 AUGMENTATION,
-                {"model": model, "set": training_set, "points": n_points, "seed": seed},
+                {"model": model, "set": training_set, "points": n_points, "budget": budget, "seed": seed},
                 partial(self.of, kind, "train", n_points),
                 partial(self.of, kind, "val", n_points),
                 self._tests(n_points, self.able if n_points == last and model in size.method_models else (MAIN,)),
+                self._epochs(budget),
             )
             for seed in size.seeds
+            for budget in self.budgets
             for n_points in size.n_points
             for model in size.augmentation_models
             for training_set, kind in TRAINING_SETS.items()
@@ -146,16 +158,22 @@ class AugmentationClouds:
         methods = [
             Trial(
                 HSR,
-                {"model": model, "method": method.label, "points": last, "seed": seed},
+                {"model": model, "method": method.label, "points": last, "budget": self.budgets[0], "seed": seed},
                 partial(self.of, GENERATED, "train", last, method),
                 partial(self.of, GENERATED, "val", last, method),
                 self._tests(last, self.able),
+                self._epochs(self.budgets[0]),
             )
             for seed in size.seeds
             for model in size.method_models
             for method in self.able[1:]
         ]
         return table_3b + methods
+
+    def _epochs(self, budget: str) -> Callable[[int], int]:
+        if budget == CLOUDS:
+            return partial(as_many_clouds, self.size.passes)
+        return partial(as_many_epochs, self.size.epochs)
 
     def _tests(self, n_points: int, methods: Iterable[Subject]) -> dict[str, Callable[[], CloudSet]]:
         tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.of, ORIGINAL, "test", n_points)}

@@ -18,7 +18,7 @@ from zbuf_occlude.learn.experiments.names import ELEVATION, MAIN, SPLIT_BY
 from zbuf_occlude.learn.experiments.paper import TEST_ELEVATIONS, TRAIN_ELEVATIONS
 from zbuf_occlude.learn.experiments.results import AREAS
 from zbuf_occlude.learn.experiments.sizes import Size
-from zbuf_occlude.learn.experiments.trials import Trial
+from zbuf_occlude.learn.experiments.trials import Trial, as_many_clouds
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.views import Views, paper100
 
@@ -47,9 +47,10 @@ class ElevationClouds:
 
     @cached_property
     def plan(self) -> Plan:
-        """Objects, views and recipe; `two_hundred` of the meshes, fewer if the size wants fewer."""
+        """Objects, views and recipe; `two_hundred` of the meshes, or as many of each class as the size says."""
         size = self.size
-        chosen = divided(two_hundred(self.meshes).limit(size.elevation_objects))
+        each, n_classes = size.elevation_each, len(self.meshes.classes)
+        chosen = two_hundred(self.meshes) if each is None else self.meshes.interleaved().limit(each * n_classes)
         recipe = Recipe(
             method=MAIN.method,
             views="paper100",
@@ -57,7 +58,7 @@ class ElevationClouds:
             variations=size.variations,
             sample_size=size.elevation_points,
         )
-        return Plan(chosen, recipe, "packed", at_most(paper100(), size.azimuths))
+        return Plan(divided(chosen), recipe, "packed", at_most(paper100(), size.azimuths))
 
     @property
     def n_clouds(self) -> int:
@@ -82,6 +83,7 @@ class ElevationClouds:
                 partial(self.training, split_by),
                 partial(self.validation, split_by),
                 {str(elevation): partial(self.test, split_by, elevation) for elevation in TEST_ELEVATIONS},
+                self.epochs,
             )
             for seed in self.size.elevation_seeds
             for model in self.size.models
@@ -110,6 +112,10 @@ class ElevationClouds:
         if split_by == "objects":
             return _at(self._splits["train"], TRAIN_ELEVATIONS)
         return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
+
+    def epochs(self, n_clouds: int) -> int:
+        """Return how often each of so many training clouds is shown: as many in all as with objects held out."""
+        return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
     def validation(self, split_by: str) -> CloudSet:
         """Return the clouds to validate with, all at the training elevations."""

@@ -9,7 +9,10 @@ from zbuf_occlude.compare.tables import Table
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
+    BUDGETS,
+    CLOUDS,
     ELEVATION,
+    EPOCHS,
     GENERATED,
     HSR,
     MAIN,
@@ -25,6 +28,7 @@ from zbuf_occlude.learn.experiments.results import Result
 from zbuf_occlude.learn.experiments.tables import (
     NONE,
     accuracy,
+    budgets_of,
     by_method,
     curves_of,
     lost_at_zero,
@@ -72,30 +76,36 @@ def verdict(differences: Sequence[float], least: float) -> str:
     Decided is what lies farther from `least` than the standard error of the mean, estimated from two seeds or more.
     """
     if len(differences) < 2:
-        return "one seed only"
+        return "one seed only" if differences else NONE
     away = float(np.mean(differences)) - least
     error = float(np.std(differences, ddof=1)) / len(differences) ** 0.5
     return "not decided" if abs(away) < error else "yes" if away >= 0.0 else "**no**"
 
 
 def table_of_findings(results: Sequence[Result]) -> Table:
-    """Return the paper's findings of 4.3 and 4.4, its differences, ours, and whether ours say the same."""
+    """Return the paper's findings of 4.3 and 4.4, its differences, ours under each budget, and whether they show."""
     body = []
     mine = of(results, AUGMENTATION)
     several = len(values(mine, "points")) > 1
+    budgets = budgets_of(mine)
     for finding in FINDINGS:
         text = finding.text
         for n_points in sorted(values(mine, "points"), reverse=True):
             for model in models_of(results, AUGMENTATION):
-                found = differences(mine, finding, model, n_points)
-                if found:
+                found = {budget: differences(mine, finding, model, n_points, budget) for budget in budgets}
+                if any(found.values()):
                     name = printed(model) + (f", {n_points:,} points" if several else "")
-                    published = _published(finding, model)
-                    body.append([text, name, published, percent(found), verdict(found, finding.least)])
+                    cells = [cell for each in found.values() for cell in (percent(each), verdict(each, finding.least))]
+                    body.append([text, name, _published(finding, model), *cells])
                     text = ""
     return Table(
         "Do the paper's findings show?",
-        ["the finding", "model", "the paper's difference", "here", "shows"],
+        [
+            "the finding",
+            "model",
+            "the paper's difference",
+            *(cell for budget in budgets for cell in (f"here, {BUDGETS[budget]}", "shows")),
+        ],
         body,
         "C1 is trained on occluded clouds, C2 on complete ones, C3 on both. "
         "Points of percent; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
@@ -107,22 +117,28 @@ def table_of_findings(results: Sequence[Result]) -> Table:
 
 
 def _how_often(results: Sequence[Result]) -> str:
-    """Say how often each classifier was shown each cloud, the reason when C3 lags behind C2 on complete ones."""
-    epochs = {s: [row.document["epochs"] for row in of(results, AUGMENTATION, set=s)] for s in (2, 3)}
-    if not all(epochs.values()):
-        return ""
-    often, seldom = (float(np.median(epochs[s])) for s in (2, 3))
-    return (
-        f" All are shown about as many clouds in their training: C2 therefore each complete cloud {often:.0f} times, "
-        f"C3 each of its clouds {seldom:.0f} times."
-    )
+    """Say how often each classifier was shown each cloud, and how long each was trained."""
+    said = ""
+    for budget, words in (
+        (CLOUDS, " Equal clouds shown: C2 saw each complete cloud {0:.0f} times, C3 each of its clouds {1:.0f} times."),
+        (
+            EPOCHS,
+            " Equal epochs: both saw each of their clouds {0:.0f} and {1:.0f} times, C3 {2:.1f} times as many in all.",
+        ),
+    ):
+        rows = [[row.document for row in of(results, AUGMENTATION, set=s, budget=budget)] for s in (2, 3)]
+        if all(rows):
+            epochs = [float(np.median([row["epochs"] for row in each])) for each in rows]
+            shown = [float(np.median([row["epochs"] * row["n_training"] for row in each])) for each in rows]
+            said += words.format(*epochs, shown[1] / shown[0])
+    return said
 
 
-def differences(results: Sequence[Result], finding: Finding, model: str, n_points: int) -> list[float]:
+def differences(results: Sequence[Result], finding: Finding, model: str, n_points: int, budget: str) -> list[float]:
     """Return a finding's difference for each seed that has both results."""
     sides = []
     for training_set, test in (finding.better, finding.worse):
-        rows = of(results, AUGMENTATION, model=model, points=n_points, set=training_set)
+        rows = of(results, AUGMENTATION, model=model, points=n_points, set=training_set, budget=budget)
         sides.append({row.facts["seed"]: row.tests[test].accuracy for row in rows if test in row.tests})
     return [sides[0][seed] - sides[1][seed] for seed in sides[0] if seed in sides[1]]
 
@@ -148,12 +164,16 @@ def sentences(results: Sequence[Result]) -> list[str]:
 
 def _of_augmentation(results: Sequence[Result]) -> str:
     mine = of(results, AUGMENTATION)
-    parts = []
-    for model in models_of(results, AUGMENTATION):
-        rows = {s: of(mine, AUGMENTATION, model=model, set=s, points=values(mine, "points")[-1]) for s in (1, 2, 3)}
-        cells = [percent(map(accuracy(GENERATED), rows[s])) for s in (1, 2, 3)]
-        parts.append(f"{printed(model)} {cells[0]}, {cells[1]} and {cells[2]} %")
-    return "On occluded clouds, trained on occluded ones, on complete ones only, and on both: " + "; ".join(parts) + "."
+    points = values(mine, "points")[-1]
+    said = ""
+    for budget in budgets_of(mine):
+        parts = []
+        for model in models_of(results, AUGMENTATION):
+            rows = {s: of(mine, AUGMENTATION, model=model, set=s, points=points, budget=budget) for s in (1, 2, 3)}
+            cells = [percent(map(accuracy(GENERATED), rows[s])) for s in (1, 2, 3)]
+            parts.append(f"{printed(model)} {cells[0]}, {cells[1]} and {cells[2]} %")
+        said += f" ({BUDGETS[budget]}) {'; '.join(parts)}."
+    return f"On occluded clouds, trained on occluded ones, on complete ones only, and on both:{said}"
 
 
 def _of_methods(results: Sequence[Result]) -> str:

@@ -22,6 +22,10 @@ MAIN = Subject("exact")
 METHODS = (MAIN, Subject("depth_buffer"), Subject("occupancy_grid", {"n": 64}))
 """How hidden surfaces are removed: the first everywhere, all where they are compared; the last is the paper's."""
 
+CLOUDS, EPOCHS = "clouds", "epochs"
+"""Budgets of the trainings of 4.3: each classifier is shown as many clouds, or each cloud as often."""
+BUDGETS = MappingProxyType({CLOUDS: "equal clouds shown", EPOCHS: "equal epochs"})
+
 ORIGINAL, GENERATED, SCANS = "original", "generated", "scans"
 """Test 1; Test 2, with ``:METHOD`` after it where it is another's than `MAIN`; Test 3."""
 

@@ -12,6 +12,7 @@ from zbuf_occlude.compare.plots import GREY, dressed
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
+    BUDGETS,
     ELEVATION,
     GENERATED,
     HSR,
@@ -23,7 +24,7 @@ from zbuf_occlude.learn.experiments.names import (
     printed,
 )
 from zbuf_occlude.learn.experiments.results import Result
-from zbuf_occlude.learn.experiments.tables import by_method, models_of, of, values
+from zbuf_occlude.learn.experiments.tables import budgets_of, by_method, models_of, of, values
 
 COLOURS = {"voxnet": "#0072b2", "pointnet": "#d55e00", "threedmfv": "#009e73"}
 PLANES = ("#882255", "#cc79a7", "#56b4e9")
@@ -85,7 +86,12 @@ def accuracy_against_elevation(results: Sequence[Result], areas: dict[str, Any] 
 def training_sets(results: Sequence[Result]) -> Figure:
     """Accuracy in Test 1 and Test 2 by training set: a bar a mean, a dot a seed, a line for the paper's number."""
     mine = of(results, AUGMENTATION)
-    kinds = [(m, p) for p in sorted(values(mine, "points"), reverse=True) for m in models_of(results, AUGMENTATION)]
+    kinds = [
+        (model, n_points, budget)
+        for n_points in sorted(values(mine, "points"), reverse=True)
+        for model in models_of(results, AUGMENTATION)
+        for budget in budgets_of(mine)
+    ]
     figure = Figure(figsize=(11.0, 3.9), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, sharey=True)
@@ -94,9 +100,9 @@ def training_sets(results: Sequence[Result]) -> Figure:
     ):
         dressed(panel)
         panel.set_title(words, fontsize=11, color=GREY)
-        for group, (model, n_points) in enumerate(kinds):
+        for group, (model, n_points, budget) in enumerate(kinds):
             for training_set, kind in paper.TRAINING_SETS.items():
-                rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set)
+                rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set, budget=budget)
                 shares = [100 * row.tests[test].accuracy for row in rows if test in row.tests]
                 at = group + 0.27 * (training_set - 2)
                 _bar(panel, at, shares, SETS[training_set], f"C{training_set}: {kind}" if group == 0 else None)
@@ -105,13 +111,19 @@ def training_sets(results: Sequence[Result]) -> Figure:
                 )
                 if published:
                     panel.plot([at - 0.12, at + 0.12], [published[training_set][place]] * 2, color="#222222", lw=1.6)
-        several = len(values(mine, "points")) > 1
-        panel.set_xticks(
-            range(len(kinds)), [printed(m) + (f"\n{p:,} points" if several else "") for m, p in kinds], fontsize=9
-        )
+        panel.set_xticks(range(len(kinds)), ["\n".join(words) for words in _names(kinds)], fontsize=8)
     panels[0].set_ylabel("accuracy, % (line: the paper's)", fontsize=10)
     panels[1].legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), title="trained on")
     return figure
+
+
+def _names(kinds: Sequence[tuple[str, int, str]]) -> list[list[str]]:
+    """Return what groups of bars are called: the model, and what else differs between them."""
+    points, budgets = (len({kind[at] for kind in kinds}) > 1 for at in (1, 2))
+    return [
+        [printed(m)] + [f"{p:,} points"] * points + [BUDGETS[b].replace("equal ", "equal\n", 1)] * budgets
+        for m, p, b in kinds
+    ]
 
 
 def methods(results: Sequence[Result]) -> Figure:

@@ -34,7 +34,7 @@ from zbuf_occlude.learn.experiments.names import (
     name_of_real,
 )
 from zbuf_occlude.learn.experiments.sizes import Size
-from zbuf_occlude.learn.experiments.trials import Trial
+from zbuf_occlude.learn.experiments.trials import Trial, as_many_clouds
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors import make
@@ -126,6 +126,7 @@ class RealismClouds:
                 partial(self.of, kind, count, "train"),
                 partial(self.of, kind, count, "val"),
                 self._tests(count),
+                partial(as_many_clouds, self.size.passes),
             )
             for seed in self.size.seeds
             for model in self.size.method_models

@@ -13,11 +13,28 @@ from zbuf_occlude.compare.tables import Table, marked_up
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.findings import sentences, table_of_findings
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, METHODS, REALISM, described, printed
+from zbuf_occlude.learn.experiments.names import (
+    AUGMENTATION,
+    BUDGETS,
+    ELEVATION,
+    HSR,
+    METHODS,
+    REALISM,
+    described,
+    printed,
+)
 from zbuf_occlude.learn.experiments.plots import all_plots
 from zbuf_occlude.learn.experiments.realism_tables import table_realism
 from zbuf_occlude.learn.experiments.results import AREAS, Result, read_results, read_study
-from zbuf_occlude.learn.experiments.tables import dead_angle, models_of, of, table_3a, table_3b, table_methods
+from zbuf_occlude.learn.experiments.tables import (
+    budgets_of,
+    dead_angle,
+    models_of,
+    of,
+    table_3a,
+    table_3b,
+    table_methods,
+)
 from zbuf_occlude.viewer import asset
 
 TITLE = "Classifiers of occluded clouds: the paper's experiments again"
@@ -125,12 +142,17 @@ def sections_of(
 def trainings(results: Sequence[Result]) -> Table:
     """Return how the classifiers were trained."""
     body = []
-    for experiment in (AUGMENTATION, HSR, ELEVATION, REALISM):
+    kinds = [(AUGMENTATION, {"budget": budget}) for budget in budgets_of(results)] + [
+        (name, {}) for name in (HSR, ELEVATION, REALISM)
+    ]
+    for experiment, facts in kinds:
         for model in models_of(results, experiment):
-            rows = [result.document for result in of(results, experiment, model=model)]
+            rows = [result.document for result in of(results, experiment, model=model, **facts)]
+            if not rows:
+                continue
             body.append(
                 [
-                    experiment,
+                    ", ".join([experiment, *map(BUDGETS.__getitem__, facts.values())]),
                     printed(model),
                     f"{rows[0]['n_parameters']:,}",
                     f"{len(rows)}",
@@ -146,7 +168,7 @@ def trainings(results: Sequence[Result]) -> Table:
         header,
         body,
         "Adam, learning rate 0.001 falling to 0, rotation about the vertical axis, scaling and jitter; the epoch with "
-        "the best validation counts. Each classifier is shown about as many clouds, however large its training set. "
+        "the best validation counts. "
         "Seconds: mean of a training, validation included.",
         texts=2,
     )
@@ -171,7 +193,7 @@ def departures(study: dict[str, Any]) -> Table:
         [
             "elevation: objects × views × samplings",
             "200 × 100 × 10",
-            f"{size['elevation_objects']} × the paper's, at most {size['azimuths']} at an elevation × "
+            f"{_objects(size)} × the paper's, at most {size['azimuths']} at an elevation × "
             f"{size['variations']}, {size['elevation_points']:,} points",
         ],
         [
@@ -185,6 +207,10 @@ def departures(study: dict[str, Any]) -> Table:
         ["optimiser, epochs, validation in 4.2", "not said", "as in the table above; 10 % of the training clouds"],
     ]
     return Table("What is done otherwise than in the paper", ["", "the paper", "here"], rows, texts=3)
+
+
+def _objects(size: dict[str, Any]) -> str:
+    return "200" if size["elevation_each"] is None else f"{size['elevation_each']} of each class"
 
 
 def as_html(first: Sequence[str], sections: Sequence[Table | str], figures: dict[str, bytes]) -> str:

@@ -19,8 +19,8 @@ FOLDER, STUDY, AREAS = "results", "study.json", "areas.json"
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},
-    AUGMENTATION: {"model": str, "set": int, "points": int, "seed": int},
-    HSR: {"model": str, "method": str, "points": int, "seed": int},
+    AUGMENTATION: {"model": str, "set": int, "points": int, "budget": str, "seed": int},
+    HSR: {"model": str, "method": str, "points": int, "budget": str, "seed": int},
     REALISM: {"model": str, "trained_on": str, "counts": str, "seed": int},
 }
 _REPORTED: dict[str, type | tuple[type, ...]] = {

@@ -1,6 +1,6 @@
 """Run a study in a folder: clouds, classifiers, results; the same call again does only what is missing."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,12 @@ from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn import drives, sydney
 from zbuf_occlude.learn.data import find_objects, is_modelnet10
 from zbuf_occlude.learn.experiments import augmentation, elevation, realism
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, REALISM
+from zbuf_occlude.learn.experiments.names import AUGMENTATION, CLOUDS, ELEVATION, REALISM
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import STUDY, read_study
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import run_trials
+from zbuf_occlude.learn.experiments.voxels import as_voxels
 from zbuf_occlude.meshes.collection import MeshCollection
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
@@ -29,6 +30,8 @@ def run_study(
     modelnet: Path | None = None,
     scans: Path | None = None,
     real: Path | None = None,
+    budgets: Sequence[str] = (CLOUDS,),
+    voxels: int | None = None,
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> int:
@@ -47,6 +50,10 @@ def run_study(
         The Sydney Urban Objects dataset, for Test 3.
     real : Path, optional
         Labelled sweeps of real drives, for a fourth test of `REALISM`.
+    budgets : sequence of str
+        As in `AugmentationClouds`; one that is asked for later is added to what is there.
+    voxels : int, optional
+        Take each object as the surface of so many voxels a side, as in `as_voxels`.
     progress : Progress, optional
     workers : int, optional
         As in `run_trials`.
@@ -60,6 +67,8 @@ def run_study(
     ------
     DatasetError
         The folder holds another study, or `scans` or `real` is not such a dataset.
+    OptionError
+        `voxels` out of range.
     MeshError
         `modelnet` is neither, or no mesh of a class can be used.
 
@@ -74,14 +83,17 @@ def run_study(
     if real is not None:
         drives.check_drive(real)
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
+    objects = name_of_objects(meshes) if modelnet else "built-in shapes"
+    if voxels is not None:
+        meshes, objects = as_voxels(meshes, voxels), f"{objects} as surfaces of {voxels}³ voxels"
     parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds | realism.RealismClouds] = []
     if ELEVATION in experiments:
         parts.append(elevation.ElevationClouds(meshes, size, folder))
     if AUGMENTATION in experiments:
-        parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans))
+        parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans, budgets))
     if REALISM in experiments:
         parts.append(realism.RealismClouds(meshes, size, folder, real))
-    study = claim(folder, size, name_of_objects(meshes) if modelnet else "built-in shapes")
+    study = claim(folder, size, objects)
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
         study["failed_meshes"] |= part.make(progress.clouds)

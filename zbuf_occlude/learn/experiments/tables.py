@@ -10,6 +10,7 @@ from zbuf_occlude.learn import sydney
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.names import (
     AUGMENTATION,
+    BUDGETS,
     ELEVATION,
     GENERATED,
     HSR,
@@ -52,6 +53,12 @@ def of(results: Iterable[Result], experiment: str, **facts: Any) -> list[Result]
 def values(results: Iterable[Result], fact: str) -> list[Any]:
     """Return the values of a fact in the order in which they first come."""
     return list(dict.fromkeys(result.facts[fact] for result in results))
+
+
+def budgets_of(results: Iterable[Result]) -> list[str]:
+    """Return the budgets that classifiers of 4.3 were trained under, in the order of `BUDGETS`."""
+    found = {result.facts["budget"] for result in results if result.experiment == AUGMENTATION}
+    return [budget for budget in BUDGETS if budget in found]
 
 
 def models_of(results: Sequence[Result], experiment: str) -> list[str]:
@@ -155,29 +162,33 @@ def table_3b(results: Sequence[Result]) -> Table:
     mine = of(results, AUGMENTATION)
     for n_points in sorted(values(mine, "points"), reverse=True):
         for model in models_of(results, AUGMENTATION):
+            first = f"{printed(model)}, {n_points:,} points"
             for training_set, kind in paper.TRAINING_SETS.items():
                 rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set)
-                first = f"{printed(model)}, {n_points:,} points" if training_set == 1 else ""
+                if not rows:
+                    continue
                 if published := _published(model, n_points):
                     points, numbers = published
                     cells = [NONE if number is None else f"{number:.1f}" for number in numbers[training_set]]
                     words = "**paper**" + (f", {points:,} points" if points != n_points else "")
                     body.append([first, f"C{training_set} {kind}", words, *cells, NONE, NONE])
                     first = ""
-                if rows:
-                    scores = [_scores(row) for row in rows]
+                for budget in budgets_of(rows):
+                    under = of(rows, AUGMENTATION, budget=budget)
+                    scores = [_scores(row) for row in under]
                     body.append(
                         [
                             first,
                             f"C{training_set} {kind}",
-                            "here",
-                            percent(map(accuracy(ORIGINAL), rows)),
-                            percent(map(accuracy(GENERATED), rows)),
+                            BUDGETS[budget],
+                            percent(map(accuracy(ORIGINAL), under)),
+                            percent(map(accuracy(GENERATED), under)),
                             *(percent(s and s.recall[label] for s in scores) for label in ("car", "4wd")),
                             percent(s and s.mean_f1 for s in scores),
                             percent(s and s.weighted_f1 for s in scores),
                         ]
                     )
+                    first = ""
     header = ["model", "trained on", "", "Test 1 (original)", "Test 2 (generated)", "Test 3: car", "4wd", "F1 of six"]
     return Table(
         "Table 3B of the paper: training on occluded clouds, complete ones, or both",
@@ -244,14 +255,15 @@ def _scores(result: Result) -> Any:
 def by_method(results: Sequence[Result], model: str) -> dict[str, list[Result]]:
     """Return a model's results of training on the generated clouds alone, by the method that made them.
 
-    Those of `MAIN` are training set 1 of Table 3B, with as many points.
+    Those of `MAIN` are training set 1 of Table 3B, with as many points and under the same budget.
     """
     found = {}
     for method in METHODS:
         rows = of(results, HSR, model=model, method=method.label)
         if method is MAIN:
-            points = values(of(results, HSR, model=model), "points")
-            rows = of(results, AUGMENTATION, model=model, set=1, points=points[0]) if points else []
+            others = [result.facts for result in of(results, HSR, model=model)]
+            same = {fact: others[0][fact] for fact in ("points", "budget")} if others else {}
+            rows = of(results, AUGMENTATION, model=model, set=1, **same) if same else []
         if rows:
             found[method.label] = rows
     return found

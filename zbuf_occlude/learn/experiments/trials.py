@@ -21,7 +21,6 @@ from zbuf_occlude.learn.checkpoint import Epoch, Trained
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.learn.evaluate import predict
-from zbuf_occlude.learn.experiments.names import ELEVATION
 from zbuf_occlude.learn.experiments.progress import Progress
 from zbuf_occlude.learn.experiments.results import path_of, read_result
 from zbuf_occlude.learn.experiments.sizes import Size
@@ -51,6 +50,8 @@ class Trial:
     training, validation : callable
         Return its clouds; called when they are needed.
     tests : mapping of name to callable
+    epochs : callable
+        From the number of its clouds to how often each is shown, at most.
     """
 
     experiment: str
@@ -58,6 +59,7 @@ class Trial:
     training: Clouds
     validation: Clouds
     tests: Mapping[str, Clouds]
+    epochs: Callable[[int], int]
 
     @property
     def key(self) -> str:
@@ -177,8 +179,7 @@ def run_training(
     trial: Trial, training: CloudSet, validation: CloudSet, size: Size, folder: Path, told: Told
 ) -> Trained:
     """Train a trial's classifier, or go on, or read it back."""
-    passes = size.elevation_passes if trial.experiment == ELEVATION else size.passes
-    epochs = max(1, round(passes / len(training)))
+    epochs = trial.epochs(len(training))
     config = TrainConfig(
         model=str(trial.facts["model"]),
         epochs=epochs,
@@ -221,6 +222,16 @@ def document_of(
         "versions": versions(),
         "tests": dict(tests),
     }
+
+
+def as_many_clouds(passes: int, n_clouds: int) -> int:
+    """Return in how many epochs a set of clouds comes to about so many clouds shown."""
+    return max(1, round(passes / n_clouds))
+
+
+def as_many_epochs(epochs: int, n_clouds: int) -> int:
+    """Return the epochs, however many clouds there are."""
+    return epochs
 
 
 def some(clouds: CloudSet, most: int) -> CloudSet:
