@@ -109,6 +109,26 @@ def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp
     assert 1 < seen[2] <= 8
 
 
+def test_every_scan_keeps_its_own_number_of_points(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "all"
+    generated(run, out, "--sample-size", "all", "--scale", "mesh")
+    records = records_of(out)
+    sizes = [len(record["data"]) for record in records]
+    assert sizes == records["n_visible"].tolist()
+    assert len(set(sizes)) == len(sizes) == 4
+    for record in records:
+        assert {len(record[name]) for name in ("range", "ring", "normal", "instance")} == {len(record["data"])}
+    outcome = run("verify", out, "--samples", 4)
+    assert outcome.code == 0, outcome.err
+    assert f"{sum(sizes)} points scanned again: the same" in outcome.out
+    assert run("show", out).code == 0
+    assert run("convert", out, "--format", "huggingface", "--out", tmp_path / "card").code == 0
+    for one, other in zip(records, records_of(tmp_path / "card"), strict=True):
+        assert all(np.array_equal(one[name], other[name]) for name in records.dtype.names)
+    plain = run("generate", *GIVEN, "--sample-size", "all", "--dry-run", "--out", tmp_path / "dry")
+    assert "= 4 clouds of all visible points in 1 shard" in plain.out
+
+
 def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path) -> None:
     generated(run, tmp_path / "a", "--scale", "mesh", "--format", "npz")
     generated(run, tmp_path / "b", "--scale", "mesh", "--format", "npz", "--frame", "camera")
@@ -141,6 +161,8 @@ def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) ->
         (("--range", "2..5"), "--range must be more than half of every object; one of class airplane has 5 m"),
         (("--points", "100"), "--points is for points on the surface; a sensor decides itself. Leave it out."),
         (("--format", "packed"), "--format packed holds points sampled over whole objects"),
+        (("--sample-size", "all", "--format", "scanobjectnn"), "--format scanobjectnn holds clouds of one size"),
+        (("--sample-size", "some"), "it must be a number of points, at least 1, or all; got 'some'"),
         (("--method", "vertex_hsr"), "the method must cast rays; vertex_hsr does not"),
         (("--sensor", "surface"), "--range needs a sensor; give --sensor NAME."),
         (("--hidden", "0.5"), "--hidden needs a scene that can hide"),

@@ -4,7 +4,7 @@ import os
 import shutil
 import time
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.options import (
     OutFolder,
+    SampleSize,
     choice_options,
     chosen_method,
     collect,
@@ -92,7 +93,13 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
 @click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
-@click.option("--sample-size", type=click.IntRange(1), default=2048, show_default=True, help="Points of each cloud.")
+@click.option(
+    "--sample-size",
+    type=SampleSize(),
+    default="2048",
+    show_default=True,
+    help="Points of each cloud; all: every visible one, so that clouds are of unequal size.",
+)
 @click.option(
     "--subset",
     type=click.Choice(SUBSETS),
@@ -336,13 +343,14 @@ def describe(plan: Plan, out: Path) -> str:
     how = "complete" if recipe.complete else how
     if recipe.setup is not None:
         how = f"scanned by {recipe.setup.made_sensor.name}, rays {how}, scene {recipe.setup.scene}"
+    points = counted(recipe.sample_size, "point") if recipe.sample_size else "all visible points"
     size = f"about {megabytes(plan):.0f} MB"
     if not find_format(plan.format).keeps_points:
         size += ", twice that while working"
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
         f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
-        f"{counted(recipe.sample_size, 'point')} in {counted(len(plan.shards), 'shard')}, "
+        f"{points} in {counted(len(plan.shards), 'shard')}, "
         f"{how}\n"
         f"into {out}: {size} ({free:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"
@@ -353,7 +361,8 @@ def megabytes(plan: Plan) -> float:
     """Estimate the size of a plan's files."""
     recipe = plan.recipe
     if not find_format(plan.format).keeps_points:
-        return plan.n_clouds * record_type(recipe).itemsize / 1e6
+        # of unequal clouds, as if each were of the default's size
+        return plan.n_clouds * record_type(replace(recipe, sample_size=recipe.sample_size or 2048)).itemsize / 1e6
     # an object's area is about twice its longest side's square
     n_points = recipe.n_points or 2 * (recipe.density or 0.0)
     return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured

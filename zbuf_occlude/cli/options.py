@@ -196,6 +196,24 @@ up_option = click.option(
 )
 
 
+class SampleSize(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """A number of points, or ``all``, whose value is None."""
+
+    name = "N|all"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        """Return the number, or None."""
+        if value == "all":
+            return None
+        try:
+            number = int(value)
+        except ValueError:
+            number = 0
+        if number < 1:
+            self.fail(f"it must be a number of points, at least 1, or all; got {value!r}.", param, ctx)
+        return number
+
+
 class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
     """Words between commas."""
 

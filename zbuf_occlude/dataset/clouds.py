@@ -61,15 +61,21 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
 
     size : float64, metres of the object's longest side
     hidden : float32, share of the object that others hide; hidden_reached : int32, whether it is as was asked for
+
+    With `Recipe.sample_size` None, fields that have a row per point are of objects, an array for each cloud
+    (`zbuf_occlude.dataset.ragged`).
     """
-    sample_size = recipe.sample_size
     scanned = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")] if recipe.setup else []
-    columns = [(name, kind, (sample_size, *shape)) for name, (kind, shape) in point_columns(recipe).items()]
+    size = recipe.sample_size
+    points: dict[str, tuple[Any, ...]] = {
+        name: (name, object) if size is None else (name, kind, (size, *shape))
+        for name, (kind, shape) in point_fields(recipe).items()
+    }
     return np.dtype(
         [
-            ("data", "<f4", (sample_size, 3)),
+            points.pop("data"),
             ("label", "<i8", (1,)),
-            ("face_ids", "<i4", (sample_size,)),
+            points.pop("face_ids"),
             ("mesh_id", "<i4"),
             ("variation", "<i4"),
             ("view_id", "<i4"),
@@ -79,10 +85,15 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
             ("factor", "<f8"),
             ("n_visible", "<i4"),
             ("visible_fraction", "<f4"),
-            *columns,
+            *points.values(),
             *scanned,
         ]
     )
+
+
+def point_fields(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Return the fields of a record that have a row per point: type, and shape of a row."""
+    return {"data": ("<f4", (3,)), "face_ids": ("<i4", ()), **point_columns(recipe)}
 
 
 def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
@@ -127,15 +138,16 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    whole = fit(points.positions) if recipe.scale == "object" else None
+    whole = _whole(points) if recipe.scale == "object" else None
     poses = views.poses
     for record, view in zip(records, seeing, strict=True):
         rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))
         visible = np.flatnonzero(mask[view])
-        if recipe.subset == "fps" and len(visible) > recipe.sample_size:
-            chosen = visible[farthest_points(points.positions[visible], recipe.sample_size, rng)]
+        size = recipe.sample_size
+        if recipe.subset == "fps" and size is not None and len(visible) > size:
+            chosen = visible[farthest_points(points.positions[visible], size, rng)]
         else:
-            chosen = draw(visible, recipe.sample_size, rng)
+            chosen = draw(visible, size, rng)
         positions = points.positions[chosen]
         if recipe.frame == "camera":
             positions = positions @ poses[view, :3, :3].T + poses[view, :3, 3]
@@ -144,8 +156,8 @@ def gather_clouds(
             centre, factor = whole
             if recipe.frame == "camera":
                 centre = poses[view, :3, :3] @ centre + poses[view, :3, 3]
-        record["data"] = (positions - centre) * factor
-        record["face_ids"] = points.face_ids[chosen]
+        record["data"] = ((positions - centre) * factor).astype(np.float32)
+        record["face_ids"] = points.face_ids[chosen].astype(np.int32)
         record["variation"], record["view_id"] = variation, view
         record["view"] = views.azimuth[view], views.elevation[view], views.distance[view]
         record["pose"], record["centre"], record["factor"] = poses[view], centre, factor
@@ -155,19 +167,26 @@ def gather_clouds(
     return records
 
 
+def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
+    """The centre of the whole object, and the factor that makes its longest side 1."""
+    if isinstance(points, ScanPoints):  # other things' points may be among them, and much of the object is not
+        return np.zeros(3), 1.0 / float(points.facts["size"][0])
+    return fit(points.positions)
+
+
 def _fill_scan(record: Any, points: ScanPoints, chosen: NDArray[np.intp], view: int, pose: FloatArray | None) -> None:
     for name, values in points.columns.items():
         turned = values[chosen] @ pose[:3, :3].T if name == "normal" and pose is not None else values[chosen]
-        record[name] = turned
+        record[name] = turned.astype(SCAN_COLUMNS[name][0])
     for name, values in points.facts.items():
         record[name] = values[view]
     record["visible_fraction"] = 1.0 - record["hidden"]
 
 
-def draw(visible: NDArray[np.intp], size: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Draw `size` of the visible points in random order; points repeat only when there are fewer than `size`."""
+def draw(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Draw `size` of the visible points (None: all) in random order; they repeat only when there are fewer."""
     shuffled = rng.permutation(visible)
-    if len(visible) >= size:
+    if size is None or len(visible) >= size:
         return shuffled[:size]
     return rng.permutation(np.concatenate([shuffled, rng.choice(visible, size - len(visible))]))
 

@@ -82,7 +82,7 @@ def occlude(
             counts += Counts(
                 n_clouds=int((n_visible > 0).sum()),
                 n_blind_views=int((n_visible == 0).sum()),
-                n_with_repeats=int(((n_visible > 0) & (n_visible < recipe.sample_size)).sum()),
+                n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
             )
             kept.append(keep(points, mask, views, key, variation))
     return kept, counts, renderer

@@ -63,8 +63,8 @@ class Recipe:
         Points per area, the object's longest side taken as 1 (the paper's Algorithm 1).
     variations : int
         Independent samplings of each object (the paper's 4.1: 10).
-    sample_size : int
-        Points of each cloud written.
+    sample_size : int or None
+        Points of each cloud written; None: all visible ones, as many as there are.
     subset : str
         Which of a cloud's visible points are written: "random", or "fps": farthest-point sampling.
     scale : str
@@ -96,7 +96,7 @@ class Recipe:
     n_points: int | None = 20_000
     density: float | None = None
     variations: int = 1
-    sample_size: int = 2048
+    sample_size: int | None = 2048
     subset: str = "random"
     scale: str = "cloud"
     frame: str = "object"
@@ -122,6 +122,8 @@ class Recipe:
         check_word("scale", self.scale, SCALES)
         check_word("frame", self.frame, FRAMES)
         check_word("subset", self.subset, SUBSETS)
+        if self.subset == "fps" and self.sample_size is None:
+            raise OptionError("subset fps must have a number of points to choose; got sample size all. Give a number.")
         if self.subset == "fps" and find_spec("fpsample") is None:
             raise UnavailableError(
                 "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
@@ -134,6 +136,12 @@ class Recipe:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""
         seed = seed_of(self.seed, key + "/views")
         return parse_views(self.views, distance=self.distance, seed=seed, farthest=self.farthest)
+
+    @property
+    def equal_size(self) -> int:
+        """Points of each cloud, where all have as many."""
+        assert self.sample_size is not None  # formats that hold clouds of one size have refused others
+        return self.sample_size
 
     @property
     def draws_views(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset import atomic, ragged
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
@@ -40,7 +40,10 @@ class RecordStore:
     def write(self, path: Path) -> None:
         """Write the file."""
         records = np.concatenate(self._parts)
-        atomic.write(path, lambda file: np.save(file, records))
+        if self._plan.recipe.sample_size is None:
+            atomic.write(path, lambda file: ragged.save(file, records, self._plan.recipe))
+        else:
+            atomic.write(path, lambda file: np.save(file, records))
 
 
 def source_of_records(plan: Plan, paths: list[Path]) -> Source:
@@ -64,7 +67,7 @@ def source_of_records(plan: Plan, paths: list[Path]) -> Source:
     mesh_ids = np.concatenate([shard["mesh_id"] for shard in shards])
 
     def take(numbers: Numbers) -> NDArray[Any]:
-        records = np.empty(len(numbers), shards[0].dtype)
+        records = np.empty(len(numbers), record_type(plan.recipe))
         mine_of = owners[numbers]
         for owner in np.unique(mine_of):
             mine = mine_of == owner
@@ -74,7 +77,11 @@ def source_of_records(plan: Plan, paths: list[Path]) -> Source:
     return Source(plan, mixed_order(plan, mesh_ids), take)
 
 
-def _mapped(path: Path, plan: Plan) -> NDArray[Any]:
+def _mapped(path: Path, plan: Plan) -> NDArray[Any] | ragged.MappedShard:
+    if plan.recipe.sample_size is None:
+        mapped = ragged.MappedShard(path, plan.recipe)
+        check_indices(mapped["label"], mapped["mesh_id"], plan)
+        return mapped
     shard: NDArray[Any] = np.load(path, mmap_mode="r")
     if shard.dtype != record_type(plan.recipe) or shard.ndim != 1:
         raise ValueError(f"{shard.ndim} axes of {shard.dtype}")

@@ -10,6 +10,7 @@ import numpy as np
 from zbuf_occlude.dataset.folder import checksums, read_finished
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.ragged import all_finite
 from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.source import Source
@@ -111,7 +112,7 @@ def _read_all(source: Source, manifest: dict[str, Any], faults: list[str], progr
         for records in source.batches(split, in_any_order=True) if split in source.order else ():
             n_clouds += len(records)
             progress(len(records))
-            if not np.isfinite(records["data"]).all():
+            if not all_finite(records["data"]):
                 faults.append(f"all positions must be finite; some of split {split} are not.")
             if records["n_visible"].min() < 1:
                 faults.append(f"every cloud must come from a visible point; some of split {split} do not.")

@@ -14,6 +14,7 @@ from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import MODELNET8
+from zbuf_occlude.dataset.ragged import filled
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.meshes.collection import MeshCollection
 
@@ -239,7 +240,8 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         A complete dataset of any format.
     split : {"train", "val", "test"}
     n_points : int, optional
-        The first so many points of each cloud, whose order is random; all by default.
+        The first so many points of each cloud, whose order is random; all by default. Must be given of clouds of
+        unequal size, of which those with fewer repeat some.
 
     Returns
     -------
@@ -256,16 +258,24 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
     size = source.plan.recipe.sample_size
     if split not in source.order:
         raise DatasetError(f"{folder} must have clouds of the split {split}; it has {', '.join(source.order)}.")
-    if n_points is not None and not 1 <= n_points <= size:
+    if size is None and n_points is None:
+        raise DatasetError(
+            f"clouds must be of one size here; those in {folder} are not (--sample-size all). Make them with "
+            "a number, or read them with n_points."
+        )
+    if n_points is not None and not 1 <= n_points <= (size or n_points):
         raise DatasetError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
     numbers = np.sort(source.order[split])
-    positions = np.empty((len(numbers), n_points or size, 3), dtype=np.float32)
+    positions = np.empty((len(numbers), n_points or source.plan.recipe.equal_size, 3), dtype=np.float32)
     labels, object_ids = np.empty((2, len(numbers)), dtype=np.int64)
     elevations = np.full(len(numbers), np.nan, dtype=np.float32)
     for start in range(0, len(numbers), _CLOUDS_AT_ONCE):
         rows = slice(start, start + _CLOUDS_AT_ONCE)
         records = source.take(numbers[rows])
-        positions[rows] = records["data"][:, : positions.shape[1]]
+        if size is None:
+            positions[rows] = [filled(points, positions.shape[1]) for points in records["data"]]
+        else:
+            positions[rows] = records["data"][:, : positions.shape[1]]
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
         if not source.plan.recipe.complete:
             elevations[rows] = records["view"][:, 1]

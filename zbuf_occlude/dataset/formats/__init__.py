@@ -52,6 +52,8 @@ class Format:
         Whether it is written from all points of the objects, for it holds complete clouds too.
     complete : bool
         Whether it holds complete clouds alone.
+    ragged : bool
+        Whether its clouds may be of unequal size (`--sample-size all`).
     options : mapping
         What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     """
@@ -61,6 +63,7 @@ class Format:
     all_points: bool = False
     pairs: bool = False
     complete: bool = False
+    ragged: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -75,6 +78,11 @@ class Format:
 
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""
+        if plan.recipe.sample_size is None and not self.ragged:
+            raise OptionError(
+                f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
+                f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
+            )
         getattr(self.load(), "check", lambda plan: None)(plan)
 
     def check_scans(self) -> None:
@@ -94,16 +102,17 @@ class Format:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds a file"),
+    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds a file", ragged=True),
     Format(
         "packed",
         "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",
         all_points=True,
+        ragged=True,
     ),
-    Format("webdataset", "tar shards for streaming"),
-    Format("npz", "NumPy archives of 2,048 clouds"),
-    Format("ply", "a file for each cloud, to look at"),
-    Format("huggingface", "Parquet shards and a card, for datasets.load_dataset"),
+    Format("webdataset", "tar shards for streaming", ragged=True),
+    Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
+    Format("ply", "a file for each cloud, to look at", ragged=True),
+    Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ragged=True),
     Format("scanobjectnn", "data, label, mask"),
     Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy"),
     Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz"),

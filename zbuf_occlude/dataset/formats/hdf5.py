@@ -1,20 +1,23 @@
-"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds a file, listed in train_files.txt."""
+"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds a file, listed in train_files.txt.
+
+Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
 from zbuf_occlude.dataset.source import Numbers, Source, source_of_files
 
 UNITS = {
+    OFFSETS: "points of cloud i are those from offsets[i] to offsets[i + 1]",
     "data": "(p - centre) * factor, p the visible points in the frame of attribute `frame`",
     "label": "index into shape_names.txt",
     "face_ids": "index into the faces of the cleaned mesh",
@@ -54,12 +57,8 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
 
 
 def _read_rows(path: Path, rows: Numbers, recipe: Recipe) -> NDArray[Any]:
-    ascending, back = np.unique(rows, return_inverse=True)  # as h5py wants them
     with h5py.File(path) as h5:
-        records = np.empty(len(ascending), record_type(recipe))
-        for name in records.dtype.names or ():
-            records[name] = h5[name][ascending]
-    return records[back]
+        return taken(h5, rows, recipe)
 
 
 def _count(path: Path) -> int:
@@ -75,8 +74,8 @@ def _write_file(path: Path, records: NDArray[Any], plan: Plan) -> None:
             h5.attrs["frame"] = plan.recipe.frame
             h5.attrs["scale"] = plan.recipe.scale
             h5.attrs["fingerprint"] = plan.fingerprint
-            for name in records.dtype.names or ():
-                dataset = h5.create_dataset(name, data=np.ascontiguousarray(records[name]), track_times=False)
+            for name, values in laid_out(records, plan.recipe).items():
+                dataset = h5.create_dataset(name, data=values, track_times=False)
                 if name in UNITS:
                     dataset.attrs["meaning"] = UNITS[name]
 

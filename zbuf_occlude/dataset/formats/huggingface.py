@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 from zbuf_occlude.errors import UnavailableError
 
@@ -72,9 +73,13 @@ def _arrow() -> Any:
 def _write_shard(path: Path, records: NDArray[Any], plan: Plan) -> None:
     arrow = _arrow()
     columns = {"mesh": arrow.array([plan.meshes[int(i)].key for i in records["mesh_id"]])}
-    for name in records.dtype.names or ():
-        values = records[name][:, 0] if name == "label" else records[name]
-        columns["points" if name == "data" else name] = _column(arrow, values)
+    arrays = laid_out(records, plan.recipe)
+    offsets = arrays.pop(OFFSETS, None)
+    for name, values in arrays.items():
+        column = _column(arrow, values[:, 0] if name == "label" else values)
+        if offsets is not None and name in point_fields(plan.recipe):
+            column = arrow.ListArray.from_arrays(arrow.array(offsets, arrow.int32()), column)
+        columns["points" if name == "data" else name] = column
     table = arrow.table(columns)
     atomic.write(path, lambda file: arrow.parquet.write_table(table, file, row_group_size=_ROWS_PER_GROUP))
 
@@ -88,16 +93,18 @@ def _column(arrow: Any, values: NDArray[Any]) -> Any:
 
 
 def _read_shard(path: Path, plan: Plan) -> NDArray[Any]:
-    table = _arrow().parquet.read_table(path)
-    records = np.empty(len(table), record_type(plan.recipe))
-    for name in records.dtype.names or ():
+    table, arrays = _arrow().parquet.read_table(path), dict[str, NDArray[Any]]()
+    kinds, points = record_type(plan.recipe), point_fields(plan.recipe)
+    for name in kinds.names or ():
         column = table["points" if name == "data" else name].combine_chunks()
+        ragged = plan.recipe.sample_size is None and name in points
+        if ragged:
+            arrays[OFFSETS] = column.offsets.to_numpy()
         while hasattr(column, "flatten"):
             column = column.flatten()
-            if not hasattr(column.type, "list_size"):
-                break
-        records[name] = column.to_numpy(zero_copy_only=False).reshape(records[name].shape)
-    return records
+        shape = (-1, *points[name][1]) if ragged else (len(table), *kinds[name].shape)
+        arrays[name] = column.to_numpy(zero_copy_only=False).reshape(shape)
+    return taken(arrays, np.arange(len(table)), plan.recipe)
 
 
 def _count(path: Path) -> int:
@@ -118,17 +125,22 @@ def _card(source: Source) -> str:
             lines += ["    dtype:", "      class_label:", "        names:"]
             lines += [f"          '{number}': {_quoted(label)}" for number, label in enumerate(plan.classes)]
             continue
+        if kind[name].hasobject:
+            dtype, row = point_fields(recipe)[name]
+            lines += ["    list:", *_listed(np.dtype(dtype).name, row, "      ")]
+            continue
         lines += _listed(kind[name].base.name, kind[name].shape, "    ")
     lines += ["  splits:"]
     for split, n_clouds in source.n_clouds.items():
         lines += [f"  - name: {'validation' if split == 'val' else split}", f"    num_examples: {n_clouds}"]
     how = "whole surfaces" if recipe.complete else f"what {len(plan.views)} views ({recipe.views}) see of each"
+    size = f"{recipe.sample_size:,} points" if recipe.sample_size else "all visible points"
     lines += [
         "---",
         "",
         f"# Occluded point clouds of {len(plan.meshes):,} meshes, {len(plan.classes):,} classes",
         "",
-        f"Made by zbuf_occlude: {how}, {recipe.sample_size:,} points per cloud, hidden surfaces removed by",
+        f"Made by zbuf_occlude: {how}, {size} per cloud, hidden surfaces removed by",
         f"`{recipe.method}`. `manifest.json` has all options, versions, checksums and the measured error.",
         "",
         "`points` are (p - `centre`) * `factor` of the visible points p; `pose` is the view matrix (world to eye",

@@ -42,7 +42,7 @@ def names(plan: Plan) -> Iterator[str]:
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write an array per view; objects with a view that sees nothing are left out."""
-    files, n_views, size = {}, len(source.plan.views), source.plan.recipe.sample_size
+    files, n_views, size = {}, len(source.plan.views), source.plan.recipe.equal_size
     for split, numbers in source.order.items():
         facts = np.concatenate([_facts(source, some) for some in _parts(numbers)])
         facts = facts[np.lexsort((facts["view_id"], facts["mesh_id"]))]
@@ -67,7 +67,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds."""
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        clouds = np.empty((len(rest), plan.recipe.sample_size, 3), np.float32)
+        clouds = np.empty((len(rest), plan.recipe.equal_size, 3), np.float32)
         for view in np.unique(rest["view_id"]):
             path = out / _name(split, int(view))
             with reading(path):

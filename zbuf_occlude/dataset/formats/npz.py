@@ -1,4 +1,7 @@
-"""NumPy archives: train-000000.npz and so on, an array for each field of the records."""
+"""NumPy archives: train-000000.npz and so on, an array for each field of the records.
+
+Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.ragged import laid_out, taken
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 
@@ -25,7 +28,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
         names_of_split = files.setdefault(split, [])
         for records in source.batches(split):
             names_of_split.append(_name(split, len(names_of_split)))
-            fields = {name: np.ascontiguousarray(records[name]) for name in records.dtype.names or ()}
+            fields = laid_out(records, source.plan.recipe)
             atomic.write(out / names_of_split[-1], lambda file, fields=fields: np.savez(file, **fields))  # type: ignore[misc]
     return files
 
@@ -40,10 +43,8 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
 
     def whole(path: Path) -> NDArray[Any]:
         with np.load(path) as archive:
-            records = np.empty(len(archive["label"]), record_type(plan.recipe))
-            for name in records.dtype.names or ():
-                records[name] = archive[name]
-        return records
+            arrays = {name: archive[name] for name in archive.files}  # each time that one is named, it is read
+            return taken(arrays, np.arange(len(arrays["label"])), plan.recipe)
 
     return source_of_files(plan, paths, _count, kept(whole))
 

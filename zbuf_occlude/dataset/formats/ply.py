@@ -91,8 +91,10 @@ def _read_cloud(path: Path, recipe: Recipe) -> NDArray[Any]:
     vertex = _vertex_type(recipe)
     header, _, body = path.read_bytes().partition(b"end_header\n")
     comment = re.search(rb"^comment (.*)$", header, re.MULTILINE)
-    if comment is None or len(body) != recipe.sample_size * vertex.itemsize:
-        raise ValueError(f"no PLY of {recipe.sample_size} points as written here")
+    counted = re.search(rb"^element vertex (\d+)$", header, re.MULTILINE)
+    size = recipe.sample_size or (int(counted[1]) if counted else 0)
+    if comment is None or not size or len(body) != size * vertex.itemsize:
+        raise ValueError(f"no PLY of {recipe.sample_size or 'some'} points as written here")
     table = np.frombuffer(body, vertex)
     records = np.zeros(1, record_type(recipe))
     for name, value in json.loads(comment[1]).items():

@@ -198,7 +198,7 @@ def read_each(paths: Iterable[Path], load: Callable[[Path], NDArray[Any]], plan:
     DatasetError
         A file is missing, cannot be read, or holds another number of points.
     """
-    shape = (plan.recipe.sample_size, 3)
+    shape = (plan.recipe.equal_size, 3)
     clouds = []
     for path in paths:
         with reading(path):

@@ -26,7 +26,7 @@ def names(plan: Plan) -> Iterator[str]:
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write a file per split."""
     files = {}
-    size = source.plan.recipe.sample_size
+    size = source.plan.recipe.equal_size
     for split, numbers in source.order.items():
         name, n_clouds = _name(split), len(numbers)
 

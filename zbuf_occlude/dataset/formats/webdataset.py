@@ -2,7 +2,7 @@
 
 A cloud NUMBER consists of
 
-    NUMBER.data.npy      (size, 3) float32
+    NUMBER.data.npy      (size, 3) float32; with --sample-size all each cloud has its own size
     NUMBER.face_ids.npy  (size,) int32
     NUMBER.cls           the label as text
     NUMBER.range.npy ... of scans, a file for each further field with a row per point
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import point_columns, record_type
+from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
@@ -73,7 +73,7 @@ def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> N
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
     entry = plan.meshes[int(record["mesh_id"])]
-    arrays = _arrays(plan.recipe)
+    arrays = point_fields(plan.recipe)
     facts = {"class": entry.label, "mesh": entry.key, "split": entry.split}
     for name in record.dtype.names:
         if name not in (*arrays, "label"):
@@ -84,11 +84,6 @@ def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:
         np.save(buffer, record[name])
         members.append((f"{name}.npy", buffer.getvalue()))
     return members
-
-
-def _arrays(recipe: Recipe) -> tuple[str, ...]:
-    """Names of the fields that have a row per point."""
-    return "data", "face_ids", *point_columns(recipe)
 
 
 def _count(path: Path) -> int:
@@ -116,10 +111,8 @@ def _read_shard(path: Path, recipe: Recipe) -> NDArray[Any]:
                     if name in (record.dtype.names or ()):
                         record[name] = value
             else:
-                record[ending.removesuffix(".npy")] = np.load(io.BytesIO(content))
+                record[ending.removesuffix(".npy")][()] = np.load(io.BytesIO(content))
         n_members = len(tar.getmembers())
-    if n_members != (TEXTS + len(_arrays(recipe))) * len(
-        records
-    ):  # tar does not say that it was cut between two members
+    if n_members != (TEXTS + len(point_fields(recipe))) * len(records):  # tar does not say that it was cut between two
         raise ValueError(f"{n_members} members for {len(records)} clouds")
     return np.stack(records)

@@ -13,7 +13,7 @@ Everything random here comes from torch's generators: `torch.manual_seed`, and i
 """
 
 from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
-from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream
+from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream, collate_ragged
 from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
 from zbuf_occlude.dataset.torch.scans import OnTheFlyScan
 
@@ -27,4 +27,5 @@ __all__ = [
     "Rescale",
     "Rotate",
     "augmentation",
+    "collate_ragged",
 ]

@@ -1,7 +1,7 @@
 """A split of a dataset for PyTorch: by index, or as a stream shuffled by shard."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.ragged import filled
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
 
@@ -36,8 +37,9 @@ class _Split:
         source = self._open()
         check_word("split", split, source.order)
         size = source.plan.recipe.sample_size
-        if n_points is not None and not 1 <= n_points <= size:
-            raise OptionError(f"n_points must lie in 1..{size}, the size of the clouds in {folder}; got {n_points}.")
+        if n_points is not None and not 1 <= n_points <= (size or n_points):
+            most = f"lie in 1..{size}, the size of the clouds in {folder}" if size else "be at least 1"
+            raise OptionError(f"n_points must {most}; got {n_points}.")
         self.n_points = n_points or size
         self.classes = source.plan.classes
         self.numbers = source.order[split]
@@ -56,7 +58,8 @@ class _Split:
 
     def sample(self, record: Any) -> Sample:
         """Turn a record into what a training loop takes; points are stored in random order, so the first will do."""
-        cloud = torch.from_numpy(np.array(record["data"][: self.n_points]))
+        data = record["data"]
+        cloud = torch.from_numpy(np.array(data) if self.n_points is None else filled(data, self.n_points))
         return cloud if self.transform is None else self.transform(cloud), torch.tensor(int(record["label"][0]))
 
 
@@ -69,7 +72,8 @@ class CloudDataset(_Split, Dataset[Sample]):
         A complete dataset of any format: `hdf5`, or `packed` for a fiftieth of the disk.
     split : {"train", "val", "test"}
     n_points : int, optional
-        The first so many points of each cloud, whose order is random; all by default.
+        The first so many points of each cloud, whose order is random; all by default. Of clouds of unequal size those
+        with fewer repeat some; without it each item has its own size, which `collate_ragged` puts together.
     transform : callable, optional
         Applied to each cloud, (n, 3) float32 tensor to tensor: see `augmentation`.
 
@@ -157,3 +161,23 @@ class CloudStream(_Split, IterableDataset[Sample]):
             records = self.source.take(numbers)
             for row in torch.randperm(len(records), generator=generator).tolist():
                 yield self.sample(records[row])
+
+
+def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Put clouds of unequal size together, for ``DataLoader(dataset, batch_size=32, collate_fn=collate_ragged)``.
+
+    Parameters
+    ----------
+    samples : sequence of (cloud, label)
+
+    Returns
+    -------
+    points : (total, 3) float32
+        Of all clouds, one after the other.
+    offsets : (b + 1,) int64
+        Those of cloud i are ``points[offsets[i]:offsets[i + 1]]``.
+    labels : (b,) int64
+    """
+    clouds, labels = zip(*samples, strict=True)
+    offsets = torch.tensor([0, *map(len, clouds)]).cumsum(0)
+    return torch.cat(clouds), offsets, torch.stack(labels)

@@ -1,0 +1,210 @@
+"""Clouds of unequal size: every format that can hold them, shards, convert, verify, PyTorch; the others refuse."""
+
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.scenes import box, sphere
+from zbuf_occlude import DatasetError, OptionError
+from zbuf_occlude.dataset import ragged
+from zbuf_occlude.dataset.clouds import point_fields, record_type
+from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup, document_of
+
+RAGGED = [row for row in FORMATS if row.ragged]
+WRITTEN = [row for row in RAGGED if not row.keeps_points]
+SIZES = (3, 1, 40, 7)
+SCANNING = asdict(Setup(document_of(make("vlp-16"))))
+ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "test")) for n, m in
+           (("ball", lambda: sphere(8)), ("brick", box))]  # fmt: skip
+
+
+def equal(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether records are the same, bit for bit, types too."""
+    if a.dtype != b.dtype or len(a) != len(b):
+        return False
+    for name in a.dtype.names or ():
+        for x, y in zip(a[name], b[name], strict=True):
+            if np.asarray(x).dtype != np.asarray(y).dtype or not np.array_equal(x, y):
+                return False
+    return True
+
+
+@pytest.fixture(params=[None, SCANNING], ids=["surface", "scans"])
+def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
+    """Four clouds of unequal size, two in each file."""
+    monkeypatch.setattr(Source.batches, "__defaults__", (2,))
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_FILE", 2)
+    recipe = Recipe(views="ring:2@10", sample_size=None, scanning=request.param)
+    rng = np.random.default_rng(3)
+    records = np.zeros(len(SIZES), record_type(recipe))
+    for row, n in enumerate(SIZES):
+        for name, (kind, shape) in point_fields(recipe).items():
+            records[name][row] = rng.normal(scale=100.0, size=(n, *shape)).astype(kind)
+    records["mesh_id"], records["view_id"], records["label"][:, 0] = [0, 0, 1, 1], [0, 1, 0, 1], [0, 0, 1, 1]
+    records["n_visible"] = SIZES
+    records["pose"] = rng.normal(size=(4, 4, 4))
+    numbers = np.arange(4)
+    return Source(
+        Plan(MeshCollection(ENTRIES), recipe),
+        {"train": numbers[[2, 0]], "test": numbers[[3, 1]]},
+        lambda wanted: records[wanted],
+    )
+
+
+@pytest.mark.parametrize("row", WRITTEN, ids=[row.name for row in WRITTEN])
+def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
+    before = {split: source.take(numbers) for split, numbers in source.order.items()}
+    back = row.load().read(tmp_path, source.plan, row.load().write(source, tmp_path))
+    for split, numbers in back.order.items():
+        assert equal(back.take(numbers), before[split])
+        assert equal(back.take(numbers[[1, 0, 1]]), before[split][[1, 0, 1]])
+
+
+def test_shards_are_mapped(source: Source, tmp_path: Path) -> None:
+    records, recipe = source.take(np.arange(4)), source.plan.recipe
+    for name, some in (("all", records), ("none", records[:0])):
+        with (tmp_path / name).open("wb") as file:
+            ragged.save(file, some, recipe)
+        shard = ragged.MappedShard(tmp_path / name, recipe)
+        assert len(shard) == len(some)
+        assert equal(shard[np.arange(len(some))], some)
+    assert equal(ragged.MappedShard(tmp_path / "all", recipe)[[3, 0]], records[[3, 0]])
+    content = (tmp_path / "all").read_bytes()
+    for damaged in (content[:-8], content[:60], b"x" + content[1:]):
+        (tmp_path / "damaged").write_bytes(damaged)
+        with pytest.raises((ValueError, OSError)):
+            ragged.MappedShard(tmp_path / "damaged", recipe)
+    other = replace(recipe, scanning=None if recipe.scanning else SCANNING)
+    with pytest.raises(ValueError, match="fields"):
+        ragged.MappedShard(tmp_path / "all", other)
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda o: o + 1, lambda o: o[::-1].copy(), lambda o: o[:-1]], ids=["shifted", "backwards", "short"]
+)
+def test_offsets_that_do_not_fit_are_named(
+    source: Source, tmp_path: Path, spoil: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    row = find_format("hdf5")
+    files = row.load().write(source, tmp_path)
+    with h5py.File(tmp_path / "ply_data_train0.h5", "a") as h5:
+        offsets = spoil(h5["offsets"][:])
+        del h5["offsets"]
+        h5["offsets"] = offsets
+    back = row.load().read(tmp_path, source.plan, files)
+    with pytest.raises(DatasetError, match=r"ply_data_train0\.h5 must be .*offsets do not fit the points"):
+        back.take(back.order["train"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same dataset in hdf5 and packed."""
+    root = tmp_path_factory.mktemp("ragged")
+    recipe = Recipe(method="oracle", views="fibonacci:5", n_points=300, variations=2, sample_size=None, scale="mesh")
+    for format in ("hdf5", "packed"):
+        generate(Plan(MeshCollection(ENTRIES), recipe, format), root / format)
+    return root
+
+
+def test_a_dataset_has_every_visible_point(folder: Path) -> None:
+    source = open_dataset(folder / "hdf5")
+    for numbers in source.order.values():
+        for record in source.take(numbers):
+            assert len(record["data"]) == len(record["face_ids"]) == record["n_visible"]
+            assert len(np.unique(record["data"], axis=0)) == record["n_visible"], "none twice"
+            assert record["visible_fraction"] == pytest.approx(record["n_visible"] / 300)
+    packed = open_dataset(folder / "packed")
+    for split, numbers in source.order.items():
+        for one, other in zip(source.take(numbers), packed.take(packed.order[split]), strict=True):
+            assert np.array_equal(one["face_ids"], other["face_ids"])
+            assert np.abs(one["data"] - other["data"]).max() < 1e-3
+
+
+@pytest.mark.parametrize("format", [row.name for row in WRITTEN if row.name != "hdf5"])
+def test_converted_and_verified(folder: Path, tmp_path: Path, format: str) -> None:
+    manifest = convert(folder / "hdf5", tmp_path / format, format)
+    assert manifest["options"]["sample_size"] is None
+    one, other = open_dataset(folder / "hdf5"), open_dataset(tmp_path / format)
+    for split in one.order:
+        assert equal(one.take(one.order[split]), other.take(other.order[split]))
+    verdict = verify(tmp_path / format, MeshCollection(ENTRIES))
+    assert verdict.faults == []
+    assert verdict.n_checked > 500
+    assert (tmp_path / format / "contact_sheet.png").stat().st_size > 1000
+
+
+def test_verify_finds_what_is_not_finite(folder: Path, tmp_path: Path) -> None:
+    assert ragged.all_finite(np.zeros((2, 3)))
+    source = open_dataset(folder / "hdf5")
+    records = source.take(source.order["test"])
+    assert ragged.all_finite(records["data"])
+    records["data"][1][0, 0] = np.nan
+    assert not ragged.all_finite(records["data"])
+
+
+def test_huggingface_reads_it(folder: Path, tmp_path: Path) -> None:
+    datasets = pytest.importorskip("datasets", reason="the package datasets is not installed")
+    convert(folder / "hdf5", tmp_path / "card", "huggingface")
+    loaded = datasets.load_dataset(str(tmp_path / "card"), cache_dir=str(tmp_path / "cache"), split="test")
+    source = open_dataset(folder / "hdf5")
+    for row, record in zip(loaded.with_format("numpy"), source.take(source.order["test"]), strict=True):
+        assert np.array_equal(np.stack(row["points"]), record["data"])
+
+
+def test_pytorch(folder: Path) -> None:
+    torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, collate_ragged
+    from zbuf_occlude.learn.data import load_clouds
+
+    for format in ("hdf5", "packed"):
+        dataset = CloudDataset(folder / format, "train")
+        sizes = [len(cloud) for cloud, _ in dataset]
+        assert len(set(sizes)) > 2
+        loader = torch.utils.data.DataLoader(dataset, batch_size=7, collate_fn=collate_ragged)
+        batches = list(loader)
+        assert torch.cat([offsets.diff() for _, offsets, _ in batches]).tolist() == sizes
+        points, offsets, labels = batches[0]
+        assert points.shape == (offsets[-1], 3)
+        assert labels.tolist() == [int(label) for _, label in (dataset[i] for i in range(7))]
+        assert torch.equal(points[offsets[2] : offsets[3]], dataset[2][0])
+        assert {len(cloud) for cloud, _ in CloudStream(folder / format, "train")} == set(sizes)
+        equal_ones = CloudDataset(folder / format, "train", n_points=500)
+        assert equal_ones[0][0].shape == (500, 3)
+        assert torch.equal(equal_ones[0][0][: sizes[0]], dataset[0][0])
+        assert torch.equal(equal_ones[0][0][sizes[0]], dataset[0][0][0])
+        with pytest.raises(OptionError, match="n_points must be at least 1; got 0"):
+            CloudDataset(folder / format, n_points=0)
+    assert load_clouds(folder / "hdf5", "train", 64).n_points == 64
+    with pytest.raises(
+        DatasetError, match=r"are not \(--sample-size all\). Make them with a number, or read them with"
+    ):
+        load_clouds(folder / "hdf5", "train")
+
+
+@pytest.mark.parametrize("row", [row for row in FORMATS if not row.ragged], ids=lambda row: row.name)
+def test_other_formats_refuse(row: Format, tmp_path: Path, folder: Path) -> None:
+    plan = Plan(MeshCollection(ENTRIES), Recipe(sample_size=None), row.name)
+    words = f"--format {row.name} holds clouds of one size; got --sample-size all"
+    with pytest.raises(OptionError, match=words):
+        row.check(plan)
+    if not (row.pairs or row.complete):
+        with pytest.raises(OptionError, match=words):
+            convert(folder / "hdf5", tmp_path / "other", row.name)
+        assert not (tmp_path / "other").exists()
+
+
+def test_farthest_points_need_a_number() -> None:
+    with pytest.raises(OptionError, match="subset fps must have a number of points to choose; got sample size all"):
+        Recipe(subset="fps", sample_size=None)
