@@ -5,7 +5,7 @@
 
 Each side is a whole process (`benchmarks/ray_casting_script.py`, `zbuf-occlude generate`), run in turns over the same
 files, views, number of points and size of clouds; its clock is from start to end, its processor time that of it
-and all processes it started. Compiled functions are cached before anything is timed.
+and all processes that come from it. Compiled functions and bytecode are cached before anything is timed.
 
 --against CHECKOUT: `generate` of another checkout of this repository takes its turns too: before and after in one run.
 --stages: what each stage costs, `generate` in one process with one thread, so that the next thing to do shows.
@@ -14,6 +14,7 @@ and all processes it started. Compiled functions are cached before anything is t
 """
 
 import argparse
+import ctypes
 import json
 import os
 import shutil
@@ -23,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +34,7 @@ import numpy as np
 import zbuf_occlude as zo
 
 HERE = Path(__file__).resolve().parent
+PR_SET_CHILD_SUBREAPER = 36
 SUFFIXES = (".off", ".obj", ".ply", ".stl", ".glb", ".gltf")
 
 
@@ -84,16 +87,28 @@ def options_of(side: Side, job: Job) -> list[str]:
 def run(command: list[str], checkout: Path, out: Path, **environment: str) -> Cost:
     """Run a command from outside any checkout, with the package of one of them; what it says is kept for errors."""
     variables = {**os.environ, "PYTHONPATH": str(checkout), **environment}
+    variables.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed has its bytecode
     with open(out.with_suffix(".log"), "w+") as log:
         began = time.perf_counter()
         process = subprocess.Popen(command, cwd=out.parent, env=variables, stdout=log, stderr=log)
         _, status, usage = os.wait4(process.pid, 0)  # with those that it waited for
         clock = time.perf_counter() - began
+        processors = usage.ru_utime + usage.ru_stime + of_orphans()
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode not in (0, 3):  # 3: done, some meshes failed
             log.seek(0)
             raise SystemExit(f"error: {' '.join(command)[:300]} ended with {process.returncode}:\n{log.read()[-2000:]}")
-    return Cost(clock, usage.ru_utime + usage.ru_stime)
+    return Cost(clock, processors)
+
+
+def of_orphans() -> float:
+    """Wait for those that a process has left behind, which are this one's now; return their seconds of processors."""
+    seconds = 0.0
+    with suppress(ChildProcessError):  # none is left
+        while True:
+            usage = os.wait4(-1, 0)[2]
+            seconds += usage.ru_utime + usage.ru_stime
+    return seconds
 
 
 def fresh(out: Path) -> Path:
@@ -198,6 +213,7 @@ def arguments_given() -> argparse.Namespace:
 
 def main() -> None:
     arguments = arguments_given()
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans come to this process, to be counted
     files = chosen_files(arguments.folder, arguments.limit)
     job = Job(files, arguments.views, arguments.points, arguments.sample_size)
     pairs = []  # of each method, here and in the other checkout

@@ -82,5 +82,5 @@ def test_a_helper_that_never_begins_is_not_waited_for(monkeypatch: pytest.Monkey
             return Future()  # pending for ever
 
     monkeypatch.setattr(threads, "_helpers", Busy)
-    monkeypatch.setattr(threads.numba, "get_num_threads", lambda: 8)
+    monkeypatch.setattr(threads, "n_threads", lambda: 8)
     assert np.asarray(answer("exact")).any()

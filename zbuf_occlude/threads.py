@@ -1,9 +1,9 @@
 """Kernels with threads: tasks that several threads take in turn, and loops that numba spreads over them."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from types import FunctionType
 from typing import Any
 
@@ -28,6 +28,25 @@ def take(typing_context, tasks):
     return types.int64(tasks), codegen
 
 
+def n_threads() -> int:
+    """Return how many threads a call may use."""
+    return 1 if _alone else numba.get_num_threads()
+
+
+_alone = False
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Start no thread within the block, so that the process may be forked after it."""
+    global _alone
+    _alone = True
+    try:
+        yield
+    finally:
+        _alone = False
+
+
 def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None:
     """Run a `shared` kernel on this thread, and on others as far as they are free.
 
@@ -36,7 +55,7 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None
     kernel, arguments : callable, and what it is called with
         The kernel takes tasks first; it may be called with no task left.
     n_tasks : int
-        How many it has; as many threads are of use, up to ``numba.get_num_threads()``.
+        How many it has; as many threads are of use, up to `n_threads`.
 
     Notes
     -----
@@ -45,7 +64,7 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None
     own.
     """
     tasks = np.zeros(1, dtype=np.int64)
-    n_helpers = min(numba.get_num_threads(), n_tasks) - 1
+    n_helpers = min(n_threads(), n_tasks) - 1
     helpers = [_helpers().submit(kernel, tasks, *arguments) for _ in range(n_helpers)]
     kernel(tasks, *arguments)
     for helper in helpers:

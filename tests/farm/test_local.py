@@ -8,12 +8,13 @@ import threading
 from functools import partial
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
 from tests.processes import ended
-from zbuf_occlude import DatasetError, Mesh, MeshError
+from zbuf_occlude import DatasetError, Mesh, MeshError, threads
 from zbuf_occlude.dataset import generate as dataset
 from zbuf_occlude.dataset.generate import make_shards, run_here
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -186,3 +187,35 @@ def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:
 
 def _bad(number: int) -> Mesh:
     raise MeshError(f"m{number} is bad")
+
+
+def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not that of the first run of this process, when the server that they are forked from began."""
+    for value in ("one", "two"):
+        monkeypatch.setenv("TOLD_TO_WORKERS", value)
+        out = tmp_path / value
+        out.mkdir()
+        plan = plan_of(_tell)
+        run(plan, out, n_workers=1)
+        assert failures(plan, out) == {"m0": f"{value}, {numba.config.NUMBA_NUM_THREADS} threads"}
+
+
+def _tell(number: int) -> Mesh:
+    raise MeshError(f"{os.environ['TOLD_TO_WORKERS']}, {threads.n_threads()} threads")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
+def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
+    program = (
+        "import os, sys, numba, zbuf_occlude.farm.warm\n"
+        "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
+        "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
+        "try: numba.threading_layer()\n"
+        "except ValueError: pass\n"
+        "else: raise AssertionError('OpenMP')\n"
+    )
+    environment = {**os.environ, **local._SERVER_ENVIRONMENT}
+    child = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert child.returncode == 0, child.stderr

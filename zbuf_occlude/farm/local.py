@@ -1,10 +1,11 @@
-"""The local engine: spawned processes on this machine, each with its own GL context and its share of the cores."""
+"""The local engine: processes on this machine, each with its own GL context and its share of the cores."""
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from multiprocessing import connection
+from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ def run_shards(
     plan: Plan, shards: list[int], out: Path, done: Callable[[int], None], *, n_workers: int, limits: Limits
 ) -> None:
     """Make shards in processes on this machine; parameters, errors and promises as in `supervise`."""
+    start_server()
     devices = gl_devices(plan)
     supervise(
         shards,
@@ -30,16 +32,39 @@ def run_shards(
     )
 
 
+_FORKS = sys.platform == "linux"
+"""Elsewhere what systems bring along does not survive a fork."""
+
+_SERVER_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
+"""No thread may run where processes are forked."""
+
+
+def start_server() -> None:
+    """Start the process that workers are forked from, if there is none, and return at once.
+
+    It is spawned, and imports `zbuf_occlude.farm.warm`: workers then share what each would need a second for. It has no
+    threads and no OpenGL, which would not survive a fork, and ends with this process. It is the one that Python keeps
+    for all of a process (`multiprocessing.forkserver`): where another library has started it, workers import for
+    themselves.
+    """
+    if _FORKS:
+        forkserver.set_forkserver_preload(["zbuf_occlude.farm.warm"])
+        with _environment(_SERVER_ENVIRONMENT):
+            forkserver.ensure_running()
+
+
 class LocalWorker:
-    """A spawned process that runs `serve` at the other end of a pipe. (Never forked: GL does not survive a fork.)"""
+    """A process that runs `serve` at the other end of a pipe."""
 
     def __init__(self, plan: Plan, out: Path, n_workers: int, device_index: int | None) -> None:
-        spawn = multiprocessing.get_context("spawn")
-        self.connection, theirs = spawn.Pipe()
-        arguments = (theirs, plan, out, device_index, os.getpid())
-        self.process: Any = spawn.Process(target=serve, args=arguments, daemon=True)
-        with _threads(max(1, (os.cpu_count() or 1) // n_workers)):
-            self.process.start()
+        start_server()  # it may have been killed
+        context: Any = multiprocessing.get_context("forkserver" if _FORKS else "spawn")
+        self.connection, theirs = context.Pipe()
+        n_threads = max(1, (os.cpu_count() or 1) // n_workers)
+        environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
+        arguments = (theirs, plan, out, device_index, n_threads, environment)
+        self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
+        self.process.start()
         theirs.close()
 
     def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
@@ -86,16 +111,18 @@ def _wait(workers: list[Worker], seconds: float) -> None:
 
 
 @contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Have a child started here use so many threads, in numba's kernels and in Mesa's rasteriser."""
-    names = ("NUMBA_NUM_THREADS", "LP_NUM_THREADS")
-    mine = [name for name in names if name not in os.environ]
-    os.environ.update(dict.fromkeys(mine, str(count)))
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Start children with these variables."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:
-        for name in mine:
-            os.environ.pop(name, None)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def gl_devices(plan: Plan) -> list[int | None]:

@@ -4,10 +4,13 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+
+import numba
 
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import run_shard
@@ -16,11 +19,29 @@ from zbuf_occlude.visibility import find_method
 
 _PR_SET_PDEATHSIG = 1
 
+FIXED = ("NUMBA_NUM_THREADS",)
+"""Variables that numba has read and will not have changed."""
 
-def serve(connection: Connection, plan: Plan, out: Path, device_index: int | None, parent: int) -> None:
-    """Run as the main function of a child process that shall not outlive its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt means
-    die_with_parent(parent)
+
+def serve(
+    connection: Connection,
+    plan: Plan,
+    out: Path,
+    device_index: int | None,
+    n_threads: int,
+    environment: Mapping[str, str],
+) -> None:
+    """Run as the main function of a child process with these variables, of this many threads.
+
+    A forked one ends with the server that it was forked from, which ends with the supervisor's process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor decides what an interrupt means
+    die_with_parent(os.getppid())
+    variables = {name: value for name, value in environment.items() if name not in FIXED}
+    variables |= {name: os.environ[name] for name in FIXED if name in os.environ}
+    os.environ.clear()  # the server's, perhaps of another run
+    os.environ.update(variables)
+    numba.set_num_threads(min(n_threads, numba.config.NUMBA_NUM_THREADS))
     work(connection, plan, out, device_index)
 
 

@@ -1,7 +1,7 @@
 """All views, shared out among threads."""
 
 import numpy as np
-from numba import get_num_threads, njit
+from numba import njit
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.layout import COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
@@ -11,7 +11,7 @@ from zbuf_occlude.image_space.search.decide import hide_near_points
 from zbuf_occlude.image_space.search.project import project_boxes
 from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import Views, view_of
-from zbuf_occlude.threads import shared, take, together
+from zbuf_occlude.threads import n_threads, shared, take, together
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
@@ -19,9 +19,9 @@ PAIRS_ALONE = 10_000
 
 def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
     """Answer which of n points each of k eyes sees; (k, n) bool in the caller's order."""
-    n_eyes, n_threads = len(views.eyes), get_num_threads()
+    n_eyes, wanted = len(views.eyes), 4 * n_threads()
     n_groups = -(-len(points.chunk_reach) // GROUP)
-    n_blocks = 1 if n_eyes >= 4 * n_threads else min(n_groups, 4 * n_threads)
+    n_blocks = 1 if n_eyes >= wanted else min(n_groups, wanted)
     answer = np.empty((n_eyes, points.n_points), dtype=bool)
     if n_blocks > 1:
         answer[:] = True
