@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.compare.figures import make_mask, projected_areas
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -28,6 +30,8 @@ VALIDATION_SHARE = 0.1
 """Of the clouds at the training elevations, where no object is held out."""
 AREA_POINTS = 2_000
 AREA_OBJECTS = 40
+PLANES = ("y-z", "x-z", "x-y")
+"""That areas are projected on, as `projected_areas` orders them."""
 
 
 class ElevationClouds:
@@ -154,20 +158,43 @@ def at_most(views: Views, azimuths: int) -> Views:
 
 
 def write_areas(meshes: Sequence[MeshEntry], path: Path) -> None:
-    """Measure what is seen of objects from each elevation, once, and keep it as JSON.
+    """Measure what is seen of objects from each elevation, once, and keep it as JSON."""
+    if path.exists():
+        return
+    names, shares = areas_seen(meshes)
+    atomic.write_json(
+        path,
+        {
+            "elevations": names.tolist(),
+            "planes": list(PLANES),
+            "mean": shares.mean(axis=0).tolist(),
+            "spread": shares.std(axis=0).tolist(),
+            "n_objects": len(shares),
+        },
+    )
 
-    Notes
-    -----
-    The areas projected on the three planes (`zbuf_occlude.compare.figures.projected_areas`), each object's longest side
-    1, and each object's own largest taken as 1 on each plane before the mean over the objects is taken: large and small
-    objects count alike, and what the plot shows is where an object shows less of itself than from elsewhere.
+
+def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return how much of each object is seen from each elevation of the paper's 100 views.
+
+    Parameters
+    ----------
+    meshes : sequence of MeshEntry
+        m of them.
+
+    Returns
+    -------
+    elevations : (19,) int64
+        Degrees.
+    shares : (m, 19, 3) float64
+        Of the areas projected on the planes of `PLANES` (`zbuf_occlude.compare.figures.projected_areas`), mean over the
+        azimuths, each object's own largest taken as 1 on each plane: large and small objects count alike, and what
+        shows is where an object shows less of itself than from elsewhere.
 
     References
     ----------
     Paper 4.2 and Fig. 12, which show one airplane; here it is the mean over many objects.
     """
-    if path.exists():
-        return
     views, mask = paper100(), make_mask(MAIN.method, {})
     levels = degrees(views.elevation)
     names = np.unique(levels)
@@ -175,17 +202,7 @@ def write_areas(meshes: Sequence[MeshEntry], path: Path) -> None:
     for entry in meshes:
         areas = projected_areas(entry.load().normalized(), mask, views, 0, AREA_POINTS)
         curves.append([areas[levels == level].mean(axis=0) for level in names])
-    shares = np.array(curves) / np.max(curves, axis=1, keepdims=True)
-    atomic.write_json(
-        path,
-        {
-            "elevations": names.tolist(),
-            "planes": ["y-z", "x-z", "x-y"],
-            "mean": shares.mean(axis=0).tolist(),
-            "spread": shares.std(axis=0).tolist(),
-            "n_objects": len(curves),
-        },
-    )
+    return names, np.array(curves) / np.max(curves, axis=1, keepdims=True)
 
 
 def degrees(elevations: Any) -> Any:

@@ -173,7 +173,21 @@ def _of_augmentation(results: Sequence[Result]) -> str:
             cells = [percent(map(accuracy(GENERATED), rows[s])) for s in (1, 2, 3)]
             parts.append(f"{printed(model)} {cells[0]}, {cells[1]} and {cells[2]} %")
         said += f" ({BUDGETS[budget]}) {'; '.join(parts)}."
-    return f"On occluded clouds, trained on occluded ones, on complete ones only, and on both:{said}"
+    return (
+        f"On occluded clouds, trained on occluded ones, on complete ones only, and on both:{said}{_of_complete(mine)}"
+    )
+
+
+def _of_complete(results: Sequence[Result]) -> str:
+    """Return the answer to the last finding, under each budget."""
+    finding, points = FINDINGS[-1], values(results, "points")[-1]
+    parts = []
+    for model in models_of(results, AUGMENTATION):
+        found = {b: differences(results, finding, model, points, b) for b in budgets_of(results)}
+        said = [f"{percent(each)} ({BUDGETS[b]}: {verdict(each, finding.least)})" for b, each in found.items() if each]
+        if said:
+            parts.append(f"{printed(model)} {', '.join(said)}, the paper {_published(finding, model)}")
+    return f" C3 less C2 on complete clouds: {'; '.join(parts)}." if parts else ""
 
 
 def _of_methods(results: Sequence[Result]) -> str:

@@ -1,0 +1,60 @@
+"""Why accuracy falls at elevation 0, or does not: what collections of shapes show from there. Markdown.
+
+    python benchmarks/dead_angle.py [FOLDER ...] [--objects 40] [--voxels 30]
+
+For the built-in shapes and the meshes of folders, and for each the same as surfaces of voxels: how much of the surface
+is level or upright (within 10 degrees), and the areas of Fig. 12 that the visible part projects, in percent of an
+object's own largest over all elevations, means over the objects (`areas_seen` of
+`zbuf_occlude.learn.experiments.elevation`).
+"""
+
+import argparse
+from collections.abc import Sequence
+
+import numpy as np
+
+from zbuf_occlude.dataset.presets import two_hundred
+from zbuf_occlude.learn.experiments.elevation import areas_seen
+from zbuf_occlude.learn.experiments.voxels import as_voxels
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+NEAR = np.sin(np.radians(10.0))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="*")
+    parser.add_argument("--objects", type=int, default=40, help="of each collection, at most")
+    parser.add_argument("--voxels", type=int, default=30)
+    options = parser.parse_args()
+    collections = {"built-in shapes": two_hundred(shapes.collection())}
+    for folder in options.folders:
+        collections[folder.rstrip("/").rpartition("/")[2]] = MeshCollection.from_paths(folder)
+    print("| shapes | objects | level | upright | onto x-y at 0 | at ±10 | onto y-z at 0 | onto x-z at 0 |")
+    print("| --- |" + " ---: |" * 7)
+    for name, meshes in collections.items():
+        chosen = meshes[:: max(1, len(meshes) // options.objects)][: options.objects]
+        print(row(name, chosen), flush=True)
+        print(row(f"the same, {options.voxels}³ voxels", as_voxels(MeshCollection(chosen), options.voxels)), flush=True)
+
+
+def row(name: str, meshes: Sequence[MeshEntry]) -> str:
+    """Return a row of the table."""
+    level, upright = np.mean([leaning(entry) for entry in meshes], axis=0)
+    elevations, shares = areas_seen(meshes)
+    mean = dict(zip(elevations.tolist(), shares.mean(axis=0), strict=True))
+    cells = [level, upright, mean[0][2], (mean[-10][2] + mean[10][2]) / 2, mean[0][0], mean[0][1]]
+    return f"| {name} | {len(meshes)} | " + " | ".join(f"{100 * cell:.0f} %" for cell in cells) + " |"
+
+
+def leaning(entry: MeshEntry) -> tuple[float, float]:
+    """Return which share of a mesh's area is level, and which upright."""
+    mesh = entry.load()
+    steep = np.abs(mesh.face_normals[:, 2]) / np.linalg.norm(mesh.face_normals, axis=1)
+    level, upright = steep > np.sqrt(1 - NEAR**2), steep < NEAR
+    return float(np.average(level, weights=mesh.areas)), float(np.average(upright, weights=mesh.areas))
+
+
+if __name__ == "__main__":
+    main()

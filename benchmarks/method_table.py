@@ -1,0 +1,81 @@
+"""README's table of methods, wrong answers and time of each: python benchmarks/method_table.py FOLDER [OPTION ...]
+
+Runs `zbuf-occlude compare FOLDER` with its defaults (10,000 points, 15 of the paper's 100 views; options are passed on)
+and writes its rows short. Wrong answers are shares of those outside the boundary band, against the oracle, means over
+the meshes; times are geometric means.
+"""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from zbuf_occlude.compare.store import Store
+from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.compare.summary import Standing, standings
+
+RESOLUTIONS = (256, 512, 1024)
+ROWS: tuple[tuple[str, tuple[Subject, ...], str], ...] = (
+    ("`exact`", (Subject("exact"),), "when the answer must be right; needs no GPU"),
+    ("`exact_gl`", (Subject("exact_gl"),), "the same on a GPU (not measured on one yet)"),
+    (
+        "`depth_buffer` 256 / 512 / 1024",
+        tuple(Subject("depth_buffer", {"resolution": n}) for n in RESOLUTIONS),
+        "for the paper's image-space idea: a small error that every dataset states",
+    ),
+    (
+        "`depth_buffer` with `refine=none`",
+        tuple(Subject("depth_buffer", {"resolution": n, "refine": "none"}) for n in RESOLUTIONS),
+        "to see what a textbook depth buffer costs",
+    ),
+    (
+        "`pyrender` 512 / 1024",
+        tuple(Subject("pyrender", {"resolution": n}) for n in RESOLUTIONS[1:]),
+        "the image-space peer",
+    ),
+    (
+        "`hidden_point_removal`",
+        (Subject("hidden_point_removal"),),
+        "when there is no mesh: `visible scan.ply` takes a point cloud",
+    ),
+    ("`vertex_hsr` (paper 3.3)", (Subject("vertex_hsr"),), "to repeat the paper"),
+    (
+        "`occupancy_grid` 32 / 64 (paper 3.6)",
+        tuple(Subject("occupancy_grid", {"n": n}) for n in (32, 64)),
+        "to repeat the paper's data",
+    ),
+    ("`embree`", (Subject("embree"),), "an independent check"),
+    (
+        "`oracle`, `exact_hsr` (paper 3.5)",
+        (Subject("oracle"), Subject("exact_hsr")),
+        "the judge, and the paper's own exact method",
+    ),
+)
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "comparison"
+        command = [sys.executable, "-m", "zbuf_occlude", "compare", *sys.argv[1:], "--out", str(out)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        known = {standing.subject: standing for standing in standings(Store(out).rows().values())}
+    print("| method | wrong answers | ms a view | take it |\n| --- | ---: | ---: | --- |")
+    for name, subjects, when in ROWS:
+        found = [known.get(subject.label) for subject in subjects]
+        if any(found):
+            print(f"| {name} | {wrong(found)} | {' / '.join(milliseconds(one) for one in found)} | {when} |")
+
+
+def wrong(found: list[Standing | None]) -> str:
+    """Write shares of wrong answers, once where they are the same."""
+    shares = [f"{100 * one.wrong:.2g}" if one else "-" for one in found]
+    return " / ".join(shares[:1] if len(set(shares)) == 1 else shares) + " %"
+
+
+def milliseconds(one: Standing | None) -> str:
+    """Write the time of a view."""
+    return f"{1e3 * one.seconds:.2g}" if one else "-"
+
+
+if __name__ == "__main__":
+    main()
