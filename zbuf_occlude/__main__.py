@@ -7,6 +7,7 @@ import sys
 import click
 
 from zbuf_occlude.cli import group
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
 
 EXTRAS = {"matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
@@ -27,30 +28,28 @@ def main() -> None:
         error.show()
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        click.echo("error: interrupted; what was finished is kept, and the same command resumes.", err=True)
+        echo("error: interrupted; what was finished is kept, and the same command resumes.", err=True)
         code = INTERRUPTED
     except OptionError as error:
-        click.echo(f"error: {error}", err=True)
+        echo(f"error: {error}", err=True)
         code = USAGE
     except OccludeError as error:
-        click.echo(f"error: {error}", err=True)
+        echo(f"error: {error}", err=True)
         code = FAILED
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        click.echo(
-            f"error: this needs the package {error.name}; install it: pip install 'zbuf-occlude[{extra}]'", err=True
-        )
+        echo(f"error: this needs the package {error.name}; install it: pip install 'zbuf-occlude[{extra}]'", err=True)
         code = FAILED
     except MemoryError as error:
-        click.echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)
+        echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)
         code = FAILED
     except BrokenPipeError:  # the reader of our standard output went away
         sys.stderr.close()
         code = FAILED
     except OSError as error:  # a full disk, a folder that must not be written
-        click.echo(f"error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", err=True)
+        echo(f"error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", err=True)
         code = FAILED
     sys.exit(code if isinstance(code, int) else 0)
 

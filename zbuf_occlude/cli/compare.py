@@ -6,6 +6,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import (
     AUTO_ELSEWHERE,
     OutFolder,
@@ -143,7 +144,7 @@ def command(
         cases += preset(name, root=modelnet, seed=seed, budget=seconds)
     timed = DEFAULT_SECONDS if seconds is None else seconds
     expected = forecast(cases, Judge(out / FOLDER, judge_points), budget=timed, limit=row_seconds)
-    click.echo(announce(expected, row_seconds), err=True)
+    echo(announce(expected, row_seconds), err=True)
     total = expected.n_rows
     with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
 
@@ -154,8 +155,8 @@ def command(
         tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
         bar.update(total - bar.n)
     written = write_report(out)
-    click.echo(summary(out))
-    click.echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
+    echo(summary(out))
+    echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
     if tally.failed:
         raise SystemExit(SOME_FAILED)
 

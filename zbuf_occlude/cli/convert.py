@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS
@@ -31,6 +32,4 @@ def command(folder: Path, format: str, out: Path) -> None:
         document = convert(folder, out, format, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
     n_clouds = document["counts"]["clouds"]
-    click.echo(
-        f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})"
-    )
+    echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

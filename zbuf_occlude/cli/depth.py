@@ -8,6 +8,7 @@ import numpy as np
 
 from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
 from zbuf_occlude.limits import Limits
 
@@ -42,7 +43,7 @@ def command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | No
     write(out, depths)
     seen = np.isfinite(depths)
     span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
-    click.echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
+    echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
 
 
 def write_png(path: Path, depths: FloatArray) -> None:

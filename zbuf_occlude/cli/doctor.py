@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.gl.context import ENVIRONMENT
 from zbuf_occlude.gl.probe import Probe, probe_all
 from zbuf_occlude.visibility import METHODS
@@ -25,16 +26,16 @@ def command(as_json: bool) -> None:
     works = any(probe.works for probe in probes if serves(probe, named))
     methods = {method.name: verdict(method.missing(), method.needs_gl, works) for method in METHODS}
     if as_json:
-        click.echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
+        echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
-        click.echo("OpenGL backends")
+        echo("OpenGL backends")
         for probe in probes:
-            click.echo("\n".join(describe(probe)))
+            echo("\n".join(describe(probe)))
         if named:
-            click.echo(f"  {ENVIRONMENT} names {named}, which {'works' if works else 'does not work'}")
-        click.echo("methods")
+            echo(f"  {ENVIRONMENT} names {named}, which {'works' if works else 'does not work'}")
+        echo("methods")
         for name, reason in methods.items():
-            click.echo(f"  {name:22} {reason or 'ready'}")
+            echo(f"  {name:22} {reason or 'ready'}")
     if not works:
         raise SystemExit(1)
 

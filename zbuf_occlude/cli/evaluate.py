@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.train import load
 from zbuf_occlude.errors import DatasetError
@@ -58,11 +59,11 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
     n_clouds_of = evaluation.confusion.sum(axis=1)
     columns = zip(evaluation.precision, evaluation.recall, evaluation.f1, strict=True)
     width = max(len("class"), *map(len, test.classes))
-    click.echo(f"{'class':{width}}  clouds  precision  recall      F1")
+    echo(f"{'class':{width}}  clouds  precision  recall      F1")
     for label, n_clouds, figures in zip(test.classes, n_clouds_of, columns, strict=True):
         precision, recall, f1 = (f"{value:.1%}" if math.isfinite(value) else "-" for value in figures)
-        click.echo(f"{label:{width}}  {n_clouds:6}  {precision:>9}  {recall:>6}  {f1:>6}")
-    click.echo(
+        echo(f"{label:{width}}  {n_clouds:6}  {precision:>9}  {recall:>6}  {f1:>6}")
+    echo(
         f"accuracy {evaluation.accuracy:.1%} of {evaluation.n_clouds} clouds\n"
         f"figures  {out / 'evaluation.json'}\npicture  {out / 'evaluation.png'}"
     )

@@ -6,6 +6,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
 from zbuf_occlude.learn.experiments.findings import sentences
@@ -145,11 +146,11 @@ def command(
         bars.close()
     written = write_study(out)
     for sentence in sentences(read_results(out)):
-        click.echo(sentence.replace("`", "").replace("**", ""))
-    click.echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
+        echo(sentence.replace("`", "").replace("**", ""))
+    echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
     if failed := read_study(out)["failed_meshes"]:
         head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
-        click.echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
+        echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
         raise SystemExit(SOME_FAILED)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import given, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.compare.figures import FIGURES, Exhibit, make_mask
 from zbuf_occlude.learn.sydney import largest_scan, read_scan
@@ -77,7 +78,7 @@ def command(
         mesh = shapes.formulas.make("torus")
     scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path)
     chosen.draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
-    click.echo(f"{name}{f' of {mesh.name}' if chosen.kind else ''}: {out}")
+    echo(f"{name}{f' of {mesh.name}' if chosen.kind else ''}: {out}")
 
 
 def refuse_idle(context: click.Context, name: str, mesh_file: Path | None, up: str | None) -> None:

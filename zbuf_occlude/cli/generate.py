@@ -15,6 +15,7 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import (
     OutFolder,
     SampleSize,
@@ -238,7 +239,7 @@ def command(
         splits=splits,
         formulas=shapes == FORMULAS,
     )
-    click.echo(overview(collection, wanted), err=True)
+    echo(overview(collection, wanted), err=True)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,
@@ -269,12 +270,12 @@ def command(
             hindrance = ""
         except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
             hindrance = f"\nnot on this machine: {error}"
-        click.echo("\n".join(describe(*each) for each in plans) + hindrance)
+        echo("\n".join(describe(*each) for each in plans) + hindrance)
         return
     if not is_plain(plan.recipe):
         rehearse(plan.recipe, require_gpu)
     elif not is_compiled(plan.recipe):
-        click.echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
+        echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         compile_ahead(plan.recipe)
     if engine == "ray":
         run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
@@ -290,13 +291,13 @@ def command(
                 one, folder, run=run, overwrite=overwrite, part=part, limits=limits, progress=bar.update
             )
         if document:
-            click.echo(summary(document, folder))
+            echo(summary(document, folder))
             if time.perf_counter() - began > WORTH_A_TRIAL and (hint := faster_exact(one, document["renderer"])):
-                click.echo(hint)
+                echo(hint)
             failed |= bool(document["failures"])
         else:
             done = shards_done(one, folder)
-            click.echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
+            echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
     if failed:
         raise SystemExit(SOME_FAILED)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import merge as merge_shards
@@ -21,7 +22,7 @@ def command(folder: Path) -> None:
     failed = False
     for each in datasets_in(folder):
         document = read_manifest(each) or merge_shards(read_plan(each), each, {})
-        click.echo(summary(document, each))
+        echo(summary(document, each))
         failed |= bool(document["failures"])
     if failed:
         raise SystemExit(SOME_FAILED)

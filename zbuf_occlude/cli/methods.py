@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.visibility import METHODS
 
@@ -35,13 +36,13 @@ def command(as_json: bool) -> None:
             }
         )
     if as_json:
-        click.echo(json.dumps(rows, indent=2))
+        echo(json.dumps(rows, indent=2))
         return
     for row in rows:
         flags = (("exact", row["exact"]), ("GL", row["needs_gl"]), ("first hits", not row["no_first_hits"]))
         tags = ", ".join(tag for tag, on in flags if on)
-        click.echo(f"{row['name']}{f'  [{tags}]' if tags else ''}\n    {row['summary']}")
+        echo(f"{row['name']}{f'  [{tags}]' if tags else ''}\n    {row['summary']}")
         if row["options"]:
-            click.echo("    --set " + " ".join(f"{name}={default}" for name, default in row["options"].items()))
+            echo("    --set " + " ".join(f"{name}={default}" for name, default in row["options"].items()))
         if row["missing"]:
-            click.echo(f"    cannot run here: {row['missing']}")
+            echo(f"    cannot run here: {row['missing']}")

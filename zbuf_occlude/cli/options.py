@@ -12,6 +12,7 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
@@ -74,9 +75,9 @@ def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]
     default = context.get_parameter_source("method") is ParameterSource.DEFAULT
     choice = by_default() if default and not settings else Choice(method, "")
     if choice.reason:
-        click.echo(f"method {choice.method}, because {choice.reason}", err=True)
+        echo(f"method {choice.method}, because {choice.reason}", err=True)
     elif remark := remark_on_renderer(choice.method):
-        click.echo(f"warning: {remark}", err=True)
+        echo(f"warning: {remark}", err=True)
     return choice
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
@@ -14,8 +15,8 @@ from zbuf_occlude.compare.summary import milliseconds, representatives, share, s
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
     written = write_report(folder)
-    click.echo(summary(folder))
-    click.echo(f"report: {written[0]}")
+    echo(summary(folder))
+    echo(f"report: {written[0]}")
 
 
 def summary(folder: Path) -> str:

@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset.ply import write_table
@@ -89,7 +90,7 @@ def command(
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
-    click.echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
     if picture is not None:
         from zbuf_occlude.cli.scan_pictures import draw_scan
 

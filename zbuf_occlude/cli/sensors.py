@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from zbuf_occlude import sensors
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import suffix_of
 from zbuf_occlude.sensors import Sensor
 
@@ -36,15 +37,15 @@ def command(name: str | None, picture: Path | None, as_json: bool) -> None:
         suffix_of(picture, (".png",))
     table = list(sensors.SENSORS.values()) if name is None else [sensors.make(name)]
     if as_json:
-        click.echo(json.dumps([_document(sensor) for sensor in table], indent=2))
+        echo(json.dumps([_document(sensor) for sensor in table], indent=2))
     elif name is None:
         for sensor in table:
-            click.echo(f"{sensor.name:20} {sensor.kind:9} {sensor.summary}")
+            echo(f"{sensor.name:20} {sensor.kind:9} {sensor.summary}")
     else:
-        click.echo("\n".join(_described(table[0])))
+        echo("\n".join(_described(table[0])))
     if picture is not None:
         _draw(table[0], picture)
-        click.echo(f"its {len(table[0].rays()):,} rays: {picture}")
+        echo(f"its {len(table[0].rays()):,} rays: {picture}")
 
 
 def _document(sensor: Sensor) -> dict[str, Any]:

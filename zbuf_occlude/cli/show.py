@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.summary import picture
 from zbuf_occlude.dataset.convert import open_dataset
@@ -26,7 +27,7 @@ def command(folder: Path, out: Path | None, table2: bool) -> None:
       contact_sheet.png   a cloud of each class, from a fixed viewpoint and from its camera's
     """
     if table2:
-        click.echo(as_markdown([*PAPER, row_of(folder)]))
+        echo(as_markdown([*PAPER, row_of(folder)]))
         return
     out = folder if out is None else out
     _, manifest = read_finished(folder)
@@ -34,4 +35,4 @@ def command(folder: Path, out: Path | None, table2: bool) -> None:
     source = open_dataset(folder)
     write_gallery(out / GALLERY, source, manifest, folder)
     write_contact_sheet(out / CONTACT_SHEET, source)
-    click.echo(f"gallery  {out / GALLERY}\npicture  {picture(out / CONTACT_SHEET)}")
+    echo(f"gallery  {out / GALLERY}\npicture  {picture(out / CONTACT_SHEET)}")

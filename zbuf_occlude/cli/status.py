@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.shard import look_at
 
@@ -20,7 +21,7 @@ def command(folder: Path, as_json: bool) -> None:
     """
     first, *others = reports = [{"folder": str(each)} | gather(each) for each in datasets_in(folder)]
     if as_json:
-        click.echo(json.dumps(first | {"others": others}, indent=2))
+        echo(json.dumps(first | {"others": others}, indent=2))
         return
     for report in reports:
         tell(report)
@@ -28,17 +29,17 @@ def command(folder: Path, as_json: bool) -> None:
 
 def tell(report: dict[str, Any]) -> None:
     """Print one report."""
-    click.echo(f"folder      {report['folder']}")
-    click.echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
-    click.echo(f"shards      {report['shards_done']} of {report['shards']} done")
+    echo(f"folder      {report['folder']}")
+    echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
+    echo(f"shards      {report['shards_done']} of {report['shards']} done")
     for shard, fault in report["shards_to_make_again"].items():
-        click.echo(f"again       shard {shard}: {fault}")
-    click.echo(f"clouds      {report['clouds']}")
+        echo(f"again       shard {shard}: {fault}")
+    echo(f"clouds      {report['clouds']}")
     if report["worker_seconds_left"]:
-        click.echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
+        echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
     for key, reason in report["failures"].items():
-        click.echo(f"failed      {key}: {reason}")
-    click.echo(f"state       {'complete' if report['complete'] else 'not complete; the same command resumes it'}")
+        echo(f"failed      {key}: {reason}")
+    echo(f"state       {'complete' if report['complete'] else 'not complete; the same command resumes it'}")
 
 
 def gather(folder: Path) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.learn.data import CloudSet, load_clouds
@@ -76,7 +77,7 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
         validation = load(folders, "val")
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
-    click.echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
+    echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
     with tqdm(total=config.epochs, unit=" epochs", desc="train", smoothing=0.1) as bar:
 
         def progress(epoch: Any) -> None:
@@ -86,7 +87,7 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
         trained = train(config, training, validation, out, progress=progress)
     n_parameters = sum(parameter.numel() for parameter in trained.model.parameters())
     best, n_epochs = trained.best, len(trained.history)
-    click.echo(
+    echo(
         f"{config.model}, {n_parameters:,} parameters, {len(trained.classes)} classes: "
         f"{best.validation_accuracy:.1%} of the validation after epoch {best.number} of {n_epochs} "
         f"({trained.seconds:.0f} s)\nmodel    {out / 'model.pt'}\nhistory  {out / 'history.json'}"

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import up_option
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
 from zbuf_occlude.dataset.verify import verify
@@ -36,25 +37,25 @@ def check(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) 
     plan, manifest = read_finished(folder)
     collection = None
     if plan.recipe.complete:
-        click.echo("complete clouds: nothing to ask of the oracle")
+        echo("complete clouds: nothing to ask of the oracle")
     elif meshes:
         collection = MeshCollection.from_paths(meshes, up=up)
     elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
         from zbuf_occlude.meshes import shapes  # late: only needed without files
 
         collection = shapes.collection()
-    click.echo(folder)
+    echo(folder)
     with tqdm(total=manifest["counts"]["clouds"], unit=" clouds", desc="verify") as bar:
         verdict = verify(folder, collection, n_samples=samples, progress=bar.update)
-    click.echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
+    echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
-        click.echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+        echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
     elif plan.recipe.setup is not None and verdict.n_checked:
         same = "not all the same" if verdict.faults else "the same"
-        click.echo(f"{verdict.n_checked} points scanned again: {same}")
+        echo(f"{verdict.n_checked} points scanned again: {same}")
     elif collection is None and not plan.recipe.complete:
-        click.echo("not asked of the oracle: give the meshes the dataset was made of")
+        echo("not asked of the oracle: give the meshes the dataset was made of")
     for fault in verdict.faults:
-        click.echo(f"fault: {fault}", err=True)
-    click.echo("faults found" if verdict.faults else "the dataset is what its manifest says")
+        echo(f"fault: {fault}", err=True)
+    echo("faults found" if verdict.faults else "the dataset is what its manifest says")
     return not verdict.faults

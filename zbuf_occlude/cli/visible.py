@@ -8,6 +8,7 @@ import numpy as np
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import (
     camera_options,
     chosen_method,
@@ -94,7 +95,7 @@ def command(
         normals = np.where(away, -cloud.normals, cloud.normals)
     write_cloud(out, cloud.positions, normals)
     why = f", because {choice.reason}" if choice.reason else ""
-    click.echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")
+    echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")
 
 
 def write_scan(
@@ -115,7 +116,7 @@ def write_scan(
     mesh = load_mesh(path, up=up)
     found = scan(mesh, sensor, look_at(camera(mesh).eyes[0], mesh.centre), seed=seed, method=caster)
     write_cloud(out, found.positions, found.normals)
-    click.echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
+    echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
 
 
 def write_cloud(out: Path, positions: FloatArray, normals: FloatArray | None) -> None:

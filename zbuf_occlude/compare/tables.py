@@ -16,11 +16,12 @@ from zbuf_occlude.compare.summary import (
     share,
     standings,
 )
+from zbuf_occlude.errors import printable
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they mean in Markdown.
+    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they mean in Markdown, unless it is `verbatim`.
 
     Parameters
     ----------
@@ -49,7 +50,8 @@ class Table:
         rule = ["---" if self._is_text(i) else "---:" for i in range(len(self.header))]
         lines = [f"{'#' * level} {self.title}", ""] if self.title else []
         lines += [
-            "| " + " | ".join(c.replace("|", "\\|") for c in row) + " |" for row in (self.header, rule, *self.rows)
+            "| " + " | ".join(printable(cell).replace("|", "\\|") for cell in row) + " |"
+            for row in (self.header, rule, *self.rows)
         ]
         return "\n".join(lines + (["", self.note] if self.note else [])) + "\n"
 
@@ -70,9 +72,21 @@ class Table:
         return f"{title}<div class=wide><table><thead>{head}</thead><tbody>{body}</tbody></table></div>{note}"
 
 
+_MARKUP = re.compile(r"[\\`*\[\]]|(?<![^\W_])_|_(?![^\W_])")
+_REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
+
+
+def verbatim(name: str) -> str:
+    """Return a name, or a text with names in it, so that none of it is taken for markup, in Markdown and in HTML.
+
+    What could be is written as character references, which no dialect of Markdown takes for markup.
+    """
+    return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(printable(name), quote=False))
+
+
 def marked_up(text: str) -> str:
-    """Turn backticks and double asterisks into HTML; everything else is escaped."""
-    text = html.escape(text)
+    """Turn backticks and double asterisks into HTML; everything else is escaped, but for what `verbatim` wrote."""
+    text = _REFERENCE.sub(r"&\1;", html.escape(printable(text)))
     text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
     return re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text)
 
@@ -153,7 +167,7 @@ def by_mesh(rows: Sequence[Row]) -> Table:
     heads = []
     for case in cases:
         faces = next((row["mesh"]["faces"] for row in rows if row["case"] == case and "mesh" in row), None)
-        heads.append(f"{case} ({faces:,} faces)" if faces else case)
+        heads.append(f"{verbatim(case)} ({faces:,} faces)" if faces else verbatim(case))
     body = [[f"`{one.subject}`", *(text(cell.get((case, one.subject))) for case in cases)] for one in ranking]
     return Table("Mesh by mesh: wrong outside the band · time a view", ["subject", *heads], body)
 
@@ -166,5 +180,8 @@ def failures(rows: Sequence[Row]) -> Table | None:
             reasons.setdefault((row["subject"], row["status"], row["reason"]), []).append(row["case"])
     if not reasons:
         return None
-    body = [[f"`{s}`", status, ", ".join(cases), reason] for (s, status, reason), cases in reasons.items()]
+    body = [
+        [f"`{subject}`", status, verbatim(", ".join(cases)), verbatim(reason)]
+        for (subject, status, reason), cases in reasons.items()
+    ]
     return Table("What did not run", ["subject", "", "on", "because"], body, texts=4)

@@ -13,6 +13,7 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic, table2
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.errors import printable
 from zbuf_occlude.viewer import asset, coloured, json_for_page, pack_cloud, viewer_script
 
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
@@ -63,9 +64,9 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
             f"{error['false_hidden']:.3%} false hidden"
         )
     page = Template(asset("gallery.html")).substitute(
-        title=html.escape(f"Occluded point clouds: {folder.absolute().name}"),
+        title=html.escape(printable(f"Occluded point clouds: {folder.absolute().name}")),
         style=asset("page.css"),
-        facts=html.escape("; ".join(facts) + "."),
+        facts=html.escape(printable("; ".join(facts)) + "."),
         table2=_table([*table2.PAPER, table2.row_of(folder)]),
         viewer_script=viewer_script(),
         data=json_for_page({"classes": rows}),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.compare.report import as_png, image
-from zbuf_occlude.compare.tables import Table, marked_up
+from zbuf_occlude.compare.tables import Table, marked_up, verbatim
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.experiments import paper
 from zbuf_occlude.learn.experiments.findings import sentences, table_of_findings
@@ -108,12 +108,12 @@ def opening(study: dict[str, Any], results: Sequence[Result]) -> list[str]:
     seconds = sum(result.document["seconds"] for result in results)
     size = study["size"]
     facts = (
-        f'The study "{size["name"]}" ({size["summary"]}) of {study["objects"]}, begun {study["date"]}: '
+        f'The study "{size["name"]}" ({size["summary"]}) of {verbatim(study["objects"])}, begun {study["date"]}: '
         f"{len(results)} classifiers, {seconds / 60:.0f} minutes of training on {', '.join(devices)}; "
         f"{'; '.join(machines)}. {_guessing(results)} The paper: {paper.CITATION}."
     )
     if failed := study["failed_meshes"]:
-        facts += f" {len(failed)} mesh{'es' * (len(failed) > 1)} could not be used: {', '.join(failed)}."
+        facts += f" {len(failed)} mesh{'es' * (len(failed) > 1)} could not be used: {verbatim(', '.join(failed))}."
     return [*sentences(results), facts]
 
 
