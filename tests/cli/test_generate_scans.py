@@ -173,3 +173,14 @@ def test_what_is_typed_wrongly(run: Run, tmp_path: Path, given: tuple[str, ...],
     assert outcome.code == 2
     assert words in outcome.err
     assert not (tmp_path / "wrong").exists()
+
+
+def test_a_camera_is_rolled_as_its_view_says(run: Run, tmp_path: Path) -> None:
+    given = ("generate", "--sensor", "pinhole:width=80,height=4,fov=40", "--views", "random-so3:3", "--limit", 1)
+    out = tmp_path / "rolled"
+    outcome = run(*given, "--scale", "mesh", "--distance", 2, "--workers", 1, "--sample-size", 64, "--out", out)
+    assert outcome.code == 0, outcome.err
+    for record in records_of(out):
+        eye_space = record["data"] @ record["pose"][:3, :3].T + record["pose"][:3, 3]
+        heights = eye_space[:, 1] / -eye_space[:, 2]
+        assert np.abs(heights).max() < 2.0 * np.tan(np.radians(20)) / 40 + 1e-4, "within the rows of the picture"

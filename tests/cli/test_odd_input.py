@@ -46,6 +46,52 @@ def test_absurd_numbers_are_usage_errors(run: Run, tetrahedron: Path, arguments:
     assert "Traceback" not in outcome.err
 
 
+SENSOR = ("--sensor", "vlp-16", "--size", 4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--classes", ""), "it must have a word, or several between commas; got ''"),
+        (("--splits", " , "), "it must have a word, or several between commas"),
+        (("--sensor", "vlp-16", "--size", "chiar=0.9"), "--size must be of classes that there are, tetrahedron"),
+        ((*SENSOR, "--views", "cameras.json"), "--views must be places about the object for a sensor"),
+    ],
+)
+def test_what_nothing_would_look_at_is_a_usage_error(
+    run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch, arguments: Any, message: str
+) -> None:
+    monkeypatch.chdir(tetrahedron.parent)
+    Path("cameras.json").write_text('[{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}]')
+    outcome = run("generate", tetrahedron, "--dry-run", *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert message in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--cameras", "cameras.json", "--azimuth", 4), "--azimuth must go without --cameras"),
+        (("--cameras", "cameras.json", "--distance", 4, "--roll", 1), "--distance, --roll must go without --cameras"),
+        (("--azimuth", 0, "--elevation", 0, "--index", 3), "--index must go with --cameras"),
+        (("--azimuth", 0, "--elevation", 0, "--look-at", "nan", 0, 0), "nan is not a finite number"),
+        (("--azimuth", 0, "--elevation", 0, "--fov", "nan"), "nan is not a finite number"),
+        (("--azimuth", 0, "--elevation", 0, "--fov", 30, "--sensor", "vlp-16"), "--fov must go without a sensor"),
+    ],
+)
+def test_a_camera_is_said_in_one_way(
+    run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch, arguments: Any, message: str
+) -> None:
+    monkeypatch.chdir(tetrahedron.parent)
+    Path("cameras.json").write_text('[{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}]')
+    outcome = run("visible", tetrahedron, "--method", "oracle", *arguments, "--out", "cloud.ply")
+    if "--sensor" in arguments:
+        outcome = run("visible", tetrahedron, *arguments, "--out", "cloud.ply")
+    assert outcome.code == 2
+    assert message in outcome.err
+    assert not Path("cloud.ply").exists()
+
+
 @pytest.mark.parametrize(
     ("method", "setting", "message"),
     [

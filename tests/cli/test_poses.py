@@ -131,3 +131,22 @@ def test_usage(run: Run, plates: Path, tmp_path: Path, command: tuple[object, ..
     name, *arguments = (camera_file(tmp_path) if word == "CAMERA" else word for word in command)
     outcome = run(name, plates, *arguments, "--out", tmp_path / ("c.ply" if name == "visible" else "out"))
     assert (outcome.code, message in " ".join(outcome.err.split())) == (2, True), outcome.err
+
+
+def test_a_sensor_is_turned_as_the_camera_is(run: Run, plates: Path, tmp_path: Path) -> None:
+    out = tmp_path / "scan.npy"
+    given = ("visible", plates, "--azimuth", 0, "--elevation", 0, "--distance", 2, "--out", out)
+    narrow = ("--sensor", "pinhole:width=60,height=20,fov=10")
+
+    def shown(*more: object) -> np.ndarray:
+        assert run(*given, *more).code == 0
+        found: np.ndarray = np.load(out)
+        return found
+
+    assert len(shown(*narrow)) == 0, "between the plates"
+    right = shown(*narrow, "--look-at", 0, 2, 0)
+    assert len(right) > 0
+    assert (right[:, 1] > 1).all()
+    level = shown("--sensor", "pinhole:width=60,height=6,fov=40")
+    upright = shown("--sensor", "pinhole:width=60,height=6,fov=40", "--roll", 90)
+    assert np.ptp(level[:, 1]) > 4 > 1 > len(upright)

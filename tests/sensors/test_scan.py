@@ -11,6 +11,7 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors import Ball, Scan, look_at, make
 from zbuf_occlude.sensors import imperfections as faults_of
+from zbuf_occlude.sensors.scan import pose_of_camera
 
 ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
 """A square across the x axis, side 2."""
@@ -184,7 +185,7 @@ def test_bad_arguments() -> None:
     sensor = make("vlp-16")
     with pytest.raises(zo.ArgumentError, match="pose must be a rigid motion"):
         zo.scan(box(), sensor, np.diag([2.0, 2, 2, 1]))
-    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\), sensor to world"):
+    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\); got \(3, 3\) float64\. It is sensor to world"):
         zo.scan(box(), sensor, np.eye(3))
     with pytest.raises(
         zo.OptionError, match=r"the method must cast rays; vertex_hsr does not: .*`zbuf-occlude methods`"
@@ -202,3 +203,24 @@ def test_a_camera_without_fault_measures_the_scene() -> None:
     radius = np.tan(np.arcsin(1 / 6)) * sensor.pixels
     assert len(scan) == pytest.approx(np.pi * radius**2, rel=0.01)
     assert np.allclose(np.linalg.norm(scan.positions, axis=1), 1.0, atol=0.01)
+
+
+def test_a_sensor_in_a_cameras_place() -> None:
+    views = zo.views.random(20, distance=3.0, seed=1)
+    for matrix, eye in zip(views.poses, views.eyes, strict=True):
+        assert np.allclose(pose_of_camera(matrix), look_at(eye, [0, 0, 0]))
+    rolled = zo.Views([0.3], [0.2], [3.0], roll=0.5)
+    ahead, left, up = pose_of_camera(rolled.poses[0])[:3, :3].T
+    assert np.allclose(np.cross(ahead, left), up)
+    assert np.allclose(up, rolled.ups[0])
+
+
+def test_what_is_no_scene_or_sensor() -> None:
+    with pytest.raises(zo.ArgumentError, match="a scan must be of a Scene or Mesh by a Sensor; got Mesh and str"):
+        zo.scan(wall(3.0), "vlp-16")  # type: ignore[arg-type]
+    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\); got \(\) <U1\. It is sensor to world"):
+        zo.scan(wall(3.0), make("vlp-16"), "a")
+    with pytest.raises(zo.OptionError, match="sensor must be a name or a path; got int"):
+        make(3)  # type: ignore[arg-type]
+    with pytest.raises(zo.OptionError, match="seed must be an int of at least 0"):
+        zo.scan(wall(3.0), make("vlp-16"), seed=-1)

@@ -253,6 +253,8 @@ def command(
     )
     plan = Plan(collection, resolve(made, collection), format)
     find_format(format).check(plan)
+    if setup is not None and plan.views.rotations is not None:
+        raise click.UsageError("--views must be places about the object for a sensor; these are cameras of a file.")
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")

@@ -81,9 +81,11 @@ def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]
     return choice
 
 
-def _finite(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is not a finite number.")
+def _finite(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Refuse NaN and infinity, of an option of one number or of several."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if number is not None and not math.isfinite(number):
+            raise click.BadParameter(f"{number} is not a finite number.")
     return value
 
 
@@ -134,6 +136,10 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     ) -> Any:
         if (cameras is None) == (azimuth is None or elevation is None):
             raise click.UsageError("give --azimuth and --elevation, or --cameras.")
+        angles_of_one = ("azimuth", "elevation", "distance", "roll")
+        if idle := given(click.get_current_context(), ("index",) if cameras is None else angles_of_one):
+            how = "with" if cameras is None else "without"
+            raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
         if cameras is not None:
             views = parse_views(cameras)
             if index >= len(views):
@@ -170,11 +176,13 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--look-at",
             type=(float, float, float),
             metavar="X Y Z",
+            callback=_finite,
             help="In the mesh's coordinates.  [default: centre]",
         ),
         click.option(
             "--fov",
             type=click.FloatRange(0, 180, min_open=True, max_open=True),
+            callback=_finite,
             help="Degrees; what lies outside this square picture is not seen.  [default: everything is in it]",
         ),
         click.option(
@@ -222,7 +230,10 @@ class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter be
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[str]:
         """Return the words."""
-        return value if isinstance(value, list) else [word.strip() for word in value.split(",") if word.strip()]
+        words = value if isinstance(value, list) else [word.strip() for word in value.split(",") if word.strip()]
+        if not words:
+            self.fail(f"it must have a word, or several between commas; got {value!r}.", param, ctx)
+        return words
 
 
 def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -14,7 +14,7 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.files import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
-from zbuf_occlude.scenes.sizes import parse_sizes, size_of
+from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
@@ -137,9 +137,14 @@ def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
 
 
 def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
-    """Raise OptionError for a class without a size, or a range within an object of it."""
+    """Raise OptionError for a class without a size, a size without a class, or a range within an object of it."""
     if setup is None or isinstance(setup.size, str):
         return
+    known = {*collection.classes, *SIZES, "*"}
+    if unknown := [label for label in setup.size if label not in known]:
+        raise OptionError(
+            f"--size must be of classes that there are, {', '.join(collection.classes)}; got {unknown[0]}."
+        )
     for label in collection.classes:
         size = size_of(label, setup.size, 1.0)
         if setup.range is not None and setup.range[0] <= size / 2:

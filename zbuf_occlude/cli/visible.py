@@ -23,7 +23,8 @@ from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
-from zbuf_occlude.sensors import Sensor, look_at, scan
+from zbuf_occlude.sensors import Sensor, scan
+from zbuf_occlude.sensors.scan import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
@@ -108,13 +109,11 @@ def write_scan(
     out: Path,
 ) -> None:
     """Write what a sensor at the camera's place measures of a mesh, whose unit is the metre."""
-    if idle := given(context, ("points", "settings")):
-        raise click.UsageError(
-            f"{', '.join(idle)} is for points on the surface; a sensor decides itself. Leave it out."
-        )
+    if idle := given(context, ("points", "settings", "fov")):
+        raise click.UsageError(f"{', '.join(idle)} must go without a sensor, which decides itself. Leave it out.")
     caster = named_caster(context)
     mesh = load_mesh(path, up=up)
-    found = scan(mesh, sensor, look_at(camera(mesh).eyes[0], mesh.centre), seed=seed, method=caster)
+    found = scan(mesh, sensor, pose_of_camera(camera(mesh).poses[0]), seed=seed, method=caster)
     write_cloud(out, found.positions, found.normals)
     echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
 

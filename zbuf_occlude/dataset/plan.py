@@ -27,7 +27,7 @@ FRAMES = ("object", "camera")
 SUBSETS = ("random", "fps")
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 3
+DATA_VERSION = 4
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_A_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
@@ -264,11 +264,20 @@ class Plan:
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
 
+def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
+    """Say what became of a value; of a mapping, what became of each of its own."""
+    if isinstance(then, Mapping) and isinstance(now, Mapping):
+        for key in sorted(then.keys() | now.keys()):
+            yield from _changed(f"{name}.{key}", then.get(key), now.get(key))
+    elif then != now:
+        yield f"{name} was {then!r:.60}, and is {now!r:.60}"
+
+
 def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator[str]:
     for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
         then, now = (document["recipe"].get(name) for document in (theirs, mine))
-        if then != now and name != "reason":
-            yield f"{name} was {then!r:.60}, and is {now!r:.60}"
+        if name != "reason":
+            yield from _changed(name, then, now)
     meshes = {row[0]: row[1:] for row in theirs["meshes"]}, {row[0]: row[1:] for row in mine["meshes"]}
     for here, there, what in ((*meshes, "is not among the meshes now"), (*meshes[::-1], "was not among the meshes")):
         if gone := [key for key in here if key not in there]:

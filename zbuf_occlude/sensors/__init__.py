@@ -24,12 +24,12 @@ SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
 """Every sensor of the table by name."""
 
 
-def make(name: str, **numbers: Any) -> Sensor:
+def make(name: str | Path, **numbers: Any) -> Sensor:
     """Return a sensor.
 
     Parameters
     ----------
-    name : str
+    name : str or Path
         A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
         ``pinhole:width=320,height=240,fov=60``.
     **numbers
@@ -40,6 +40,9 @@ def make(name: str, **numbers: Any) -> Sensor:
     OptionError
         No such sensor, no such number, or a value out of range.
     """
+    if not isinstance(name, (str, Path)):
+        raise OptionError(f"sensor must be a name or a path; got {type(name).__name__}.")
+    name = str(name)
     if Path(name).suffix.lower() in SUFFIXES:
         sensor = read_sensor(Path(name)).sensor()
     else:

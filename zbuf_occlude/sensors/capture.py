@@ -16,7 +16,7 @@ from zbuf_occlude.scenes.kinds import WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import Ball, look_at, scan
+from zbuf_occlude.sensors.scan import Ball, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -91,7 +91,7 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     Parameters
     ----------
     views : Views
-        Distances in the target's size. Where there is a ground only their azimuths count.
+        Distances in the target's size; rolls too. Where there is a ground only their azimuths count.
     size : float
         Metres.
     floor : float
@@ -116,7 +116,7 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
         raise MeshError(
             f"the range must be more than half the object's {size:g} m; it is {lengths.min():g} m. Raise --range."
         )
-    return Views(azimuth, elevation, distance)
+    return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 
 
 def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
@@ -147,11 +147,12 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
         placed += placed_of([dict(each) for each in setup.objects], floor)
         scene = Scene.joined(placed)
         with prepare(scene.mesh, setup.method) as occluder:
-            for number, eye in enumerate(places.eyes):
-                yield _captured(mesh, scene, occluder, eye, setup, partial(seeds, view=number))
+            for number, pose in enumerate(_poses(places, setup)):
+                yield _captured(mesh, scene, occluder, pose, setup, partial(seeds, view=number))
         return
     share = (setup.share[0], setup.share[1])
     measured = Target.of(mesh, seeds("points", 0))
+    poses = _poses(places, setup)
     for number, (eye, shown) in enumerate(zip(places.eyes, measured.showing(places.eyes), strict=True)):
         asked = Asked(target, eye, floor, measured.points.positions[shown], share, pool)
         arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
@@ -159,23 +160,25 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
         hidden = _hidden(arranged.placed, near, asked.positions, eye)
         scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near)
         with prepare(scene.mesh, setup.method) as occluder:
-            capture = _captured(mesh, scene, occluder, eye, setup, partial(seeds, view=number))
+            capture = _captured(mesh, scene, occluder, poses[number], setup, partial(seeds, view=number))
             reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
             yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
-def _captured(mesh: Mesh, scene: Scene, occluder: Occluder, eye: FloatArray, setup: Setup, seeds: ViewSeeds) -> Capture:
-    pose = _pose(eye, setup)
+def _captured(
+    mesh: Mesh, scene: Scene, occluder: Occluder, pose: FloatArray, setup: Setup, seeds: ViewSeeds
+) -> Capture:
     towards = None if setup.keep == "all" else Ball(np.zeros(3), _reach(mesh, setup))
     found = scan(scene, setup.made_sensor, pose, seed=seeds("scan"), occluder=occluder, towards=towards)
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box")))
     return Capture(found.select(kept), scene, occluder, pose)
 
 
-def _pose(eye: FloatArray, setup: Setup) -> FloatArray:
-    """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it."""
-    level = setup.height is not None and setup.made_sensor.kind == "spinning"
-    return look_at(eye, [0.0, 0.0, eye[2]] if level and np.hypot(eye[0], eye[1]) > 0 else np.zeros(3))
+def _poses(places: Views, setup: Setup) -> list[FloatArray]:
+    """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it, rolled."""
+    if setup.height is not None and setup.made_sensor.kind == "spinning":
+        return [look_at(eye, [0.0, 0.0, eye[2]]) for eye in places.eyes]
+    return [pose_of_camera(matrix) for matrix in places.poses]
 
 
 def _reach(mesh: Mesh, setup: Setup) -> float:

@@ -1,6 +1,7 @@
 """Sensors from a user's files: a YAML of numbers, or a CSV of directions."""
 
 import csv
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,8 @@ import numpy as np
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, OptionError
-from zbuf_occlude.sensors.rays import KINDS
+from zbuf_occlude.sensors.model import Imperfections
+from zbuf_occlude.sensors.rays import KINDS, numbers_of
 from zbuf_occlude.sensors.table import Row
 
 SUFFIXES = (".yaml", ".yml", ".csv")
@@ -49,10 +51,12 @@ def _of_yaml(path: Path, text: str) -> Row:
     kind, source = str(given.pop("kind")), str(given.pop("source", path.name))
     name, summary = str(given.pop("name", path.stem)), str(given.pop("summary", f"from {path.name}"))
     check_word(f"kind in {path}", kind, KINDS)
+    for number in given:
+        check_word(f"a number in {path}", number, [*numbers_of(kind), *(each.name for each in fields(Imperfections))])
     row = Row(name, kind, summary, {number: (value, source) for number, value in given.items()})
     try:
         row.sensor().rays()
-    except TypeError as error:  # Imperfections does not know the name, or a number is none
+    except TypeError as error:  # a number is none
         raise OptionError(f"{path} must hold the numbers of a {kind} sensor; {error}. See docs/sensors.md.") from None
     except (ArgumentError, OptionError) as error:
         raise OptionError(f"{path}: {error}") from None

@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.seeds import generator
 from zbuf_occlude.sensors.imperfections import imperfect
 from zbuf_occlude.sensors.model import Imperfections, Sensor
 from zbuf_occlude.sensors.rays import Rays
@@ -77,17 +78,22 @@ def scan(
     Raises
     ------
     ArgumentError
-        A pose that is no rigid motion.
+        A pose that is no rigid motion, or no scene or sensor.
     OptionError, UnavailableError
         As `zbuf_occlude.prepare`; a method that casts no rays.
     """
+    if not isinstance(scene, Scene | Mesh) or not isinstance(sensor, Sensor):
+        raise ArgumentError(
+            f"a scan must be of a Scene or Mesh by a Sensor; got {type(scene).__name__} and {type(sensor).__name__}. "
+            "Make one: sensors.make(name)."
+        )
     if isinstance(scene, Mesh):
         scene = Scene.of(scene)
     rotation, origin = _rigid(pose)
     rays = sensor.rays()
     if towards is not None:
         rays = rays.select(_may_meet(rays, rotation, origin, towards, sensor.imperfections.divergence))
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     if occluder is not None:
         returns = _returns(scene, occluder, rays, rotation, origin, sensor)
     else:
@@ -120,10 +126,19 @@ def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
     return pose
 
 
+def pose_of_camera(view_matrix: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of a sensor that stands where a camera does, given by its view matrix, turned as it is."""
+    rotation = view_matrix[:3, :3]
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([-rotation[2], -rotation[0], rotation[1]], axis=1)
+    pose[:3, 3] = -rotation.T @ view_matrix[:3, 3]
+    return pose
+
+
 def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
-    matrix = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ArgumentError(f"pose must be (4, 4), sensor to world, finite; got {matrix.shape}.")
+    matrix = np.eye(4) if pose is None else as_numbers(pose, "pose", (4, 4), " It is sensor to world.")
+    if not np.isfinite(matrix).all():
+        raise ArgumentError("pose must be finite; it is not.")
     rotation = matrix[:3, :3]
     if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0.0):
         raise ArgumentError(
