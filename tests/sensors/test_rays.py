@@ -106,7 +106,10 @@ def test_docs_show_in_ten_lines_how_to_add_a_sensor(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("kind: spinning\nlasers: [1, 2]\ncolums: 3\n", r"a number in .* must be one of lasers, columns, .*; got 'colums'"),
+        (
+            "kind: spinning\nlasers: [1, 2]\ncolums: 3\n",
+            r"a number in .* must be one of lasers, columns, .*; got 'colums'",
+        ),
         ("kind: spinning\ncolumns: 3\n", r"of kind spinning must have lasers; it has not\."),
         ("kind: rotating\n", r"kind in .* must be one of pinhole, spinning, risley, list; got 'rotating'\."),
         ("lasers: [1, 2]\n", r"must have a line `kind:`"),
