@@ -36,23 +36,26 @@ def test_what_can_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("elsewhere", [False, True])
 def test_a_changed_function_is_compiled_anew_where_others_call_it(tmp_path: Path, elsewhere: bool) -> None:
     (tmp_path / "numba_cache.py").write_text(Path(numba_cache.__file__).read_text())
-    (tmp_path / "caller.py").write_text(
-        "import numba, callee\n@numba.njit(cache=True)\ndef ask():\n    return callee.answer()\n"
+    jit = "@numba.njit(cache=True)\n"
+    (tmp_path / "caller.py").write_text(f"import numba\nimport callee\n{jit}def ask():\n    return callee.answer()\n")
+    (tmp_path / "callee.py").write_text(
+        "import numba\nfrom constants import (\n    ANSWER,\n)\n@numba.njit\ndef answer():\n    return ANSWER\n"
     )
+    (tmp_path / "apart.py").write_text(f"import numba\n{jit}def zero():\n    return 0\n")
     program = (
-        "import numba_cache; numba_cache.forget_stale(); import caller\n"
-        "print(caller.ask(), sum(caller.ask.stats.cache_hits.values()))"
+        "import numba_cache; numba_cache.forget_stale(); import caller, apart\n"
+        "print(caller.ask(), sum(caller.ask.stats.cache_hits.values()), apart.zero(), len(apart.zero.stats.cache_hits))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache") if elsewhere else ""}
     said = []
     for answer in (1, 1, 22):
-        source = f"import numba\n@numba.njit\ndef answer():\n    return {answer}\n"
         if answer > 1 or not said:
-            (tmp_path / "callee.py").write_text(source)
+            (tmp_path / "constants.py").write_text(f"ANSWER = {answer}\n")
         call = [sys.executable, "-B", "-c", program]
         child = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
         said.append(child.stdout.split())
-    assert said == [["1", "0"], ["1", "1"], ["22", "0"]]  # answer, and whether it was there already
+    # each: its answer, and whether it was there already; what does not import the constant stays
+    assert said == [["1", "0", "0", "0"], ["1", "1", "0", "1"], ["22", "0", "0", "1"]]
 
 
 def test_what_was_compiled_is_noted_until_a_source_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,10 +2,12 @@
 
 import atexit
 import hashlib
+import json
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -28,23 +30,28 @@ def forget_stale() -> None:
     """Remove what was compiled of other sources than these.
 
     numba compiles a function anew when its own file changed, not when the file of one that was compiled into it did:
-    after an update it would answer as before.
+    after an update it would answer as before. What counts for a file is its own text and that of all it imports.
     """
     place = _place()
     if place is None:
         return
-    sources, here = _sources(), os.path.dirname(os.path.abspath(__file__))
+    status, here = _sources(), os.path.dirname(os.path.abspath(__file__))
     note = Path(place, f"zbuf_occlude-{hashlib.sha1(here.encode()).hexdigest()}.sources")
     with suppress(OSError):
-        if note.exists() and note.read_text() == sources:
+        then = _read(note)
+        if then.get("status") == status:
             return
-        for folder in {os.path.dirname(os.path.abspath(source)) for source in _files()}:
-            below = f"{os.path.basename(folder)}_{hashlib.sha1(folder.encode()).hexdigest()}"  # numba's name of it
+        now = _digests({Path(path): Path(path).read_text(errors="replace") for path in _files()})
+        for source, digest in now.items():
+            if then.get(str(source)) == digest:
+                continue
+            folder = str(source.parent)
+            below = f"{source.parent.name}_{hashlib.sha1(folder.encode()).hexdigest()}"  # numba's name of it
             for kept in (Path(folder, "__pycache__"), Path(place, below)):
-                for compiled in kept.glob("*.nb[ic]"):
+                for compiled in kept.glob(f"{source.stem}.*.nb[ic]"):
                     compiled.unlink(missing_ok=True)
         note.parent.mkdir(parents=True, exist_ok=True)
-        note.write_text(sources)
+        note.write_text(json.dumps({"status": status, **{str(source): digest for source, digest in now.items()}}))
 
 
 def is_compiled(job: str) -> bool:
@@ -85,6 +92,44 @@ def _files() -> Iterator[str]:
     """The package's sources."""
     for folder, _, names in os.walk(os.path.dirname(os.path.abspath(__file__))):
         yield from (os.path.join(folder, name) for name in names if name.endswith(".py"))
+
+
+def _read(note: Path) -> dict[str, str]:
+    """What was noted of the sources; nothing where there is no such note."""
+    try:
+        known = json.loads(note.read_text())
+    except (OSError, ValueError):
+        return {}
+    return known if isinstance(known, dict) else {}
+
+
+_IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([\w.]+)(?:[ \t]+import[ \t]*(\([^)]*\)|[^\n]*))?", re.MULTILINE)
+
+
+def _digests(texts: Mapping[Path, str]) -> dict[Path, str]:
+    """For each source a digest of its text and of the texts of all that it imports of the package, near and far."""
+    root = Path(os.path.abspath(__file__)).parent
+    by_name = {".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path for path in texts}
+    imported: dict[Path, set[Path]] = {}
+    for path, text in texts.items():
+        found = imported.setdefault(path, set())
+        for module, names in _IMPORT.findall(text):
+            module = module.removeprefix("zbuf_occlude").removeprefix(".")
+            parts = [".".join(filter(None, (module, name))) for name in re.findall(r"\w+", names)]
+            known = [by_name[part] for part in parts if part in by_name]
+            found.update(known)
+            if len(known) < max(len(parts), 1) and module in by_name:  # some name is no module, but in this one
+                found.add(by_name[module])
+    digests = {}
+    for path in texts:
+        reached, left = {path}, [path]
+        while left:
+            new = imported[left.pop()] - reached
+            reached |= new
+            left.extend(new)
+        whole = "".join(f"{one}\n{texts[one]}" for one in sorted(reached))
+        digests[path] = hashlib.sha1(whole.encode(errors="surrogateescape")).hexdigest()
+    return digests
 
 
 def _place() -> str | None:
