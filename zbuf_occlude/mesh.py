@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_array, as_indices, as_numbers, as_vectors, frozen, sealed
 from zbuf_occlude.cleaning import faulty_faces
+from zbuf_occlude.colors import SurfaceColors, of_trimesh
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.origin import UNKNOWN, Origin
 
@@ -34,6 +35,8 @@ class Mesh:
         What `cleaned` removed, by reason.
     origin : Origin
         What it was made of, where that is known: the content of its files, or a shape's recipe.
+    colors : SurfaceColors, optional
+        Base colours of the faces, where they were asked for.
 
     Raises
     ------
@@ -54,6 +57,7 @@ class Mesh:
     source_face_ids: IntArray | None = None
     dropped: dict[str, int] = field(default_factory=dict)
     origin: Origin = UNKNOWN
+    colors: SurfaceColors | None = None
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices")
@@ -68,6 +72,10 @@ class Mesh:
         source = as_indices(source, "source_face_ids", columns=None, upper=np.iinfo(np.int32).max)
         if len(source) != len(faces):
             raise MeshError(f"source_face_ids must have one entry a face ({len(faces)}); got {len(source)}.")
+        if self.colors is not None and len(self.colors.material_ids) != len(faces):
+            raise MeshError(
+                f"colors must be of {len(faces)} faces; they are of {len(self.colors.material_ids)}. Select alike."
+            )
         object.__setattr__(self, "vertices", frozen(vertices))
         object.__setattr__(self, "faces", frozen(faces))
         object.__setattr__(self, "source_face_ids", frozen(source))
@@ -84,6 +92,7 @@ class Mesh:
         source_face_ids: IntArray,
         dropped: dict[str, int],
         origin: Origin,
+        colors: SurfaceColors | None = None,
     ) -> "Mesh":
         """Take over arrays that were checked already, float64 and int32, and that nobody else will change."""
         mesh = object.__new__(cls)
@@ -94,18 +103,20 @@ class Mesh:
             ("source_face_ids", sealed(source_face_ids)),
             ("dropped", dropped),
             ("origin", origin),
+            ("colors", colors),
         ):
             object.__setattr__(mesh, key, value)
         return mesh
 
     @classmethod
-    def from_trimesh(cls, mesh: Any, name: str = "mesh") -> "Mesh":
-        """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned)."""
+    def from_trimesh(cls, mesh: Any, name: str = "mesh", *, colors: bool = False) -> "Mesh":
+        """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned), and its colours if asked for."""
         if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
             raise ArgumentError(
                 f"mesh must be a trimesh.Trimesh; got {type(mesh).__name__}. Make one mesh of a scene: scene.to_mesh()."
             )
-        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name)
+        found = of_trimesh(mesh) if colors else None
+        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name, colors=found)
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -184,12 +195,13 @@ class Mesh:
             "duplicate": self.dropped.get("duplicate", 0) + int((duplicate & ~degenerate).sum()),
         }
         assert self.source_face_ids is not None  # set in __post_init__; for the type checker
+        colors = None if self.colors is None else self.colors.select(keep)
         return Mesh.of_checked(
-            self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped, self.origin
+            self.vertices, self.faces[keep], self.name, self.source_face_ids[keep], dropped, self.origin, colors
         )
 
     def _with_vertices(self, vertices: FloatArray) -> "Mesh":
-        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin)
+        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin, self.colors)
 
 
 def _normals(corners: FloatArray) -> FloatArray:

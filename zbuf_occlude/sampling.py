@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
+from zbuf_occlude.colors import Bytes, barycentric
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.seeds import generator
@@ -37,6 +38,8 @@ class SurfacePoints:
         Index into ``mesh.faces`` of the point's own face, which never hides it; -1: none (a free point).
     normals : (n, 3) float
         Unit normal of the own face (sign as the face is wound, which carries no meaning); zero for a free point.
+    colors : (n, 3) uint8, optional
+        Base colour there, sRGB; of meshes with colours.
 
     Raises
     ------
@@ -47,6 +50,7 @@ class SurfacePoints:
     positions: FloatArray
     face_ids: IntArray
     normals: FloatArray
+    colors: Bytes | None = None
 
     def __post_init__(self) -> None:
         positions = as_vectors(self.positions, "positions")
@@ -57,6 +61,11 @@ class SurfacePoints:
                 "positions, face_ids and normals must have one length; "
                 f"got {len(positions)}, {len(face_ids)} and {len(normals)}."
             )
+        if self.colors is not None:
+            colors = np.asarray(self.colors)
+            if colors.dtype != np.uint8 or colors.shape != positions.shape:
+                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {describe(self.colors)}.")
+            object.__setattr__(self, "colors", sealed(colors.copy()))
         object.__setattr__(self, "positions", frozen(positions))
         object.__setattr__(self, "face_ids", frozen(face_ids))
         object.__setattr__(self, "normals", frozen(normals))
@@ -74,11 +83,14 @@ class SurfacePoints:
         return cls(positions, np.full(len(positions), -1, dtype=np.int32), np.zeros_like(positions))
 
     @classmethod
-    def of_checked(cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray) -> "SurfacePoints":
+    def of_checked(
+        cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray, colors: Bytes | None = None
+    ) -> "SurfacePoints":
         """Take over arrays that were checked already, and that nobody else will change."""
         points = object.__new__(cls)
         for name, array in (("positions", positions), ("face_ids", face_ids), ("normals", normals)):
             object.__setattr__(points, name, sealed(array))
+        object.__setattr__(points, "colors", None if colors is None else sealed(colors))
         return points
 
     def select(self, which: ArrayLike) -> "SurfacePoints":
@@ -87,14 +99,15 @@ class SurfacePoints:
         if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
             raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
         try:
-            return SurfacePoints.of_checked(self.positions[chosen], self.face_ids[chosen], self.normals[chosen])
+            colors = None if self.colors is None else self.colors[chosen]
+            return SurfacePoints.of_checked(self.positions[chosen], self.face_ids[chosen], self.normals[chosen], colors)
         except IndexError as error:
             raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
         """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
         moved = self.positions * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
-        return SurfacePoints(moved, self.face_ids, self.normals)
+        return SurfacePoints(moved, self.face_ids, self.normals, self.colors)
 
 
 def sample_surface(
@@ -116,7 +129,7 @@ def sample_surface(
     Returns
     -------
     SurfacePoints
-        Ordered by face. World space, float64.
+        Ordered by face. World space, float64. With colours where the mesh has them (`load_mesh` with ``colors=True``).
 
     Raises
     ------
@@ -139,7 +152,11 @@ def sample_surface(
     else:
         counts = exact_counts(mesh.areas, n_points or 0, rng)
     positions = points_in_triangles(mesh.corners, counts, rng)
-    return SurfacePoints.of_checked(positions, *_of_faces(mesh.face_normals, counts, len(positions)))
+    face_ids, normals = _of_faces(mesh.face_normals, counts, len(positions))
+    colors = None
+    if mesh.colors is not None:
+        colors = mesh.colors.at(face_ids, barycentric(mesh.corners[face_ids], positions))
+    return SurfacePoints.of_checked(positions, face_ids, normals, colors)
 
 
 def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:

@@ -73,11 +73,11 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
             np.concatenate([scan.positions for scan in scans]),
             face_ids,
             np.concatenate([scan.normals for scan in scans]),
-            {
+            columns={
                 name: np.concatenate([getattr(scan, ATTRIBUTES[name]) for scan in scans])
                 for name in point_columns(recipe)
             },
-            {
+            facts={
                 "size": np.full(len(scans), size),
                 "hidden": np.array([hidden for _, hidden, _ in found]),
                 "hidden_reached": np.array([reached for _, _, reached in found]),

@@ -8,13 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.colors import SurfaceColors
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.gltf import read_gltf_and_look
+from zbuf_occlude.meshes.looks import Look, Read
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.obj import read_obj
+from zbuf_occlude.meshes.obj_colors import read_obj_look
 from zbuf_occlude.meshes.off import read_off
 from zbuf_occlude.meshes.ply import read_ply
+from zbuf_occlude.meshes.ply_colors import read_ply_look
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
 from zbuf_occlude.origin import Origin
@@ -25,6 +29,7 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".ply": read_ply,
     ".stl": read_stl,
 }
+_LOOKS: dict[str, Callable[[bytes, Polygons, Path, Read], Look]] = {".obj": read_obj_look, ".ply": read_ply_look}
 _GLTF = (".glb", ".gltf")
 SUFFIXES = (*_READERS, *_GLTF)
 """Endings of the files that `load_mesh` reads, in lower case."""
@@ -41,7 +46,9 @@ _BEGINNINGS = {
 }
 
 
-def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str | None = None) -> Mesh:
+def load_mesh(
+    path: str | os.PathLike[str], *, up: str | None = None, name: str | None = None, colors: bool = False
+) -> Mesh:
     """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's ending.
 
     Parameters
@@ -53,6 +60,9 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
         By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
     name : str, optional
         The mesh's name; by default the file's without its ending.
+    colors : bool
+        Read base colours too (`Mesh.colors`): of OBJ (.mtl and textures, numbers after the coordinates), PLY and glTF.
+        Other formats, and surfaces without a colour, are grey.
 
     Returns
     -------
@@ -74,7 +84,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
 
     Notes
     -----
-    All objects, groups and nodes of a file become one mesh. Colours, normals, textures are not read. Whatever
+    All objects, groups and nodes of a file become one mesh. Normals of vertices are not read. Whatever
     a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
     meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
     compressed glTF longer.
@@ -95,8 +105,15 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, name: str 
         if suffix != ".stl" or data.startswith(_BOM + b"solid"):  # the head of a binary STL is anybody's
             data = data.removeprefix(_BOM)
         try:
-            polygons = read_gltf(data, path.parent, files.read) if suffix in _GLTF else _READERS[suffix](data)
-            return _finished(polygons, path.stem if name is None else name, up or default_up(path), files.origin)
+            look: Look | None = None
+            if suffix in _GLTF:
+                polygons, look = read_gltf_and_look(data, path.parent, files.read, colors=colors)
+            else:
+                polygons = _READERS[suffix](data)
+                if colors and suffix in _LOOKS:
+                    look = _LOOKS[suffix](data, polygons, path.parent, files.read)
+            mesh_name = path.stem if name is None else name
+            return _finished(polygons, look, mesh_name, up or default_up(path), files.origin, colors)
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
@@ -108,7 +125,7 @@ def default_up(path: Path) -> str:
     return "y" if path.suffix.lower() in _GLTF else "z"
 
 
-def _finished(polygons: Polygons, name: str, up: str, origin: Origin) -> Mesh:
+def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin: Origin, colors: bool) -> Mesh:
     """Cut into triangles, turn z up, clean."""
     if not (polygons.counts >= 3).any():
         raise MeshError(
@@ -126,8 +143,11 @@ def _finished(polygons: Polygons, name: str, up: str, origin: Origin) -> Mesh:
     if up == "y":
         vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
     ids = polygon_ids.astype(np.int32)
+    found = None
+    if colors:
+        found = SurfaceColors.plain(len(ids)) if look is None else look.on(polygons.triangle_corners(), polygon_ids)
     dropped = {reason: n for reason, n in dropped.items() if n}
-    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin)  # by `Polygons`
+    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin, found)  # by `Polygons`
     with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
         return mesh.cleaned()
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes.gltf_colors import Run, read_gltf_look
 from zbuf_occlude.meshes.gltf_data import Data, Json, whole
+from zbuf_occlude.meshes.looks import Look
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 
 _LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
@@ -27,6 +29,7 @@ _DEEPEST = 200  # levels of nodes
 class Part(NamedTuple):
     """The triangles of one primitive, in its mesh's own space."""
 
+    primitive: Json
     positions: FloatArray
     triangles: Ints
     joints: Ints | None
@@ -34,6 +37,13 @@ class Part(NamedTuple):
 
 
 def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Polygons:
+    """Read the triangles of a glTF scene; see `read_gltf_and_look`."""
+    return read_gltf_and_look(data, folder, read, colors=False)[0]
+
+
+def read_gltf_and_look(
+    data: bytes, folder: Path, read: Callable[[Path], bytes], *, colors: bool
+) -> tuple[Polygons, Look | None]:
     """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it.
 
     Parameters
@@ -44,12 +54,16 @@ def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.re
         Where the buffers that the file names must lie.
     read : callable
         Returns the content of such a file.
+    colors : bool
+        Whether colours are wanted.
 
     Returns
     -------
-    Polygons
+    polygons : Polygons
         Triangles in the scene's own axes (y up), mesh by mesh in the order in which nodes show them, parents first.
         Units of the file.
+    look : Look or None
+        None where colours are not wanted.
 
     Raises
     ------
@@ -67,8 +81,11 @@ def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.re
     """
     try:
         document, binary = _split(data)
-        scene = _Scene(document, Data(document, binary, folder, read))
+        numbers, look = Data(document, binary, folder, read), None
+        scene = _Scene(document, numbers)
         positions, triangles = scene.flattened()
+        if colors:
+            look = read_gltf_look(document, numbers, scene.runs, triangles.reshape(-1), folder, read, scene.count)
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError, OSError) as error:
         if isinstance(error, MeshError):
             raise
@@ -76,7 +93,7 @@ def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.re
         reason = f"{type(error).__name__}: {' '.join(str(error).split())[:80]}"
         raise MeshError(f"it must be valid glTF 2.0; its structure is broken ({reason}). Is it damaged?") from None
     used, corners = np.unique(triangles, return_inverse=True)
-    return Polygons.from_triangles(positions[used], corners)
+    return Polygons.from_triangles(positions[used], corners), look
 
 
 def _split(data: bytes) -> tuple[Json, bytes | None]:
@@ -125,6 +142,7 @@ class _Scene:
         )
         self._parts: dict[int, list[Part]] = {}
         self._n_rows = 0
+        self.runs: list[Run] = []  # as far as the scene was flattened
 
     def flattened(self) -> tuple[FloatArray, Ints]:
         """Return all vertices and triangles of the scene."""
@@ -138,13 +156,14 @@ class _Scene:
         positions, triangles, n_vertices = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
         for (mesh_id, skin), places in shown.items():
             for part in self._parts_of(mesh_id):
-                self._count(len(places) * (len(part.positions) + part.triangles.size))
+                self.count(len(places) * (len(part.positions) + part.triangles.size))
                 moved, mirrored = self._moved(part, skin, np.array(places), matrices)
                 firsts = n_vertices + len(part.positions) * np.arange(len(moved))
                 turned = np.where(mirrored[:, None, None], part.triangles[:, ::-1], part.triangles)
                 positions.append(moved.reshape(-1, 3))
                 triangles.append((turned + firsts[:, None, None]).reshape(-1, 3))
                 n_vertices += len(positions[-1])
+                self.runs.append(Run(part.primitive, len(moved), len(part.positions), len(part.triangles)))
         return np.concatenate(positions), np.concatenate(triangles)
 
     def _placed(self) -> Iterator[tuple[int, FloatArray]]:
@@ -178,17 +197,17 @@ class _Scene:
         indices: Ints | None = None
         if (packed := primitive.get("extensions", {}).get("KHR_draco_mesh_compression")) is not None:
             positions, triangles = self._data.draco(packed)
-            return Part(positions, _checked(triangles, len(positions)), None, None)
-        positions = self._data.floats(attributes["POSITION"], "POSITION", self._count)
+            return Part(primitive, positions, _checked(triangles, len(positions)), None, None)
+        positions = self._data.floats(attributes["POSITION"], "POSITION", self.count)
         if "indices" in primitive:
-            indices = self._data.indices(primitive["indices"], self._count)
+            indices = self._data.indices(primitive["indices"], self.count)
         else:
             indices = np.arange(len(positions))
         joints = weights = None
         if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
-            joints = self._data.joints(attributes["JOINTS_0"], self._count)
-            weights = self._data.floats(attributes["WEIGHTS_0"], "WEIGHTS_0", self._count)
-        return Part(positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
+            joints = self._data.joints(attributes["JOINTS_0"], self.count)
+            weights = self._data.floats(attributes["WEIGHTS_0"], "WEIGHTS_0", self.count)
+        return Part(primitive, positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
 
     def _moved(
         self, part: Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
@@ -202,7 +221,7 @@ class _Scene:
         ids = list(map(whole, skin["joints"]))
         posed = np.array([matrices.get(joint, np.eye(4)) for joint in ids])
         if "inverseBindMatrices" in skin:  # columns first, as all matrices of glTF
-            posed = posed @ self._data.matrices(skin["inverseBindMatrices"], self._count)[: len(ids)].transpose(0, 2, 1)
+            posed = posed @ self._data.matrices(skin["inverseBindMatrices"], self.count)[: len(ids)].transpose(0, 2, 1)
         total = part.weights.sum(axis=1, keepdims=True)
         weights = np.divide(part.weights, total, out=np.zeros_like(part.weights), where=total > 0)
         blended = np.einsum("vj,vjab->vab", weights, posed[part.joints])
@@ -219,7 +238,7 @@ class _Scene:
             return
         attributes = instancing["attributes"]
         given = {
-            name: self._data.floats(attributes[name], name, self._count)
+            name: self._data.floats(attributes[name], name, self.count)
             for name in ("TRANSLATION", "ROTATION", "SCALE")
             if name in attributes
         }
@@ -227,7 +246,7 @@ class _Scene:
             local = _local({name.lower(): values[row].tolist() for name, values in given.items()})
             yield matrix if local is None else matrix @ local
 
-    def _count(self, n_rows: int) -> None:
+    def count(self, n_rows: int) -> None:
         """Count rows before memory is taken for them."""
         self._n_rows += n_rows
         if self._n_rows > 3 * self._data.n_bytes + _REPEATED:  # a small file can show the same data without end

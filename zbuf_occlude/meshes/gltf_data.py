@@ -22,7 +22,10 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _FLOATS = (5120, 5121, 5122, 5123, 5126)
 _UNSIGNED = (5121, 5123, 5125)
-_VECTORS = {"POSITION": "VEC3", "WEIGHTS_0": "VEC4", "TRANSLATION": "VEC3", "ROTATION": "VEC4", "SCALE": "VEC3"}
+_VECTORS = {
+    **{"POSITION": ("VEC3",), "WEIGHTS_0": ("VEC4",), "TRANSLATION": ("VEC3",), "ROTATION": ("VEC4",)},
+    **{"SCALE": ("VEC3",), "COLOR_0": ("VEC3", "VEC4"), "TEXCOORD": ("VEC2",)},
+}
 
 
 class Data:
@@ -52,8 +55,8 @@ class Data:
         return sum(map(len, self._kept.values()))
 
     def floats(self, accessor_id: Any, role: str, count: Count) -> FloatArray:
-        """Return vectors as float64, (n, 3) or (n, 4); normalized integers become numbers in [-1, 1]."""
-        accessor = self._accessor(accessor_id, role, (_VECTORS[role],), _FLOATS)
+        """Return vectors as float64, (n, 2), (n, 3) or (n, 4); normalized integers become numbers in [-1, 1]."""
+        accessor = self._accessor(accessor_id, role, _VECTORS[role], _FLOATS)
         values = self._values(accessor_id, accessor, count)
         as_floats = as_doubles(values)
         if accessor.get("normalized") and values.dtype.kind in "iu":
@@ -94,12 +97,22 @@ class Data:
             raise MeshError(f"a mesh compressed by Draco must be sound; DracoPy cannot read it ({said}).") from None
         return np.asarray(mesh.points, dtype=np.float64).reshape(-1, 3), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
 
+    def file(self, image: Json, read: Callable[[str], bytes]) -> bytes:
+        """Return the content of an image: of a buffer view, or of the file that `read` finds by its name."""
+        if "bufferView" in image:
+            view = self._views[whole(image["bufferView"])]
+            return bytes(self._bytes(view, 0, whole(view["byteLength"])))
+        uri = str(image["uri"])
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.partition(";base64,")[2], validate=True)
+        return read(unquote(uri))
+
     def _accessor(self, accessor_id: Any, role: str, types: tuple[str, ...], components: tuple[int, ...]) -> Json:
         accessor: Json = self._accessors[whole(accessor_id)]
         found = accessor["type"], accessor["componentType"]
         if found[0] not in types or found[1] not in components:
             raise MeshError(
-                f"{role} of glTF must be {types[0]} of component types {components}; it is {str(found)[:60]}."
+                f"{role} of glTF must be {' or '.join(types)} of component types {components}; it is {str(found)[:60]}."
             )
         return accessor
 

@@ -68,5 +68,6 @@ def _stamp(path: Path, folder: Path) -> Stamp:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
     bases = [base for base in (folder, folder.resolve()) if path.is_relative_to(base)]
-    name = path.relative_to(bases[0]).as_posix() if bases else path.name
+    # textures may lie beside the folder
+    name = path.relative_to(bases[0]).as_posix() if bases else Path(os.path.relpath(path, folder)).as_posix()
     return Stamp(name, status.st_size, status.st_mtime_ns)

@@ -37,7 +37,7 @@ def read_obj(data: bytes) -> Polygons:
     between two lines cannot be told from a whole one.
     """
     check_text(data)
-    lines = Lines(_joined(data) if b"\\" in data else data, comment=b"#", keywords=_KEYWORDS)
+    lines = Lines(joined(data) if b"\\" in data else data, comment=b"#", keywords=_KEYWORDS)
     is_vertex = lines.kinds == _VERTEX
     if (lines.counts[is_vertex] < 3).any():
         raise MeshError("every v line of an OBJ file must have three coordinates; one has fewer. Is it damaged?")
@@ -53,6 +53,6 @@ def read_obj(data: bytes) -> Polygons:
     return Polygons(vertices, corners - 1, counts)
 
 
-def _joined(data: bytes) -> bytes:
+def joined(data: bytes) -> bytes:
     """Join the lines that a backslash at the end continues; rare, and so not the scanner's business."""
     return re.sub(rb"#[^\n]*", b"", unix_lines(data)).replace(b"\\\n", b" ")

@@ -30,7 +30,9 @@ class _Property:
 
 
 @dataclass
-class _Element:
+class Element:
+    """One element of a header."""
+
     name: str
     n_rows: int
     properties: list[_Property] = field(default_factory=list)
@@ -42,7 +44,7 @@ class _Element:
 
 
 @dataclass
-class _Columns:
+class Columns:
     """What was read of an element: scalars (rows,), and one list as values end to end and their number a row."""
 
     scalars: dict[str, NDArray[Any]]
@@ -74,7 +76,7 @@ def read_ply(data: bytes) -> Polygons:
     triangle strips are not read. In an ASCII file each row must have a line of its own, as in every one that we met.
     Nothing is allocated by what the header says before it was compared with the size of the file.
     """
-    columns = _elements(data, {"vertex", "face"})
+    columns = read_elements(data, {"vertex", "face"})
     if "vertex" not in columns or "face" not in columns:
         raise MeshError("a PLY file must have the elements vertex and face; this one has not. Is it a point cloud?")
     return Polygons(_positions(columns["vertex"]), columns["face"].values, columns["face"].counts)
@@ -93,17 +95,17 @@ def read_ply_points(data: bytes) -> FloatArray | None:
     MeshError
         As `read_ply`.
     """
-    counts = {element.name: element.n_rows for element in _header(data)[0]}
+    counts = {element.name: element.n_rows for element in read_header(data)[0]}
     if counts.get("face") or not counts.get("vertex"):
         return None
-    return _positions(_elements(data, {"vertex"})["vertex"])
+    return _positions(read_elements(data, {"vertex"})["vertex"])
 
 
-def _elements(data: bytes, wanted: set[str]) -> dict[str, _Columns]:
-    """Columns of the elements up to the last of those wanted."""
-    elements, encoding, body = _header(data)
+def read_elements(data: bytes, wanted: set[str]) -> dict[str, Columns]:
+    """Return the columns of the elements up to the last of those wanted; raises as `read_ply`."""
+    elements, encoding, body = read_header(data)
     source = _Ascii(body) if encoding == "ascii" else _Binary(body, "<" if "little" in encoding else ">")
-    columns: dict[str, _Columns] = {}
+    columns: dict[str, Columns] = {}
     if wanted <= {element.name for element in elements}:
         for element in elements:
             columns[element.name] = source.read(element)
@@ -112,15 +114,15 @@ def _elements(data: bytes, wanted: set[str]) -> dict[str, _Columns]:
     return columns
 
 
-def _positions(vertices: _Columns) -> FloatArray:
+def _positions(vertices: Columns) -> FloatArray:
     """(v, 3) float64."""
     if not all(axis in vertices.scalars for axis in "xyz"):
         raise MeshError("the vertices of a PLY file must have x, y and z; these have not. Is it damaged?")
     return np.stack([as_doubles(vertices.scalars[axis]) for axis in "xyz"], axis=1)
 
 
-def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
-    """Elements, encoding (one of the three names), and the bytes after the header."""
+def read_header(data: bytes) -> tuple[list[Element], str, bytes]:
+    """Return elements, encoding (one of the three names), and the bytes after the header; raises as `read_ply`."""
     newline = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if newline is None:
         raise MeshError("a PLY file must begin with the line 'ply'; this one does not. Is it of another format?")
@@ -129,7 +131,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
     if end is None:
         raise MeshError("the header of a PLY file must end with end_header; this one does not. Is it cut short?")
     encoding = ""
-    elements: list[_Element] = []
+    elements: list[Element] = []
     for line in data[: end.start()].splitlines()[1:]:
         words = line.decode("latin-1").split()
         try:
@@ -137,7 +139,7 @@ def _header(data: bytes) -> tuple[list[_Element], str, bytes]:
                 case ["format", name, _]:
                     encoding = name
                 case ["element", name, count]:
-                    elements.append(_Element(name, _row_count(count)))
+                    elements.append(Element(name, _row_count(count)))
                 case ["property", "list", count_type, value_type, name]:
                     # lengths are read as unsigned: a negative one is then larger than any file
                     of_count = np.dtype(_TYPES[count_type].replace("i", "u"))
@@ -164,7 +166,7 @@ def _row_count(word: str) -> int:
     return int(word)
 
 
-def _too_short(element: _Element, n_held: int, what: str) -> MeshError:
+def _too_short(element: Element, n_held: int, what: str) -> MeshError:
     return MeshError(
         f"a PLY file must hold the {element.n_rows:,} rows of the element {element.name} that it declares; "
         f"it has {n_held:,} {what} for them. Is it damaged or cut short?"
@@ -179,7 +181,7 @@ class _Ascii:
         self._numbers: FloatArray | None = None
         self._next_line = 0
 
-    def read(self, element: _Element) -> _Columns:
+    def read(self, element: Element) -> Columns:
         here, end = self._next_line, self._next_line + element.n_rows
         if end > len(self._lines):
             raise _too_short(element, len(self._lines) - here, "lines")
@@ -188,7 +190,7 @@ class _Ascii:
             self._numbers = self._lines.numbers()
         position = self._lines.first[here:end].copy()
         line_end = position + self._lines.counts[here:end]
-        columns = _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+        columns = Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         for column in element.properties:
             if (position >= line_end).any():
                 raise _too_short(element, int((position < line_end).sum()), "whole lines")
@@ -216,15 +218,15 @@ class _Binary:
         self._order = byte_order
         self._next_byte = 0
 
-    def read(self, element: _Element) -> _Columns:
+    def read(self, element: Element) -> Columns:
         room = len(self._body) - self._next_byte
         if element.n_rows * element.n_bytes_least > room:
             raise _too_short(element, room, "bytes")
         if not element.properties or element.n_rows == 0:
-            return _Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
+            return Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
         return self._alike(element) or self._one_by_one(element)
 
-    def _alike(self, element: _Element) -> _Columns | None:
+    def _alike(self, element: Element) -> Columns | None:
         """Read rows whose lists are all as long as the first row's, or return None when they are not."""
         of_lists = iter(self._walk(element, 1)[1][0])
         lengths = [1 if p.count_dtype is None else int(next(of_lists)) for p in element.properties]
@@ -239,7 +241,7 @@ class _Binary:
         if element.n_rows * size > len(self._body) - self._next_byte:
             return None
         rows = np.frombuffer(self._body, dtype=fields, count=element.n_rows, offset=self._next_byte)
-        columns = _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+        columns = Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         for i, (column, length) in enumerate(zip(element.properties, lengths, strict=True)):
             values = rows[f"value{i}"]
             if column.count_dtype is None:
@@ -251,7 +253,7 @@ class _Binary:
         self._next_byte += element.n_rows * size
         return columns
 
-    def _one_by_one(self, element: _Element) -> _Columns:
+    def _one_by_one(self, element: Element) -> Columns:
         """Read rows of different lengths."""
         if element.name == "vertex":
             raise MeshError("the vertices of a PLY file must have no lists of different lengths. Convert it.")
@@ -259,12 +261,12 @@ class _Binary:
         lists = [p for p in element.properties if p.count_dtype is not None]
         wanted = next((i for i, p in enumerate(lists) if p.name in _INDEX_LISTS), None)
         if wanted is None:
-            return _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+            return Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         dtype = lists[wanted].dtype
         packed = np.frombuffer(self._body, dtype=np.uint8)[runs(starts[:, wanted], counts[:, wanted] * dtype.itemsize)]
-        return _Columns({}, packed.view(dtype.newbyteorder(self._order)), counts[:, wanted])
+        return Columns({}, packed.view(dtype.newbyteorder(self._order)), counts[:, wanted])
 
-    def _walk(self, element: _Element, n_rows: int) -> tuple[Ints, Ints, int]:
+    def _walk(self, element: Element, n_rows: int) -> tuple[Ints, Ints, int]:
         """Byte offsets and lengths of the lists of the next rows, (n_rows, lists), and where the last row ends."""
         steps = []
         gap = 0  # bytes since the last list

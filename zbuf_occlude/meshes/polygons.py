@@ -110,6 +110,11 @@ class Polygons:
             triangles[ends[polygon] - len(each) : ends[polygon]] = self.corners[starts[polygon] + each]
         return triangles, polygon_ids
 
+    def triangle_corners(self) -> Ints:
+        """Return for each corner of the triangles that `triangles` gives which of `corners` it is, (f, 3)."""
+        own = np.arange(len(self.corners))
+        return Polygons(self.vertices[self.corners], own, self.counts).triangles()[0]
+
     def _ears(self, starts: Ints, counts: Ints) -> list[Ints]:
         """Cut polygons by ears: corners of triangles (t, 3), counted from each polygon's first."""
         positions, axes = _planes(self.vertices, self.corners, starts, counts)

@@ -1,0 +1,176 @@
+"""SurfaceColors: the base colour of every place on the triangles of a mesh, from corners, textures and materials."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+
+Bytes = NDArray[np.uint8]
+
+REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"
+"""How a texture goes on beyond its edges."""
+
+GREY = 102
+"""Red, green and blue of what has no colour: 0.4, as trimesh shows it."""
+
+
+class Material(NamedTuple):
+    """What a triangle is painted with.
+
+    Parameters
+    ----------
+    factor : (float, float, float)
+        Red, green and blue in [0, 1], by which the colours of corners and texture are multiplied.
+    texture : (h, w, 3) uint8, optional
+        sRGB; the first row is at v = 1.
+    wrap : (str, str)
+        `REPEAT`, `CLAMP` or `MIRROR`, along u and v.
+    """
+
+    factor: tuple[float, float, float]
+    texture: Bytes | None = None
+    wrap: tuple[str, str] = (REPEAT, REPEAT)
+
+
+WHITE = Material((1.0, 1.0, 1.0))
+PLAIN = Material((GREY / 255, GREY / 255, GREY / 255))
+"""Of what has no colour."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceColors:
+    """Base colours over f triangles: what light, shine and transparency do not change.
+
+    Parameters
+    ----------
+    materials : tuple of Material
+    material_ids : (f,) int
+        Index into `materials`.
+    corners : (f, 3, 3) float, optional
+        Red, green and blue in [0, 1] at the corners, linear in between; white by default.
+    uv : (f, 3, 2) float, optional
+        Where the corners lie in the texture, (0, 0) its lower left corner; without them textures do not count.
+    linear : bool
+        Whether factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
+    lacking : tuple of str
+        What was named but could not be read, in words.
+    """
+
+    materials: tuple[Material, ...]
+    material_ids: IntArray
+    corners: FloatArray | None = None
+    uv: FloatArray | None = None
+    linear: bool = False
+    lacking: tuple[str, ...] = ()
+
+    @classmethod
+    def plain(cls, n_faces: int, lacking: tuple[str, ...] = ()) -> "SurfaceColors":
+        """Return the colours of a surface that has none: grey."""
+        return cls((PLAIN,), np.zeros(n_faces, np.int32), lacking=lacking)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every triangle has a colour of its own, and nothing is lacking."""
+        plain = [i for i, material in enumerate(self.materials) if material is PLAIN]
+        return not self.lacking and not np.isin(self.material_ids, plain).any()
+
+    def select(self, which: BoolArray | NDArray[np.intp]) -> "SurfaceColors":
+        """Return the colours of the triangles that a mask or indices pick."""
+        corners, uv = (None if each is None else each[which] for each in (self.corners, self.uv))
+        return SurfaceColors(self.materials, self.material_ids[which], corners, uv, self.linear, self.lacking)
+
+    def at(self, face_ids: IntArray, weights: FloatArray) -> Bytes:
+        """Return the colours of places on triangles.
+
+        Parameters
+        ----------
+        face_ids : (n,) int
+        weights : (n, 3) float
+            Barycentric coordinates.
+
+        Returns
+        -------
+        (n, 3) uint8
+            sRGB. Of a texture the texel in which the place lies, as it is: colours are not mixed across its seams.
+        """
+        found = np.empty((len(face_ids), 3))
+        owners = self.material_ids[face_ids]
+        for owner in np.unique(owners):
+            material, mine = self.materials[owner], np.flatnonzero(owners == owner)
+            of_texture = np.ones(3)
+            if material.texture is not None and self.uv is not None:
+                uv = np.einsum("nc,nca->na", weights[mine], self.uv[face_ids[mine]])
+                of_texture = _texels(material, uv) / 255.0
+                if self.linear:
+                    of_texture = _decoded(of_texture)
+            found[mine] = of_texture * np.array(material.factor)
+        if self.corners is not None:
+            found *= np.einsum("nc,nca->na", weights, self.corners[face_ids])
+        if self.linear:
+            found = _encoded(found)
+        return np.round(np.clip(found, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def of_trimesh(mesh: Any) -> SurfaceColors:
+    """Take the visuals of a ``trimesh.Trimesh``: colours of vertices or faces, or texture and uv; else grey."""
+    n_faces = len(mesh.faces)
+    visual: Any = getattr(mesh, "visual", None)
+    kind, ids = getattr(visual, "kind", None), np.zeros(n_faces, np.int32)
+    if kind == "vertex":
+        return SurfaceColors((WHITE,), ids, np.asarray(visual.vertex_colors)[mesh.faces][:, :, :3] / 255.0)
+    if kind == "face":
+        return SurfaceColors((WHITE,), ids, np.repeat(np.asarray(visual.face_colors)[:, None, :3] / 255.0, 3, axis=1))
+    if kind != "texture":
+        return SurfaceColors.plain(n_faces)
+    image = next(
+        filter(None, (getattr(visual.material, name, None) for name in ("image", "baseColorTexture"))),
+        None,
+    )
+    if image is None or visual.uv is None:
+        red, green, blue = (float(each) / 255.0 for each in visual.material.main_color[:3])
+        return SurfaceColors((Material((red, green, blue)),), ids)
+    material = Material((1.0, 1.0, 1.0), np.asarray(image.convert("RGB")))
+    return SurfaceColors((material,), ids, uv=np.asarray(visual.uv, dtype=np.float64)[mesh.faces])
+
+
+def barycentric(corners: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return the barycentric coordinates (n, 3) of positions (n, 3) on triangles of corners (n, 3, 3), none below 0."""
+    u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], positions - corners[:, 0]
+    uu, uv, vv, wu, wv = (np.einsum("na,na->n", *each) for each in ((u, u), (u, v), (v, v), (w, u), (w, v)))
+    area = uu * vv - uv * uv
+    safe = np.where(area > 0.0, area, 1.0)
+    second, third = np.clip((vv * wu - uv * wv) / safe, 0.0, 1.0), np.clip((uu * wv - uv * wu) / safe, 0.0, 1.0)
+    weights = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _texels(material: Material, uv: FloatArray) -> Bytes:
+    """Return the texels (n, 3) in which places (n, 2) of a texture lie."""
+    assert material.texture is not None
+    height, width = material.texture.shape[:2]
+    usable = np.where(np.isfinite(uv), uv, 0.0)
+    column = _along(usable[:, 0], width, material.wrap[0])
+    row = _along(1.0 - usable[:, 1], height, material.wrap[1])
+    return np.asarray(material.texture[row, column])
+
+
+def _along(places: FloatArray, size: int, wrap: str) -> NDArray[np.intp]:
+    if wrap == REPEAT:
+        places = places - np.floor(places)
+    elif wrap == MIRROR:
+        places = 1.0 - np.abs(places - 2.0 * np.floor(places / 2.0) - 1.0)
+    return np.clip(np.floor(places * size), 0, size - 1).astype(np.intp)
+
+
+def _decoded(srgb: FloatArray) -> FloatArray:
+    """Return linear light (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def _encoded(light: FloatArray) -> FloatArray:
+    """Return sRGB of linear light; the inverse of `_decoded`."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
