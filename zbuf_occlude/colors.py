@@ -1,6 +1,8 @@
 """SurfaceColors: the base colour of every place on the triangles of a mesh, from corners, textures and materials."""
 
+import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,6 +83,14 @@ class SurfaceColors:
         """Return the colours of the triangles that a mask or indices pick."""
         corners, uv = (None if each is None else each[which] for each in (self.corners, self.uv))
         return SurfaceColors(self.materials, self.material_ids[which], corners, uv, self.linear, self.lacking)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Return what tells these colours from others."""
+        found = hashlib.sha256(repr([(m.factor, m.wrap) for m in self.materials]).encode())
+        for array in (self.material_ids, self.corners, self.uv, *(m.texture for m in self.materials)):
+            found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+        return found.digest()
 
     def at(self, face_ids: IntArray, weights: FloatArray) -> Bytes:
         """Return the colours of places on triangles.

@@ -104,6 +104,11 @@ class SurfacePoints:
         except IndexError as error:
             raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
 
+    def normals_towards(self, eye: FloatArray) -> FloatArray:
+        """Return the normals (n, 3), each on the side of its face on which an eye (3,) is."""
+        away = np.einsum("na,na->n", self.normals, eye - self.positions) < 0.0
+        return np.where(away[:, None], -self.normals, self.normals)
+
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
         """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
         moved = self.positions * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))

@@ -104,6 +104,35 @@ def test_visible_writes_arrays(run: Run, plates: Path, tmp_path: Path, suffix: s
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
+def test_visible_with_normals_and_colours(run: Run, tmp_path: Path, suffix: str) -> None:
+    """A square of colours that are its places, from below: its normals point down."""
+    square, out = tmp_path / "square.obj", tmp_path / f"cloud{suffix}"
+    square.write_text("".join(f"v {x} {y} 0 {x} {y} 1\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))) + "f 1 2 3 4\n")
+    arguments = ("--with", "normals,colors", "--azimuth=0", "--elevation=-40", "--method=oracle", "--points=50")
+    assert run("visible", square, *arguments, "--out", out).code == 0
+    if suffix == ".ply":
+        cloud = trimesh.load(out)
+        table = np.c_[cloud.vertices, cloud.metadata["_ply_raw"]["vertex"]["data"]["nz"], cloud.colors[:, :3]]
+    elif suffix == ".npy":
+        table = np.load(out)[:, [0, 1, 2, 5, 6, 7, 8]]
+    else:
+        assert out.read_text().splitlines()[0] == "x,y,z,nx,ny,nz,red,green,blue"
+        table = np.loadtxt(out, delimiter=",", skiprows=1)[:, [0, 1, 2, 5, 6, 7, 8]]
+    assert table.shape == (50, 7)
+    assert (table[:, 3] == -1).all()
+    np.testing.assert_allclose(table[:, 4:], 255 * np.c_[table[:, :2], np.ones(50)], atol=0.51)
+
+
+def test_visible_says_that_there_are_no_colours(run: Run, plates: Path, tmp_path: Path) -> None:
+    arguments = ("--with=colors", "--azimuth=0", "--elevation=30", "--method=oracle", "--out", tmp_path / "cloud.ply")
+    outcome = run("visible", plates, *arguments)
+    assert outcome.code == 0
+    assert outcome.err == f"warning: {plates} has no colours, or not for all faces; there points are grey\n"
+    outcome = run("visible", plates, "--with=rgb", *arguments[1:])
+    assert (outcome.code, "attribute must be one of normals, colors; got 'rgb'" in outcome.err) == (2, True)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_visible_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
     """Of a ball's points, given without faces, those on the near side are seen; each kind that is written is read."""
     pytest.importorskip("open3d")

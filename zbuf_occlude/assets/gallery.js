@@ -62,6 +62,10 @@
   all.addEventListener("change", () => large.turn(large.azimuth, large.elevation));
   const colourings = Object.keys((data.classes[0] && data.classes[0].clouds[0].colourings) || {});
   colourings.forEach((name) => colour.append(new Option(name, name)));
+  if (colourings.includes("own colour")) {
+    colour.value = "own colour";
+    small.forEach((viewer) => viewer.repaint());
+  }
   document.getElementById("colours").hidden = !colourings.length;
   colour.addEventListener("change", () => {
     small.forEach((viewer) => viewer.repaint());

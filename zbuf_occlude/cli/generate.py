@@ -27,6 +27,7 @@ from zbuf_occlude.cli.options import (
     method_options,
     parse_settings,
     up_option,
+    with_option,
 )
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
@@ -135,6 +136,10 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     show_default=True,
     help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
 )
+@with_option(
+    "What points have beside their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
+    "PLY, glTF (grey where there are none)."
+)
 @up_option
 @choice_options
 @click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one a core]")
@@ -207,6 +212,7 @@ def command(
       zbuf-occlude generate chair.off --views ring:8@30 --set resolution=1024
       zbuf-occlude generate --preset paper-modelnet40 --method occupancy_grid --set n=32
       zbuf-occlude generate ModelNet40 --method auto --format packed --out exact
+      zbuf-occlude generate objaverse/glbs --with normals,colors --out coloured
       zbuf-occlude generate --sensor hdl-64e --range 5..50 --scene street --hidden 0..0.5 --views ring:8@0 --out streets
     """
     idle = given(context, ("shapes",) if meshes else ("up",))
@@ -238,6 +244,7 @@ def command(
         classes=classes,
         splits=splits,
         formulas=shapes == FORMULAS,
+        colors="colors" in recipe["attributes"],
     )
     echo(overview(collection, wanted), err=True)
     check_sizes(setup, collection)

@@ -236,6 +236,11 @@ class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter be
         return words
 
 
+def with_option(help: str) -> Callable[[Any], Any]:
+    """--with: what points have beside their positions; handed on as `attributes`."""
+    return click.option("--with", "attributes", type=Words(), default=[], metavar="normals,colors", help=help)
+
+
 def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """--labels, --classes, --splits: which of the meshes found, and what they are of."""
     function = click.option("--splits", type=Words(), help="Only meshes of these splits: train, val, test.")(function)
@@ -268,13 +273,14 @@ def collect(
     classes: list[str] | None = None,
     splits: list[str] | None = None,
     formulas: bool = False,
+    colors: bool = False,
 ) -> MeshCollection:
     """Return the meshes that a person named, or the built-in ones; chosen and ordered, and at most `limit` of them.
 
     What lies in `out` is none: the clouds of a run before, in PLY, in a folder among the meshes.
     """
     if paths:
-        meshes = MeshCollection.from_paths(paths, up=up, labels=labels)
+        meshes = MeshCollection.from_paths(paths, up=up, labels=labels, colors=colors)
         if out is not None:
             own = Path(os.path.realpath(out))
             outside = (e for e in meshes if own not in Path(os.path.realpath(e.path or "")).parents)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.confidence import CONFIDENCE
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.meshes.collection import SPLITS
@@ -50,6 +51,17 @@ def stacked(document: dict[str, Any]) -> list[str]:
     ]
 
 
+def uncolored(document: dict[str, Any]) -> list[str]:
+    """Say of how many meshes colours were wanted and are lacking, and what there is instead."""
+    n = document["counts"].get("meshes_without_colors", 0)
+    if not n:
+        return []
+    return [
+        f"warning: of {n} of {counted(document['counts']['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
+        f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
+    ]
+
+
 def picture(path: Path) -> str:
     """Say where a contact sheet is, or what it would take."""
     return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
@@ -72,6 +84,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         measured(error),
         *stacked(document),
+        *uncolored(document),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",

@@ -1,13 +1,15 @@
 """`zbuf-occlude visible`: the occluded cloud that one camera sees of one mesh."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.checks import check_word
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import (
     camera_options,
@@ -17,8 +19,10 @@ from zbuf_occlude.cli.options import (
     parse_settings,
     suffix_of,
     up_option,
+    with_option,
 )
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
+from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import box_around
@@ -36,6 +40,9 @@ from zbuf_occlude.visibility import find_method
 @sensor_options(SURFACE)
 @click.option("--points", type=click.IntRange(1), default=50_000, show_default=True, help="Sampled before HSR.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@with_option(
+    "Columns beside x, y, z: nx, ny, nz, which PLY has anyway, and red, green, blue, of meshes in OBJ, PLY, glTF."
+)
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")
 @click.pass_context
@@ -50,22 +57,26 @@ def command(
     set_sensor: tuple[str, ...],
     points: int,
     seed: int,
+    attributes: list[str],
     up: str | None,
     out: Path,
 ) -> None:
     """Write the occluded cloud that one camera sees of MESH, in the mesh's own coordinates.
 
-    PLY holds positions and normals (turned towards the camera); .npy and .csv hold (n, 3) positions. With --method
+    PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
     hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
     With --sensor points are its first hits, the file's unit taken as metres (`zbuf-occlude scan` has sizes and scenes).
 
     \b
     Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible chair.glb --with colors --azimuth 30 --elevation 20 --out cloud.ply
       zbuf-occlude visible car.off --sensor hdl-64e --azimuth 30 --elevation 5 --out scan.ply
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
     suffix_of(out, (".ply", ".npy", ".csv"))
+    for name in attributes:
+        check_word("attribute", name, ATTRIBUTES)
     if sensor != SURFACE:
         write_scan(context, mesh, camera, parse_sensor(sensor, set_sensor), seed, up, out)
         return
@@ -77,24 +88,24 @@ def command(
     positions = None if find_method(method).needs_faces else load_cloud(mesh)
     asked: Mesh | SurfacePoints
     if positions is not None:
-        if idle := given(context, ("points", "seed", "up")):
+        if idle := given(context, ("points", "seed", "up", "attributes")):
             raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
         box, asked = box_around(positions), SurfacePoints.free(positions)
         samples = asked
     else:
         with Limits().watch():
-            asked = box = load_mesh(mesh, up=up)
+            asked = box = load_mesh(mesh, up=up, colors="colors" in attributes)
         samples = sample_surface(asked, n_points=points, seed=seed)
     view = camera(box)
     eyes = view.eyes
     with prepare(asked, method, **options) as occluder:
         cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
         renderer = occluder.renderer
-    normals = None
-    if positions is None:
-        away = (cloud.normals * (eyes[0] - cloud.positions)).sum(axis=1, keepdims=True) < 0
-        normals = np.where(away, -cloud.normals, cloud.normals)
-    write_cloud(out, cloud.positions, normals)
+    normals = cloud.normals_towards(eyes[0]) if positions is None else None
+    write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
+    if isinstance(asked, Mesh) and asked.colors is not None and not asked.colors.is_whole:
+        lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
+        echo(f"warning: {mesh} {lacking}", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
     echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")
 
@@ -109,7 +120,7 @@ def write_scan(
     out: Path,
 ) -> None:
     """Write what a sensor at the camera's place measures of a mesh, whose unit is the metre."""
-    if idle := given(context, ("points", "settings", "fov")):
+    if idle := given(context, ("points", "settings", "fov", "attributes")):
         raise click.UsageError(f"{', '.join(idle)} must go without a sensor, which decides itself. Leave it out.")
     caster = named_caster(context)
     mesh = load_mesh(path, up=up)
@@ -118,11 +129,22 @@ def write_scan(
     echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
 
 
-def write_cloud(out: Path, positions: FloatArray, normals: FloatArray | None) -> None:
+def write_cloud(
+    out: Path,
+    positions: FloatArray,
+    normals: FloatArray | None,
+    colors: NDArray[np.uint8] | None = None,
+    attributes: Sequence[str] = (),
+) -> None:
     """Write a cloud as its file's ending says."""
+    if out.suffix.lower() == ".ply":
+        write_ply(out, positions, normals, colors)
+        return
+    more = {"normals": (normals, "nx,ny,nz"), "colors": (colors, "red,green,blue")}
+    chosen = [(positions, "x,y,z"), *(more[name] for name in ATTRIBUTES if name in attributes)]
+    table = np.concatenate([each for each, _ in chosen if each is not None], axis=1)
     if out.suffix.lower() == ".npy":
-        np.save(out, positions)
-    elif out.suffix.lower() == ".csv":
-        np.savetxt(out, positions, delimiter=",", header="x,y,z", comments="", fmt="%.9g")
+        np.save(out, table)
     else:
-        write_ply(out, positions, normals)
+        header = ",".join(names for _, names in chosen)
+        np.savetxt(out, table, delimiter=",", header=header, comments="", fmt="%.9g")

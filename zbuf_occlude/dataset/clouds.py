@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
@@ -25,6 +26,13 @@ SCAN_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
     "clean_range": ("<f4", ()),
 }
 """What a point of a scan has: metres, radians, ..., normals in the frame of the positions; docs/sensors.md explains."""
+
+
+ATTRIBUTE_COLUMNS: dict[str, dict[str, tuple[str, tuple[int, ...]]]] = {
+    "normals": {"normal": ("<f4", (3,))},
+    "colors": {"color": ("|u1", (3,))},
+}
+"""For each attribute of a recipe the fields of a point on a surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +63,12 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     centre : (3,) float64; factor : float64
     n_visible : int32, visible points before the subset was drawn
     visible_fraction : float32, of the object's points; of a scan what others do not hide of the object
+
+    With attributes (`Recipe.attributes`), a row per point,
+
+    normal : float32, unit normal of the point's face in the frame of the positions, turned towards the camera, or as
+        the face is wound where hidden points are kept too
+    color : uint8, red, green and blue, sRGB
 
     Of scans (`Recipe.scanning`), positions are metres and the world's origin is the middle of the object's box; besides
     there are `SCAN_COLUMNS`, a row per point, and
@@ -99,7 +113,7 @@ def point_fields(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
 def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Return the fields of a record besides data and face_ids that have a row per point: type, and shape of a row."""
     if recipe.setup is None:
-        return {}
+        return {name: row for each in recipe.attributes for name, row in ATTRIBUTE_COLUMNS[each].items()}
     return {name: row for name, row in SCAN_COLUMNS.items() if name != "clean_range" or recipe.setup.keep_clean}
 
 
@@ -164,6 +178,8 @@ def gather_clouds(
         record["n_visible"], record["visible_fraction"] = len(visible), len(visible) / len(points)
         if isinstance(points, ScanPoints):
             _fill_scan(record, points, chosen, int(view), poses[view] if recipe.frame == "camera" else None)
+        elif recipe.attributes:
+            _fill_attributes(record, points.select(chosen), recipe, views, int(view))
     return records
 
 
@@ -172,6 +188,14 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
     if isinstance(points, ScanPoints):  # other things' points may be among them, and much of the object is not
         return np.zeros(3), 1.0 / float(points.facts["size"][0])
     return fit(points.positions)
+
+
+def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: Views, view: int) -> None:
+    if "normals" in recipe.attributes:
+        normals = points.normals if recipe.complete else points.normals_towards(views.eyes[view])
+        record["normal"] = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
+    if "colors" in recipe.attributes:
+        record["color"] = GREY if points.colors is None else points.colors
 
 
 def _fill_scan(record: Any, points: ScanPoints, chosen: NDArray[np.intp], view: int, pose: FloatArray | None) -> None:

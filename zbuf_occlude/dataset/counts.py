@@ -48,6 +48,8 @@ class Counts:
         Points that were looked at for another sheet, and those that have one nearer than the method's tolerance.
     most_stacked : WorstMesh, optional
         None where none was looked at.
+    n_without_colors : int
+        Meshes of which colours are wanted and some are lacking.
     faces_dropped : mapping of reason to number
         What cleaning took away.
     """
@@ -64,6 +66,7 @@ class Counts:
     n_looked_at: int = 0
     n_stacked: int = 0
     most_stacked: WorstMesh | None = None
+    n_without_colors: int = 0
     faces_dropped: Mapping[str, int] = field(default_factory=dict)
 
     def __add__(self, other: "Counts") -> "Counts":

@@ -18,6 +18,11 @@ from zbuf_occlude.viewer import asset, coloured, json_for_page, pack_cloud, view
 
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
 """From low to high: blue, green, red."""
+LEVELS = (6, 6, 6)
+"""Of red, green and blue in the page; grey is among them."""
+PAINTS = [
+    tuple(np.round(255 * np.array(each) / (np.array(LEVELS) - 1)).astype(int).tolist()) for each in np.ndindex(LEVELS)
+]
 VIEWS = 6
 """Columns: clouds of each class."""
 POINTS = 2048
@@ -90,23 +95,32 @@ def choose(records: NDArray[Any]) -> NDArray[Any]:
 
 
 def _packed(record: Any, source: Source, colour: tuple[int, int, int]) -> dict[str, Any]:
-    positions, _, _ = upright(record, source.plan.recipe.frame == "camera")
+    in_camera_frame = source.plan.recipe.frame == "camera"
+    positions, _, _ = upright(record, in_camera_frame)
+    normals = None
+    if "normals" in source.plan.recipe.attributes:
+        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if in_camera_frame else np.eye(3))
     azimuth, elevation = np.degrees(record["view"][:2])
     return {
-        **pack_cloud(positions[:POINTS], centre=np.zeros(3), longest=1.0, palette=[colour]),
+        **pack_cloud(positions[:POINTS], centre=np.zeros(3), longest=1.0, palette=[colour], normals=normals),
         "mesh": source.plan.meshes[int(record["mesh_id"])].key,
         "variation": int(record["variation"]),
         "azimuth": round(float(azimuth) % 360, 2),
         "elevation": round(float(elevation), 2),
         "n_visible": int(record["n_visible"]),
         "visible_fraction": float(record["visible_fraction"]),
-        "colourings": _colourings(record) if source.plan.recipe.setup is not None else {},
+        "colourings": _colourings(record),
     }
 
 
 def _colourings(record: Any) -> dict[str, Any]:
-    """Return for each thing that points of a scan may be coloured by their codes and what these look like."""
-    found = {}
+    """Return for each thing that points may be coloured by their codes and what these look like."""
+    found, names = {}, record.dtype.names
+    if "color" in names:
+        levels = np.round(record["color"][:POINTS] / 255.0 * (np.array(LEVELS) - 1)).astype(int)
+        found["own colour"] = coloured(np.ravel_multi_index(levels.T, LEVELS), PAINTS)
+    if "range" not in names:
+        return found
     for name in ("range", "incidence", "ring"):
         values = record[name][:POINTS].astype(float)
         low, high = values.min(), values.max()

@@ -63,6 +63,7 @@ def summed_up(
             "views_that_see_nothing": counts.n_blind_views,
             "clouds_with_repeated_points": counts.n_with_repeats,
             "faces_dropped": dict(counts.faces_dropped),
+            "meshes_without_colors": counts.n_without_colors,
         },
         "failures": failures,
         "tries": tries(sidecars),

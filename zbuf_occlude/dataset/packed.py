@@ -10,6 +10,8 @@ A shard is a ZIP archive; any language reads it. For mesh 17 of the plan and its
     000017/2.steps      q of all points, three 16-bit integers each (`zbuf_occlude.dataset.packing`)
     000017/2.faces      the face each point lies on
     000017/2.visible    for each view of the plan a row of bits, one a point
+    000017/2.normals    with `Recipe.attributes`: unit normals, as the faces are wound, three floats each
+    000017/2.colors     likewise: red, green, blue
 
 The views are those of plan.json, about `centre` at multiples of `longest_side`. Visibility was computed for
 the points before they were rounded; rounding moves a point by at most half a step along each axis, a 131,070th of the
@@ -30,17 +32,22 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packing import (
     Grid,
+    pack_colors,
     pack_faces,
     pack_mask,
+    pack_normals,
     pack_steps,
+    unpack_colors,
     unpack_faces,
     unpack_mask,
+    unpack_normals,
     unpack_steps,
 )
 from zbuf_occlude.dataset.plan import Plan
@@ -94,6 +101,11 @@ class PackedStore:
             self._members.append((f"{name}.steps", pack_steps(grid.rounded(points.positions))))
             self._members.append((f"{name}.faces", pack_faces(points.face_ids)))
             self._members.append((f"{name}.visible", bits))
+            if "normals" in self._plan.recipe.attributes:
+                self._members.append((f"{name}.normals", pack_normals(points.normals)))
+            if "colors" in self._plan.recipe.attributes:
+                colors = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
+                self._members.append((f"{name}.colors", pack_colors(colors)))
 
     def write(self, path: Path) -> None:
         """Write the archive; times in it are fixed, so the same clouds give the same bytes."""
@@ -114,7 +126,7 @@ class Block(NamedTuple):
     Parameters
     ----------
     points : SurfacePoints
-        All n points, rounded; normals are not kept (zero).
+        All n points, rounded; normals, if they are not kept, are zero.
     mask : (k, n) bool
         Which points each view of the plan sees.
     views : Views
@@ -218,7 +230,7 @@ class Archives:
 
     def complete(self, mesh_id: int, n_points: int) -> Any:
         """Return a record of `n_points` of an object's whole surface, hidden points too, of its first variation."""
-        recipe = replace(self.plan.recipe, sample_size=n_points)
+        recipe = replace(self.plan.recipe, sample_size=n_points, complete=True)
         entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
         everything = np.ones_like(block.mask)
         (record,) = gather_clouds(block.points, everything, block.views, recipe, entry.key + "/complete", 0, which=[0])
@@ -231,9 +243,12 @@ class Archives:
         with reading(path):
             archive = self._archive(path)
             steps, faces, bits = (archive.read(f"{name}.{kind}") for kind in ("steps", "faces", "visible"))
+            more = {kind: archive.read(f"{name}.{kind}") for kind in self.plan.recipe.attributes}
         positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(unpack_steps(steps, n_points))
+        normals = unpack_normals(more["normals"], n_points) if "normals" in more else np.zeros_like(positions)
+        colors = unpack_colors(more["colors"], n_points) if "colors" in more else None
         return Block(
-            SurfacePoints(positions, unpack_faces(faces, n_points), np.zeros_like(positions)),
+            SurfacePoints(positions, unpack_faces(faces, n_points), normals, colors),
             unpack_mask(bits, len(self.plan.views), n_points),
             self.plan.views_of(self.plan.meshes[mesh_id].key).around(facts["centre"], facts["longest_side"]),
         )
@@ -261,6 +276,8 @@ class PackedCloud:
     positions : (n, 3) float64
         World space (the mesh's own units), rounded to the object's step.
     face_ids : (n,) int32
+    normals, colors : (n, 3) float64 and uint8, or None
+        Where the dataset was made with them; normals as the faces are wound.
     label : int
         Index into the dataset's classes.
     key : str
@@ -276,6 +293,8 @@ class PackedCloud:
 
     positions: FloatArray
     face_ids: IntArray
+    normals: FloatArray | None
+    colors: NDArray[np.uint8] | None
     label: int
     key: str
     mesh_id: int
@@ -349,6 +368,8 @@ class PackedDataset(Sequence[PackedCloud]):
         return PackedCloud(
             points.positions[seen],
             points.face_ids[seen],
+            points.normals[seen] if "normals" in self.archives.plan.recipe.attributes else None,
+            None if points.colors is None else points.colors[seen],
             self.classes.index(entry.label),
             entry.key,
             mesh_id,

@@ -69,6 +69,31 @@ def unpack_faces(content: bytes, n_points: int) -> IntArray:
     return np.asarray(_unpack(content, np.dtype("<i4")), dtype=np.int32)
 
 
+def pack_normals(normals: FloatArray) -> bytes:
+    """Pack normals (n, 3) as float32: for x, y, z in turn the differences of their bits, none along a face."""
+    bits = np.ascontiguousarray(normals.T, dtype=np.float32).view(np.int32)
+    return b"".join(map(_pack, bits))
+
+
+def unpack_normals(content: bytes, n_points: int) -> FloatArray:
+    """Return the normals (n, 3)."""
+    _check(content, 12 * n_points, "normals")
+    columns = [_unpack(content[4 * n_points * i :][: 4 * n_points], np.dtype("<i4")) for i in range(3)]
+    return np.stack(columns, axis=1).view(np.float32).astype(np.float64)
+
+
+def pack_colors(colors: NDArray[np.uint8]) -> bytes:
+    """Pack colours (n, 3): for red, green, blue in turn, differences folded."""
+    return b"".join(map(_pack, np.ascontiguousarray(colors.T).view(np.int8)))
+
+
+def unpack_colors(content: bytes, n_points: int) -> NDArray[np.uint8]:
+    """Return the colours (n, 3)."""
+    _check(content, 3 * n_points, "colours")
+    columns = [_unpack(content[n_points * i :][:n_points], np.dtype("i1")) for i in range(3)]
+    return np.stack(columns, axis=1).view(np.uint8)
+
+
 def pack_mask(mask: BoolArray) -> bytes:
     """Pack a mask (k, n): a row of ceil(n / 8) bytes a view, the first point in the highest bit."""
     return np.packbits(mask, axis=1).tobytes()

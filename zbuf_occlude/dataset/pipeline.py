@@ -1,5 +1,6 @@
 """The flow, spelled out: mesh -> surface points -> views -> visibility mask -> what a dataset keeps, for one mesh."""
 
+import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, TypeVar
@@ -22,6 +23,7 @@ CHECKED_POINTS = 64
 MOST_TESTS = 1_000_000_000
 """Pairs times faces that the oracle goes through for one sampling: a second. Huge meshes are checked at fewer pairs."""
 
+_LOG = logging.getLogger(__name__)
 
 Kept = TypeVar("Kept")
 Keep = Callable[[SurfacePoints, BoolArray, Views, str, int], Kept]
@@ -59,7 +61,7 @@ def occlude(
     """
     views = views.around(mesh.centre, mesh.longest_side)
     kept, renderer = [], "none"
-    counts = Counts(faces_dropped=mesh.dropped)
+    counts = Counts(faces_dropped=mesh.dropped, n_without_colors=lacks_colors(mesh, recipe))
     with ExitStack() as stack:
         occluder = None
         if not recipe.complete:
@@ -101,6 +103,15 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
         if not len(points):  # a density so low that Algorithm 1 draws nothing still has to give a cloud
             points = sample_surface(mesh, n_points=1, seed=seed)
     return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
+
+
+def lacks_colors(mesh: Mesh, recipe: Recipe) -> int:
+    """Return 1 for a mesh of which colours are wanted and some are lacking, else 0; the log says which."""
+    if "colors" not in recipe.attributes or (mesh.colors is not None and mesh.colors.is_whole):
+        return 0
+    for reason in () if mesh.colors is None else mesh.colors.lacking:
+        _LOG.warning("%s: %s", mesh.name, reason)
+    return 1
 
 
 def check(

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from importlib.util import find_spec
@@ -25,6 +25,8 @@ from zbuf_occlude.views import parse as parse_views
 SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
 SUBSETS = ("random", "fps")
+ATTRIBUTES = ("normals", "colors")
+"""What points may have beside their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 4
@@ -73,6 +75,8 @@ class Recipe:
         object's own coordinates.
     frame : str
         "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+    attributes : sequence of str
+        What points have beside their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
@@ -100,6 +104,7 @@ class Recipe:
     subset: str = "random"
     scale: str = "cloud"
     frame: str = "object"
+    attributes: Sequence[str] = ()
     complete: bool = False
     scanning: Mapping[str, Any] | None = None
     seed: int = 0
@@ -128,9 +133,16 @@ class Recipe:
             raise UnavailableError(
                 "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
             )
+        for name in self.attributes:
+            check_word("attribute", name, ATTRIBUTES)
+        if "colors" in self.attributes and self.scanning is not None:
+            raise OptionError("colors are of points on the surface; a sensor's have normals alone. Leave colors out.")
+        if "colors" in self.attributes and find_spec("PIL") is None:
+            raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
+        object.__setattr__(self, "attributes", [name for name in ATTRIBUTES if name in self.attributes])
 
     def make_views(self, key: str = "") -> Views:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""

@@ -56,9 +56,10 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     canvas = np.full((2 * (TITLE + PANEL) * FINER, len(shown) * PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     for column, index in enumerate(shown):
         positions, camera, up = upright(clouds[index], in_camera_frame)
+        values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
         for row, (eye, above) in enumerate(((FIXED, None), (camera, up))):
             place = np.s_[_top(row) * FINER :, column * PANEL * FINER :]
-            _draw(canvas[place][: PANEL * FINER, : PANEL * FINER], positions, eye, above)
+            _draw(canvas[place][: PANEL * FINER, : PANEL * FINER], positions, eye, above, values)
     picture = Image.frombuffer("RGBX", canvas.shape[::-1], canvas, "raw", "RGBX", 0, 1).reduce(FINER).convert("RGB")
     draw = ImageDraw.Draw(picture)
     for column, index in enumerate(shown):
@@ -79,8 +80,14 @@ def _top(row: int) -> int:
     return TITLE + row * (TITLE + PANEL)
 
 
-def _draw(panel: NDArray[np.uint32], positions: FloatArray, eye: FloatArray, up: FloatArray | None) -> None:
-    places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up)
+def _draw(
+    panel: NDArray[np.uint32],
+    positions: FloatArray,
+    eye: FloatArray,
+    up: FloatArray | None,
+    values: FloatArray | None,
+) -> None:
+    places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
     middle, half = frame_of(places, None)
     half *= MARGIN
     diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER

@@ -114,7 +114,12 @@ class MeshCollection(Sequence[MeshEntry]):
 
     @classmethod
     def from_paths(
-        cls, paths: Paths, *, up: str | None = None, labels: str | os.PathLike[str] | None = None
+        cls,
+        paths: Paths,
+        *,
+        up: str | None = None,
+        labels: str | os.PathLike[str] | None = None,
+        colors: bool = False,
     ) -> "MeshCollection":
         """Find the meshes in files, folders and ZIP archives; no mesh is read yet.
 
@@ -128,6 +133,8 @@ class MeshCollection(Sequence[MeshEntry]):
         labels : path-like, optional
             A file that says which mesh is of which class and split (`zbuf_occlude.meshes.labels`). What it does not
             name is left out.
+        colors : bool
+            Load the meshes with their colours, as in `load_mesh`.
 
         Returns
         -------
@@ -173,7 +180,7 @@ class MeshCollection(Sequence[MeshEntry]):
                 load = (
                     partial(_unreadable, file.parent)
                     if file.name == ALL
-                    else partial(load_mesh, file, up=up or layout.up, name=key)
+                    else partial(load_mesh, file, up=up or layout.up, name=key, colors=colors)
                 )
                 up_there = up or layout.up or default_up(file)
                 entries[key] = MeshEntry(key, printable(place.label), place.split, load, file, up_there)

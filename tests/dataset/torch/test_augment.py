@@ -36,6 +36,21 @@ def test_rotation_is_uniform_within_its_angle() -> None:
         assert abs(angles.std() - angle / math.sqrt(3)) < 0.05 * angle
 
 
+def test_further_columns_stay_but_for_normals_that_turn_along(cloud: "torch.Tensor") -> None:
+    """Where the normals are the positions, they turn alike; colours stay, and so do normals that are not said to be."""
+    wide = torch.cat([cloud, cloud, torch.rand(500, 3)], dim=1)
+    turned = Rotate(normals=True)(wide)
+    assert torch.equal(turned[:, :3], turned[:, 3:6])
+    assert not torch.equal(turned[:, :3], wide[:, :3])
+    assert torch.equal(turned[:, 6:], wide[:, 6:])
+    for transform in (Rotate(), Rescale(), Jitter()):
+        assert torch.equal(transform(wide)[:, 3:], wide[:, 3:])
+    torch.manual_seed(5)
+    narrow = augmentation(normals=True)(wide)[:, :3]
+    torch.manual_seed(5)
+    assert torch.equal(narrow, augmentation()(cloud))
+
+
 def test_scaling_is_one_factor_within_its_range(cloud: "torch.Tensor") -> None:
     factors = torch.tensor([float((Rescale(0.5, 2.0)(cloud) / cloud).median()) for _ in range(200)])
     assert 0.5 <= factors.min() < 0.6

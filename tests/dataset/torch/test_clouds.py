@@ -19,7 +19,9 @@ from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
 from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, augmentation  # noqa: E402
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry  # noqa: E402
 
-RECIPE = Recipe(method="oracle", views="fibonacci:9", n_points=120, variations=3, sample_size=40)
+RECIPE = Recipe(
+    method="oracle", views="fibonacci:9", n_points=120, variations=3, sample_size=40, attributes=("normals", "colors")
+)
 N_TRAIN = 4 * 3 * 9
 
 
@@ -69,6 +71,19 @@ def test_items_are_what_a_training_loop_takes(folders: dict[str, Path], format: 
     cloud, label = dataset[5]
     assert (cloud.shape, cloud.dtype, label.shape, label.dtype) == ((16, 3), torch.float32, (), torch.int64)
     assert torch.equal(cloud, whole[5][0][:16])
+
+
+@pytest.mark.parametrize("kind", [CloudDataset, CloudStream])
+def test_normals_and_colours_are_further_columns(folders: dict[str, Path], kind: Any) -> None:
+    dataset = kind(folders["hdf5"], "test", n_points=16, attributes=("colors", "normals"))
+    records = dataset.source.take(dataset.numbers)
+    expected = {r["data"][:16].tobytes(): np.c_[r["normal"], r["color"] / 255].astype(np.float32)[:16] for r in records}
+    for cloud, _ in list(dataset) if kind is CloudStream else [dataset[0], *dataset.__getitems__([1, 4])]:
+        assert (cloud.shape, cloud.dtype) == ((16, 9), torch.float32)
+        np.testing.assert_array_equal(cloud[:, 3:], expected[cloud[:, :3].contiguous().numpy().tobytes()])
+    assert kind(folders["hdf5"], "test", attributes=("normals",)).sample(records[0])[0].shape == (40, 6)
+    with pytest.raises(OptionError, match="attribute must be one of normals, colors; got 'rgb'"):
+        kind(folders["hdf5"], "test", attributes=("rgb",))
 
 
 @pytest.mark.parametrize("format", ["hdf5", "packed"])

@@ -16,6 +16,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from tests.scenes import sphere  # noqa: E402
 from zbuf_occlude import ArgumentError, Mesh, MeshError, OptionError, SurfacePoints, prepare  # noqa: E402
+from zbuf_occlude.colors import GREY, WHITE, SurfaceColors  # noqa: E402
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion  # noqa: E402
 
 BALL = sphere(24)
@@ -196,3 +197,20 @@ def test_errors(options: dict[str, Any], message: str) -> None:
 def test_a_cloud_is_no_mesh() -> None:
     with pytest.raises(ArgumentError, match="a mesh must have vertices and faces, or pos and face; got Tensor"):
         OnTheFlyOcclusion()(torch.zeros(5, 3))
+
+
+def test_clouds_on_the_fly_have_normals_and_colours() -> None:
+    """A ball whose colour is its normal: of what an eye sees both are known from the positions."""
+    colors = SurfaceColors((WHITE,), np.zeros(len(BALL.faces), np.int32), BALL.vertices[BALL.faces] / 2 + 0.5)
+    ball = Mesh(BALL.vertices, BALL.faces, colors=colors)
+    cloud = OnTheFlyOcclusion(400, scale="mesh", attributes=("colors", "normals"))(ball).numpy()
+    assert cloud.shape == (400, 9)
+    outwards = (cloud[:, :3] * cloud[:, 3:6]).sum(axis=1)
+    assert outwards.min() > 0.95, "towards the eye is outwards here"
+    np.testing.assert_allclose(cloud[:, 6:], cloud[:, :3] / 2 + 0.5, atol=0.01)
+    data = SimpleNamespace(pos=torch.tensor(BALL.vertices), face=torch.tensor(BALL.faces.T))
+    found = OnTheFlyOcclusion(50, attributes=("colors",))(data)
+    assert (found.pos.shape, found.color.shape) == ((50, 3), (50, 3))
+    assert torch.allclose(found.color, torch.tensor(GREY / 255))
+    with pytest.raises(OptionError, match="attribute must be one of normals, colors; got 'rgb'"):
+        OnTheFlyOcclusion(50, attributes=("rgb",))

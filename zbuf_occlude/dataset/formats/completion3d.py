@@ -57,7 +57,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                 mesh_id = int(records["mesh_id"][0])
                 listed.append(f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}")
                 _write_h5(out / f"{split}/partial/{listed[-1]}.h5", records["data"][0])
-                _write_h5(out / f"{split}/gt/{listed[-1]}.h5", complete_cloud(source, records, SIZE))
+                _write_h5(out / f"{split}/gt/{listed[-1]}.h5", complete_cloud(source, records, SIZE)["data"])
                 yield records
 
         rest = write_rest(out, split, pairs(), source.plan.recipe)

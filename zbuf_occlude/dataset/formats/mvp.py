@@ -64,7 +64,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                     for records in by_object(source, split):
                         if len(records) == N_VIEWS:
                             _append(growing["incomplete_pcds"], records["data"])
-                            _append(growing["complete_pcds"], complete_cloud(source, records, SIZE)[None])
+                            _append(growing["complete_pcds"], complete_cloud(source, records, SIZE)["data"][None])
                             _append(growing["labels"], records["label"][:, 0])
                             yield records
 

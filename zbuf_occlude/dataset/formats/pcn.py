@@ -70,7 +70,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                 write_pcd(out / written[-1], complete_cloud(source, records, N_COMPLETE))
                 for record in records:
                     written.append(_partial(split, names, mesh_id, int(record["view_id"])))
-                    write_pcd(out / written[-1], record["data"])
+                    write_pcd(out / written[-1], record)
                 yield records
 
         rest = write_rest(out, split, pairs(), source.plan.recipe)

@@ -1,7 +1,7 @@
 """A binary PLY for each cloud, to look at: ply/SPLIT/CLASS/MESH-VARIATION-VIEW.ply, listed in SPLIT_files.txt.
 
-Vertices are x, y, z (float32) and face_id (int32), of scans also range, incidence and so on, and nx, ny, nz; a
-comment in the header holds all other fields as JSON.
+Vertices are x, y, z (float32) and face_id (int32), of scans also range, incidence and so on; nx, ny, nz and red, green,
+blue where there are normals and colours. A comment in the header holds all other fields as JSON.
 """
 
 import json
@@ -20,9 +20,11 @@ from zbuf_occlude.dataset.clouds import point_columns, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.ply import write_table
+from zbuf_occlude.dataset.ply import RGB, write_table
 from zbuf_occlude.dataset.source import Source, source_of_files
 
+SPLIT = {"data": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": RGB}
+"""Fields of a record that are several properties of a vertex."""
 PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("face_id", "<i4")]
 
 
@@ -68,20 +70,17 @@ def _name(plan: Plan, mesh_id: int, variation: int, view: int) -> str:
 
 def _vertex_type(recipe: Recipe) -> np.dtype[Any]:
     columns = point_columns(recipe)
-    normals = [(name, "<f4") for name in ("nx", "ny", "nz")] if "normal" in columns else []
-    return np.dtype([*PLACE, *((name, kind) for name, (kind, shape) in columns.items() if not shape), *normals])
+    single = [(name, kind) for name, (kind, shape) in columns.items() if not shape]
+    split = [(part, columns[name][0]) for name, parts in SPLIT.items() if name in columns for part in parts]
+    return np.dtype([*PLACE, *single, *split])
 
 
 def _write_cloud(path: Path, record: Any, recipe: Recipe) -> None:
     columns = point_columns(recipe)
     table = np.empty(len(record["data"]), _vertex_type(recipe))
-    for name in columns:
-        if name == "normal":
-            table["nx"], table["ny"], table["nz"] = record[name].T
-        else:
-            table[name] = record[name]
-    for axis, name in enumerate("xyz"):
-        table[name] = record["data"][:, axis]
+    for name in ("data", *columns):
+        for part, values in zip(SPLIT.get(name, (name,)), np.atleast_2d(record[name].T), strict=True):
+            table[part] = values
     table["face_id"] = record["face_ids"]
     facts = {name: record[name].tolist() for name in record.dtype.names if name not in ("data", "face_ids", *columns)}
     write_table(path, table, comment=json.dumps(facts))
@@ -99,9 +98,8 @@ def _read_cloud(path: Path, recipe: Recipe) -> NDArray[Any]:
     records = np.zeros(1, record_type(recipe))
     for name, value in json.loads(comment[1]).items():
         records[name][0] = value
-    records["data"][0] = np.stack([table["x"], table["y"], table["z"]], axis=1)
     records["face_ids"][0] = table["face_id"]
-    for name in point_columns(recipe):
-        normal = name == "normal"
-        records[name][0] = np.stack([table["nx"], table["ny"], table["nz"]], axis=1) if normal else table[name]
+    for name in ("data", *point_columns(recipe)):
+        parts = [table[part] for part in SPLIT.get(name, (name,))]
+        records[name][0] = np.stack(parts, axis=1) if name in SPLIT else parts[0]
     return records

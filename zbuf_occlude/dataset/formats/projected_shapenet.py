@@ -60,10 +60,10 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
                     continue
                 listed.append(complete_name(names, int(records["mesh_id"][0])))
                 written.append(f"{FOLDER}/{listed[-1]}")
-                write_npy(out / written[-1], complete_cloud(source, records, N_COMPLETE))
+                write_npy(out / written[-1], complete_cloud(source, records, N_COMPLETE)["data"])
                 for record in records:
                     written.append(_partial(names, int(record["mesh_id"]), int(record["view_id"])))
-                    write_pcd(out / written[-1], record["data"])
+                    write_pcd(out / written[-1], record)
                 yield records
 
         rest = write_rest(out, split, pairs(), source.plan.recipe)

@@ -109,10 +109,10 @@ def by_object(source: Source, split: str) -> Iterator[Records]:
         yield left
 
 
-def complete_cloud(source: Source, records: Records, n_points: int) -> NDArray[np.float32]:
-    """Return points of an object's whole surface, (n_points, 3), in the frame of its occluded clouds."""
+def complete_cloud(source: Source, records: Records, n_points: int) -> Any:
+    """Return a record of `n_points` of an object's whole surface, in the frame of its occluded clouds."""
     assert source.complete is not None  # the table says which formats need it, and convert asks
-    return np.asarray(source.complete(int(records["mesh_id"][0]), n_points)["data"])
+    return source.complete(int(records["mesh_id"][0]), n_points)
 
 
 def rest_name(split: str) -> str:

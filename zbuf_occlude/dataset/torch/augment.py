@@ -1,4 +1,7 @@
-"""The paper's augmentations (4.3): rotation about the vertical axis, scaling, jitter; (n, 3) tensor to tensor."""
+"""The paper's augmentations (4.3): rotation about the vertical axis, scaling, jitter; (n, 3 or more) tensor to tensor.
+
+Columns after the third are what points have beside their positions, and stay, but for normals.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,15 +16,22 @@ Transform = Callable[[torch.Tensor], torch.Tensor]
 
 @dataclass(frozen=True)
 class Rotate:
-    """Turn a cloud about the z axis by an angle uniform in [-angle, angle] (radians; all round by default)."""
+    """Turn a cloud about the z axis by an angle uniform in [-angle, angle] (radians; all round by default).
+
+    With `normals` columns 3 to 5 are normals, and turn along.
+    """
 
     angle: float = math.pi
+    normals: bool = False
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
         """Return the changed cloud; the one given stays."""
         turn = (2.0 * float(torch.rand(())) - 1.0) * self.angle
         c, s = math.cos(turn), math.sin(turn)
-        return cloud @ cloud.new_tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        matrix = cloud.new_tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        n_turned = 6 if self.normals else 3
+        turned = (cloud[:, :n_turned].reshape(len(cloud), -1, 3) @ matrix).reshape(len(cloud), n_turned)
+        return torch.cat([turned, cloud[:, n_turned:]], dim=1)
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,8 @@ class Rescale:
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
         """Return the changed cloud; the one given stays."""
-        return cloud * (self.low + (self.high - self.low) * float(torch.rand(())))
+        factor = self.low + (self.high - self.low) * float(torch.rand(()))
+        return torch.cat([cloud[:, :3] * factor, cloud[:, 3:]], dim=1)
 
 
 @dataclass(frozen=True)
@@ -53,7 +64,9 @@ class Jitter:
 
     def __call__(self, cloud: torch.Tensor) -> torch.Tensor:
         """Return the changed cloud; the one given stays."""
-        return cloud + (self.sigma * torch.randn_like(cloud)).clamp(-self.clip, self.clip)
+        positions = cloud[:, :3]
+        moved = positions + (self.sigma * torch.randn_like(positions)).clamp(-self.clip, self.clip)
+        return torch.cat([moved, cloud[:, 3:]], dim=1)
 
 
 @dataclass(frozen=True)
@@ -69,11 +82,11 @@ class Compose:
         return cloud
 
 
-def augmentation() -> Compose:
-    """Return the paper's three: rotation, scaling, jitter.
+def augmentation(*, normals: bool = False) -> Compose:
+    """Return the paper's three: rotation, scaling, jitter; `normals` as in `Rotate`.
 
     References
     ----------
     Paper 4.3 names them without their parameters; these are those of PointNet and PointNet++ (Qi et al. 2017).
     """
-    return Compose((Rotate(), Rescale(), Jitter()))
+    return Compose((Rotate(normals=normals), Rescale(), Jitter()))

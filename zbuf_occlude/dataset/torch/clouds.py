@@ -11,6 +11,7 @@ from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.ragged import filled
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
@@ -32,6 +33,7 @@ class _Split:
         *,
         n_points: int | None = None,
         transform: Transform | None = None,
+        attributes: Sequence[str] = (),
     ) -> None:
         self.folder, self.split, self.transform = Path(folder), split, transform
         source = self._open()
@@ -40,6 +42,9 @@ class _Split:
         if n_points is not None and not 1 <= n_points <= (size or n_points):
             most = f"lie in 1..{size}, the size of the clouds in {folder}" if size else "be at least 1"
             raise OptionError(f"n_points must {most}; got {n_points}.")
+        for name in attributes:
+            check_word("attribute", name, source.plan.recipe.attributes)
+        self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.n_points = n_points or size
         self.classes = source.plan.classes
         self.numbers = source.order[split]
@@ -58,8 +63,13 @@ class _Split:
 
     def sample(self, record: Any) -> Sample:
         """Turn a record into what a training loop takes; points are stored in random order, so the first will do."""
-        data = record["data"]
-        cloud = torch.from_numpy(np.array(data) if self.n_points is None else filled(data, self.n_points))
+        columns = [record["data"]]
+        if "normals" in self.attributes:
+            columns.append(record["normal"])
+        if "colors" in self.attributes:
+            columns.append(record["color"] / np.float32(255))
+        table = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
+        cloud = torch.from_numpy(np.array(table) if self.n_points is None else filled(table, self.n_points))
         return cloud if self.transform is None else self.transform(cloud), torch.tensor(int(record["label"][0]))
 
 
@@ -75,7 +85,10 @@ class CloudDataset(_Split, Dataset[Sample]):
         The first so many points of each cloud, whose order is random; all by default. Of clouds of unequal size those
         with fewer repeat some; without it each item has its own size, which `collate_ragged` puts together.
     transform : callable, optional
-        Applied to each cloud, (n, 3) float32 tensor to tensor: see `augmentation`.
+        Applied to each cloud, (n, 3 or more) float32 tensor to tensor: see `augmentation`.
+    attributes : sequence of str
+        "normals", "colors": further columns of each cloud, in this order, colours in [0, 1]; of datasets made with
+        them (``generate --with``).
 
     Raises
     ------
@@ -86,8 +99,8 @@ class CloudDataset(_Split, Dataset[Sample]):
 
     Notes
     -----
-    Items are (cloud, label): (n_points, 3) float32 and () int64, an index into `classes`. In random order `packed`
-    unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
+    Items are (cloud, label): (n_points, 3, 6 or 9) float32 and () int64, an index into `classes`. In random order
+    `packed` unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
 
     def __len__(self) -> int:
@@ -107,7 +120,7 @@ class CloudStream(_Split, IterableDataset[Sample]):
 
     Parameters
     ----------
-    folder, split, n_points, transform
+    folder, split, n_points, transform, attributes
         As in `CloudDataset`.
     pool : int
         Groups read at a time, whose clouds are mixed; in memory at once, 100 MB or so by default.
@@ -131,9 +144,10 @@ class CloudStream(_Split, IterableDataset[Sample]):
         *,
         n_points: int | None = None,
         transform: Transform | None = None,
+        attributes: Sequence[str] = (),
         pool: int = 32,
     ) -> None:
-        super().__init__(folder, split, n_points=n_points, transform=transform)
+        super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
         if pool < 1:
             raise OptionError(f"pool must be at least 1; got {pool}.")
         self.pool, self._epoch = pool, 0

@@ -4,7 +4,7 @@ import copy
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numba
@@ -13,13 +13,14 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
-from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.colors import GREY, of_trimesh
 from zbuf_occlude.dataset.clouds import draw, fit
-from zbuf_occlude.dataset.plan import SCALES
+from zbuf_occlude.dataset.plan import ATTRIBUTES, SCALES
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import sample_surface
+from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.views import PAPER_DISTANCE
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
@@ -49,6 +50,9 @@ class OnTheFlyOcclusion:
     eyes_a_sampling : int
         So many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then it is sampled anew.
         1: every cloud has points of its own.
+    attributes : sequence of str
+        "normals", of the faces and turned towards the eye, "colors" in [0, 1]: further columns of each cloud, in this
+        order.
     cache_megabytes : float
         Prepared meshes are kept, the least recently used given up beyond this; in each worker.
 
@@ -60,8 +64,10 @@ class OnTheFlyOcclusion:
     Notes
     -----
     Called with a `Mesh`, with a ``trimesh.Trimesh``, or with anything that has ``pos`` (v, 3) and ``face`` (3, f) such
-    as a PyTorch Geometric ``Data``. Of the first two it returns an (n_points, 3) float32 tensor; of the last a shallow
-    copy whose ``pos`` is that tensor and whose ``face`` is None, as PyTorch Geometric's own sampling transforms do.
+    as a PyTorch Geometric ``Data``. Of the first two it returns an (n_points, 3, 6 or 9) float32 tensor; of the last a
+    shallow copy whose ``pos`` are the positions and whose ``face`` is None, as PyTorch Geometric's own sampling
+    transforms do, and whose ``normal`` and ``color`` are the attributes asked for. Colours are those of a `Mesh` that
+    was loaded with them, or of a Trimesh's visual; else grey.
 
     Meshes are recognised by their content. A mesh met for the first time is cleaned and prepared, which costs several
     times what a cloud does. Randomness comes from torch's default generator. In a worker, forked or spawned, one thread
@@ -78,6 +84,7 @@ class OnTheFlyOcclusion:
         method_options: Mapping[str, Any] | None = None,
         scale: str = "cloud",
         eyes_a_sampling: int = 8,
+        attributes: Sequence[str] = (),
         cache_megabytes: float = 500.0,
     ) -> None:
         for name, value in (("n_points", n_points), ("distance", distance), ("eyes_a_sampling", eyes_a_sampling)):
@@ -86,6 +93,9 @@ class OnTheFlyOcclusion:
         if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
             raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
         check_word("scale", scale, SCALES)
+        for name in attributes:
+            check_word("attribute", name, ATTRIBUTES)
+        self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))
@@ -110,29 +120,35 @@ class OnTheFlyOcclusion:
         """
         if hasattr(mesh, "pos") and hasattr(mesh, "face"):
             data = copy.copy(mesh)
-            data.pos, data.face = self._cloud(_array(mesh.pos), _array(mesh.face).T), None
+            cloud = self._cloud(_array(mesh.pos), _array(mesh.face).T, mesh)
+            data.pos, data.face = cloud[:, :3], None
+            for column, name in enumerate(self.attributes, 1):
+                setattr(data, name.removesuffix("s"), cloud[:, 3 * column : 3 * column + 3])
             return data
         if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-            return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+            return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
         raise ArgumentError(
             f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
             "Keep the faces: apply this transform before any that samples points."
         )
 
-    def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any]) -> torch.Tensor:
+    def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any) -> torch.Tensor:
         if get_worker_info() is not None and self._process != os.getpid():
             self._process = os.getpid()
             numba.set_num_threads(1)
-        positions = self._subject(vertices, faces).next_cloud(self)
+        cloud = self._subject(vertices, faces, mesh).next_cloud(self)
         if self.scale == "cloud":
-            centre, factor = fit(positions)
-            positions = (positions - centre) * factor
-        return torch.from_numpy(positions.astype(np.float32))
+            centre, factor = fit(cloud[:, :3])
+            cloud[:, :3] = (cloud[:, :3] - centre) * factor
+        return torch.from_numpy(cloud.astype(np.float32))
 
-    def _subject(self, vertices: NDArray[Any], faces: NDArray[Any]) -> "_Subject":
-        key = hash((vertices.tobytes(), faces.tobytes()))
+    def _subject(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any = None) -> "_Subject":
+        colors = None
+        if "colors" in self.attributes:
+            colors = mesh.colors if isinstance(mesh, Mesh) else of_trimesh(mesh) if hasattr(mesh, "visual") else None
+        key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
         if key not in self._subjects:
-            self._subjects[key] = _Subject(Mesh(vertices, faces).cleaned(), self)
+            self._subjects[key] = _Subject(Mesh(vertices, faces, colors=colors).cleaned(), self)
             while len(self._subjects) > 1 and sum(s.megabytes for s in self._subjects.values()) > self.cache_megabytes:
                 self._subjects.popitem(last=False)[1].occluder.close()
         self._subjects.move_to_end(key)
@@ -150,7 +166,7 @@ class _Subject:
         self._visible_fraction = 0.3
 
     def next_cloud(self, settings: OnTheFlyOcclusion) -> FloatArray:
-        """Return the positions (n_points, 3) that another eye sees, world space."""
+        """Return what another eye sees, (n_points, 3, 6 or 9): positions, world space, and attributes."""
         for _ in range(ROUNDS):
             if not self._clouds:
                 self._draw(settings)
@@ -171,7 +187,7 @@ class _Subject:
             points = sample_surface(mesh, n_points=n_sampled, seed=rng)
             mask = self.occluder.visible(points, eyes[lacking])
             for eye, seen in zip(lacking, mask, strict=True):
-                found[eye].append(points.positions[seen])
+                found[eye].append(_rows(points, seen, eyes[eye], settings.attributes))
             counts[lacking] += mask.sum(axis=1)
             if sampling == 0:  # so that of the next sampling three eyes of four see enough
                 self._visible_fraction = float(np.clip(np.quantile(counts / n_sampled, 0.25), 0.02, 1.0))
@@ -179,9 +195,22 @@ class _Subject:
             if not len(lacking):
                 break
         for parts in found:
-            positions = np.concatenate(parts)
-            if len(positions):
-                self._clouds.append(positions[draw(np.arange(len(positions)), wanted, rng)])
+            rows = np.concatenate(parts)
+            if len(rows):
+                self._clouds.append(rows[draw(np.arange(len(rows)), wanted, rng)])
+
+
+def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
+    """Return the columns of what an eye sees."""
+    if not attributes:
+        return np.asarray(points.positions[seen])
+    points = points.select(seen)
+    columns = [points.positions]
+    if "normals" in attributes:
+        columns.append(points.normals_towards(eye))
+    if "colors" in attributes:
+        columns.append(np.full((len(points), 3), GREY / 255) if points.colors is None else points.colors / 255.0)
+    return np.concatenate(columns, axis=1)
 
 
 def _array(values: Any) -> NDArray[Any]:

@@ -1,0 +1,174 @@
+"""Normals and colours of points, in every format: a cube whose colour at a place is the place, so each point tells."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.scenes import box
+from zbuf_occlude import Mesh, OptionError, Views
+from zbuf_occlude.colors import GREY, WHITE, SurfaceColors
+from zbuf_occlude.dataset import packing
+from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.folder import sha256_of
+from zbuf_occlude.dataset.formats import FORMATS, find_format
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.packed import PackedDataset
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sampling import SurfacePoints
+
+N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
+
+
+def painted() -> Mesh:
+    """The unit cube at (5, 0, 0); red, green and blue are x, y and z from its lower corner."""
+    cube = box((1.0, 1.0, 1.0))
+    vertices = cube.vertices - cube.bounds[0]
+    colors = SurfaceColors((WHITE,), np.zeros(len(cube.faces), np.int32), vertices[cube.faces])
+    return Mesh(vertices + np.array([5.0, 0, 0]), cube.faces, "painted", colors=colors)
+
+
+def bare() -> Mesh:
+    return box((1.0, 1.0, 1.0)).transformed(1.0, [5.5, 0.5, 0.5])
+
+
+def plan(format: str, load: Callable[[], Mesh] = painted, **recipe: object) -> Plan:
+    row = find_format(format)
+    drawn = {name: value for name, value in row.options.items() if name in ("views", "sample_size", "scale")}
+    settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **recipe}
+    made = Recipe(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
+    entries = [MeshEntry(f"cube/{split}/cube_{split}", "cube", split, load) for split in ("train", "test")]
+    return Plan(MeshCollection(entries), made, format)
+
+
+def check(records: np.ndarray, plan: Plan, *, within: float) -> None:
+    """Every point lies on the cube, has the colour of its place and the normal of its side, towards the eye."""
+    for record in records:
+        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
+        positions, normals = record["data"] / record["factor"] + record["centre"], record["normal"].astype(float)
+        if plan.recipe.frame == "camera":
+            positions, normals = (positions - translation) @ rotation, normals @ rotation
+        place = positions - [5.0, 0.0, 0.0]
+        assert np.abs(record["color"] - 255 * place).max() <= 255 * within + 0.6
+        axis = np.argmin(np.minimum(np.abs(place), np.abs(1 - place)), axis=1)
+        assert np.abs(np.abs(np.take_along_axis(normals, axis[:, None], 1)) - 1).max() < 1e-5
+        if not plan.recipe.complete:
+            eye = -rotation.T @ translation
+            assert ((eye - positions) * normals).sum(axis=1).min() > -1e-4
+
+
+@pytest.mark.parametrize("format", [row.name for row in FORMATS])
+def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: str, tmp_path: Path) -> None:
+    made = plan(format)
+    manifest = generate(made, tmp_path / "out")
+    assert manifest["counts"]["meshes_without_colors"] == 0
+    source = open_dataset(tmp_path / "out")
+    n_clouds = 0
+    for split, numbers in source.order.items():
+        records = source.take(numbers)
+        check(records, made, within=2e-5)
+        n_clouds += len(records)
+        assert split in ("train", "test")
+    assert n_clouds == sum(manifest["counts"]["clouds_by_split"].values()) > 0
+    assert verify(tmp_path / "out", MeshCollection(made.meshes)).faults == []
+
+
+def test_in_the_cameras_frame_normals_turn_along(tmp_path: Path) -> None:
+    made = plan("npz", frame="camera", scale="mesh")
+    generate(made, tmp_path / "out")
+    source = open_dataset(tmp_path / "out")
+    for numbers in source.order.values():
+        check(source.take(numbers), made, within=1e-5)
+
+
+def test_normals_of_one_length_are_verified(tmp_path: Path) -> None:
+    made = plan("npz")
+    manifest = generate(made, tmp_path / "out")
+    path = tmp_path / "out" / "train-000000.npz"
+    with np.load(path) as archive:
+        fields = dict(archive)
+    fields["normal"] *= 2
+    np.savez(path, **fields)
+    manifest["sha256"][path.name] = sha256_of(path)
+    (tmp_path / "out" / "manifest.json").write_text(json.dumps(manifest))
+    assert verify(tmp_path / "out", None).faults == ["all normals must be of length 1; some of split train are not."]
+
+
+def test_packed_converts_to_what_generate_makes(tmp_path: Path) -> None:
+    generate(plan("packed"), tmp_path / "packed")
+    convert(tmp_path / "packed", tmp_path / "converted", "npz")
+    generate(plan("npz"), tmp_path / "made")
+    for name in ("train-000000.npz", "test-000000.npz"):
+        with np.load(tmp_path / "converted" / name) as one, np.load(tmp_path / "made" / name) as other:
+            np.testing.assert_array_equal(one["normal"], other["normal"])
+            np.testing.assert_array_equal(one["color"], other["color"])
+    cloud = PackedDataset(tmp_path / "packed")[0]
+    assert cloud.normals.shape == cloud.colors.shape == cloud.positions.shape
+    np.testing.assert_allclose(cloud.colors, 255 * (cloud.positions - [5, 0, 0]), atol=0.6)
+
+
+def test_packed_codes_go_back_and_forth() -> None:
+    rng = np.random.default_rng(0)
+    colors = rng.integers(0, 256, (50, 3)).astype(np.uint8)
+    np.testing.assert_array_equal(packing.unpack_colors(packing.pack_colors(colors), 50), colors)
+    normals = rng.normal(size=(50, 3)).astype(np.float32).astype(float)
+    np.testing.assert_array_equal(packing.unpack_normals(packing.pack_normals(normals), 50), normals)
+
+
+def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
+    generate(plan("npz"), tmp_path / "with")
+    without = plan("npz")
+    without = Plan(without.meshes, Recipe(**{**without.document["recipe"], "attributes": ()}), "npz")
+    generate(without, tmp_path / "without")
+    with (
+        np.load(tmp_path / "with" / "train-000000.npz") as one,
+        np.load(tmp_path / "without" / "train-000000.npz") as two,
+    ):
+        assert set(one) - set(two) == {"normal", "color"}
+        np.testing.assert_array_equal(one["data"], two["data"])
+
+
+def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
+    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    generate(plan("pcn"), tmp_path)
+    for path, n in (("complete/cube/cube_train.pcd", 16_384), ("partial/cube/cube_train/03.pcd", 200)):
+        cloud = o3d.io.read_point_cloud(str(tmp_path / "train" / path))
+        positions, colors, normals = (np.asarray(each) for each in (cloud.points, cloud.colors, cloud.normals))
+        assert positions.shape == colors.shape == normals.shape == (n, 3)
+        np.testing.assert_allclose(colors, positions + 0.5, atol=0.004)  # the whole cube is centred, its side 1
+        np.testing.assert_allclose(np.abs(normals).max(axis=1), 1, atol=1e-6)
+
+
+def test_a_mesh_without_colours_is_grey_and_counted(tmp_path: Path) -> None:
+    manifest = generate(plan("npz", bare), tmp_path)
+    assert manifest["counts"]["meshes_without_colors"] == 2
+    with np.load(tmp_path / "train-000000.npz") as archive:
+        assert (archive["color"] == GREY).all()
+
+
+def test_attributes_are_refused_in_words() -> None:
+    with pytest.raises(OptionError, match="attribute must be one of normals, colors; got 'colours'"):
+        Recipe(attributes=("colours",))
+    with pytest.raises(OptionError, match="colors are of points on the surface"):
+        Recipe(attributes=("colors",), scanning={})
+    assert Recipe(attributes=("colors", "normals")).attributes == ["normals", "colors"]
+
+
+def test_colours_stay_with_their_points() -> None:
+    colors = np.arange(12, dtype=np.uint8).reshape(4, 3)
+    points = SurfacePoints(np.zeros((4, 3)), np.full(4, -1), np.zeros((4, 3)), colors)
+    np.testing.assert_array_equal(points.select([2, 0]).colors, colors[[2, 0]])
+    np.testing.assert_array_equal(points.transformed(2.0).colors, colors)
+    with pytest.raises(ValueError, match=r"colors must be \(4, 3\) uint8; got \(4, 3\) int64"):
+        SurfacePoints(np.zeros((4, 3)), np.full(4, -1), np.zeros((4, 3)), colors.astype(int))
+
+
+def test_views_of_a_cube_have_three_sides_at_most() -> None:
+    """So that `check` is no empty promise: from a corner's direction three normals, all towards the eye."""
+    views = Views([np.pi / 4], [0.6], [9.0]).around(painted().centre, 1.0)
+    points = SurfacePoints([[6, 0.5, 0.5], [5, 0.5, 0.5]], [0, 0], [[-1, 0, 0], [-1, 0, 0]])
+    np.testing.assert_array_equal(points.normals_towards(views.eyes[0]), [[1, 0, 0], [1, 0, 0]])
