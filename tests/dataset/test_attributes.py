@@ -77,6 +77,17 @@ def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: s
     assert verify(tmp_path / "out", MeshCollection(made.meshes)).faults == []
 
 
+@pytest.mark.parametrize("format", ["hdf5", "packed", "webdataset", "npz", "ply", "huggingface"])
+def test_clouds_of_unequal_size_have_them_too(format: str, tmp_path: Path) -> None:
+    made = plan(format, sample_size=None)
+    generate(made, tmp_path / "out")
+    source = open_dataset(tmp_path / "out")
+    records = np.concatenate([source.take(numbers) for numbers in source.order.values()])
+    assert len({len(data) for data in records["data"]}) > 1
+    check(records, made, within=2e-5)
+    assert verify(tmp_path / "out", MeshCollection(made.meshes)).faults == []
+
+
 def test_in_the_cameras_frame_normals_turn_along(tmp_path: Path) -> None:
     made = plan("npz", frame="camera", scale="mesh")
     generate(made, tmp_path / "out")

@@ -193,9 +193,10 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
 def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: Views, view: int) -> None:
     if "normals" in recipe.attributes:
         normals = points.normals if recipe.complete else points.normals_towards(views.eyes[view])
-        record["normal"] = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
+        turned = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
+        record["normal"] = turned.astype(np.float32)
     if "colors" in recipe.attributes:
-        record["color"] = GREY if points.colors is None else points.colors
+        record["color"] = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
 
 
 def _fill_scan(record: Any, points: ScanPoints, chosen: NDArray[np.intp], view: int, pose: FloatArray | None) -> None:

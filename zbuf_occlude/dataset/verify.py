@@ -115,7 +115,7 @@ def _read_all(source: Source, manifest: dict[str, Any], faults: list[str], progr
             if not all_finite(records["data"]):
                 faults.append(f"all positions must be finite; some of split {split} are not.")
             if "normals" in source.plan.recipe.attributes:
-                lengths = np.linalg.norm(records["normal"].astype(np.float64), axis=2)
+                lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
                 if not (np.abs(lengths - 1.0) < 1e-3).all():
                     faults.append(f"all normals must be of length 1; some of split {split} are not.")
             if records["n_visible"].min() < 1:
