@@ -238,7 +238,14 @@ class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter be
 
 def with_option(help: str) -> Callable[[Any], Any]:
     """--with: what points have beside their positions; handed on as `attributes`."""
-    return click.option("--with", "attributes", type=Words(), default=[], metavar="normals,colors", help=help)
+    return click.option(
+        "--with",
+        "attributes",
+        type=Words(),
+        callback=lambda context, parameter, words: words or [],
+        metavar="normals,colors",
+        help=help,
+    )
 
 
 def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
