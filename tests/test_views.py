@@ -369,3 +369,23 @@ def test_distortion_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(OptionError, match="camera 2 is a SIMPLE_RADIAL with distortion; undistort"):
         views.parse(path)
+
+
+def test_distortion_is_refused_in_transforms_too(tmp_path: Path) -> None:
+    path = tmp_path / "transforms.json"
+    frame = {"transform_matrix": (np.eye(4) + np.diag([4.0], 3)).tolist()}
+    for number, said in ((0.0, ""), (0.2, r"k1 is 0\.2, a distortion; undistort the images first")):
+        path.write_text(json.dumps({"camera_angle_x": 0.7, "k1": number, "p2": 0, "frames": [frame]}))
+        if said:
+            with pytest.raises(OptionError, match=said):
+                views.parse(str(path))
+        else:
+            assert len(views.parse(str(path))) == 1
+
+
+def test_a_tables_own_distances_stay_where_others_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "views.csv"
+    path.write_text("azimuth,elevation,distance\n0,0,2\n10,20,\n20,30,7\n")
+    found = views.parse(str(path), distance=3.0, farthest=5.0).distance
+    assert found[[0, 2]].tolist() == [2.0, 7.0]
+    assert 3.0 < found[1] < 5.0

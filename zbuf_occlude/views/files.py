@@ -23,6 +23,8 @@ _TO_GL = np.diag([1.0, -1.0, -1.0])
 _ROTATION = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
 _TRANSLATION = ("t1", "t2", "t3")
 _INTRINSICS = ("fx", "fy", "cx", "cy", "width", "height")
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+"""What transforms.json may say of its cameras, and pinholes do not have."""
 _NOT_A_ROTATION = 1e-3
 
 
@@ -157,6 +159,8 @@ def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
 def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     to_world = np.asarray(frame["transform_matrix"], dtype=np.float64).reshape(-1, 4)[:3]
     rotation = _TO_GL @ to_world[:, :3].T
+    if bent := [name for name in _DISTORTION if frame.get(name)]:
+        raise ValueError(f"{bent[0]} is {frame[bent[0]]}, a distortion; undistort the images first")
     width, height = frame.get("w"), frame.get("h")
     focal = frame.get("fl_x")
     intrinsics = None

@@ -112,7 +112,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     seed : int or SeedSequence
         For what is drawn at random.
     farthest : float, optional
-        Distances are drawn uniformly between `distance` and this one.
+        Distances are drawn uniformly between `distance` and this one, for all but files that say them.
 
     Raises
     ------
@@ -127,6 +127,8 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
         raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
+    own = views.distance == row.make(found, farthest, seed).distance  # of a table with a column of distances
+    lengths = np.where(own, views.distance, lengths)
     return Views(views.azimuth, views.elevation, lengths, views.target, views.roll)
 
 
