@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.scenes import CHAIR, DATA, needs_chair
+from tests.scenes import CHAIR, DATA, box, needs_chair
 from zbuf_occlude.compare import presets
 from zbuf_occlude.compare.paper import TABLE_1A, TABLE_1B, paper_tables
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility import METHODS
 
 
@@ -99,17 +100,32 @@ def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
     assert np.allclose(areas, areas[0]), "the surface stays"
 
 
+def test_random_views_are_drawn_for_each_object() -> None:
+    """As in `generate`: by the key, and the same whatever other meshes there are."""
+    recipe = Recipe(views="random:4", seed=3)
+    entries = [MeshEntry(f"{i}.off", "box", "train", box) for i in range(3)]
+    asked = [
+        [
+            case.make().views.eyes
+            for case in presets.of_meshes(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
+        ]
+        for some in (MeshCollection(entries), MeshCollection(entries[1:]))
+    ]
+    assert not np.allclose(asked[0][0], asked[0][1])
+    assert np.array_equal(asked[0][1:], asked[1])
+
+
 @needs_chair
 def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "chair_1.off").write_bytes(CHAIR.read_bytes())
     cases = presets.of_meshes(
-        MeshCollection.from_paths(tmp_path), [], presets.paper100(), n_points=5, seed=0, most_views=3
+        MeshCollection.from_paths(tmp_path), [], lambda key: presets.paper100(), n_points=5, seed=0, most_views=3
     )
     assert len({case.label for case in cases}) == 2
     (single,) = presets.of_meshes(
-        MeshCollection.from_paths(CHAIR), [], presets.paper100(), n_points=5, seed=0, most_views=3
+        MeshCollection.from_paths(CHAIR), [], lambda key: presets.paper100(), n_points=5, seed=0, most_views=3
     )
     assert single.label == "chair_0003"
     question = single.make()

@@ -1,13 +1,16 @@
 """The paper's two datasets as options and meshes: counts, splits, what takes precedence."""
 
+import numpy as np
 import pytest
 
 from tests.scenes import box
 from zbuf_occlude import OptionError
+from zbuf_occlude.cli.options import literal
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import MODELNET8, find_preset, plan_of_originals
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import make
 
 
 def modelnet(n_train: int, n_test: int, classes: tuple[str, ...] = MODELNET8) -> MeshCollection:
@@ -59,6 +62,17 @@ def test_modelnets_missing_splits_are_filled_from_train(n_test: int) -> None:
 def test_too_few_objects_of_a_class_are_an_error() -> None:
     with pytest.raises(OptionError, match=r"must find 75 meshes of each of airplane, .*; there are 60 of airplane"):
         find_preset("paper-modelnet8").choose(modelnet(40, 20))
+
+
+def test_modelnet40_c_has_the_camera_of_its_generator() -> None:
+    """A Kinect's: 512 x 424 pixels, focal length 365."""
+    name, _, numbers = find_preset("modelnet40-c-occlusion").options["sensor"].partition(":")
+    sensor = make(name, **{key: literal(value) for key, value in (pair.split("=") for pair in numbers.split(","))})
+    directions = sensor.rays().directions
+    assert len(directions) == 512 * 424
+    across, upwards = directions[:, 1] / directions[:, 0], directions[:, 2] / directions[:, 0]
+    assert np.abs(across).max() * 365 == pytest.approx(255.5, abs=0.05)
+    assert np.abs(upwards).max() * 365 == pytest.approx(211.5, abs=0.05)
 
 
 def test_an_unknown_preset_says_which_there_are() -> None:

@@ -27,9 +27,9 @@ from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
 from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.dataset.auto import AUTO
+from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.views import forms
-from zbuf_occlude.views import parse as parse_views
 
 BUILT_IN_MESHES = 8
 DEFAULT_SECONDS = 3.0
@@ -138,8 +138,9 @@ def command(
     cases: list[Case] = []
     if meshes or not presets:
         collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
-        parsed = parse_views(views, distance=distance[0], farthest=distance[1], seed=seed)
-        cases += of_meshes(collection, subjects, parsed, n_points=points, seed=seed, most_views=most_views)
+        recipe = Recipe(views=views, distance=distance[0], farthest=distance[1], seed=seed)
+        recipe.make_views()  # for its errors
+        cases += of_meshes(collection, subjects, recipe.make_views, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
         cases += preset(name, root=modelnet, seed=seed, budget=seconds)
     timed = DEFAULT_SECONDS if seconds is None else seconds

@@ -37,14 +37,20 @@ SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
 
 
 def of_meshes(
-    meshes: MeshCollection, subjects: Sequence[Subject], views: Views, *, n_points: int, seed: int, most_views: int
+    meshes: MeshCollection,
+    subjects: Sequence[Subject],
+    views_of: Callable[[str], Views],
+    *,
+    n_points: int,
+    seed: int,
+    most_views: int,
 ) -> list[Case]:
-    """Return a case for each mesh."""
+    """Return a case for each mesh, of the views that `views_of` gives for its key."""
 
     def question(entry: MeshEntry) -> Question:
         with Limits().watch():
             mesh = entry.load()
-        return ask(entry.key, mesh, views, n_points=n_points, seed=seed, most_views=most_views)
+        return ask(entry.key, mesh, views_of(entry.key), n_points=n_points, seed=seed, most_views=most_views)
 
     short = Counter(Path(entry.key).stem for entry in meshes)
     labels = [stem if short[stem := Path(entry.key).stem] == 1 else entry.key for entry in meshes]

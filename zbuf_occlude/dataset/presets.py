@@ -109,9 +109,16 @@ PRESETS: tuple[Preset, ...] = (
     ),
     Preset(
         "modelnet40-c-occlusion",
-        "ModelNet40-C's corruption by occlusion: the split test, 5 poses at distance 3",
+        "ModelNet40-C's corruption by occlusion: the split test, 5 poses at distance 3, its camera",
         MappingProxyType(
-            {"views": "random:5", "distance": "3", "format": "modelnet40-c", "splits": "test", "method": "exact"}
+            {
+                "views": "random:5",
+                "distance": "3",
+                "format": "modelnet40-c",
+                "splits": "test",
+                "sensor": "pinhole:width=512,height=424,fov=70.087",
+                "size": "1",
+            }
         ),
         MeshCollection.interleaved,
         2_468,

@@ -22,7 +22,7 @@ class Views:
     elevation : (k,) float
         Radians, from the xy plane, in [-pi/2, pi/2]; +pi/2 is +z.
     distance : (k,) float or float
-        Distance from the target, in world units, positive.
+        Distance from the target, in world units, positive; with `rotations` 0 too.
     target : (3,) float
         What the cameras stand about, and look at unless `rotations` say otherwise; world space.
     roll : (k,) float or float
@@ -75,7 +75,7 @@ class Views:
         if (np.abs(elevation) > np.pi / 2 + 1e-9).any():
             worst = np.degrees(elevation[np.abs(elevation).argmax()])
             raise ArgumentError(f"elevation must lie in [-pi/2, pi/2]; got {worst:g} degrees. Give radians.")
-        if (distance <= 0).any():
+        if (distance <= 0 if self.rotations is None else distance < 0).any():
             raise ArgumentError(f"distance must be positive; got {distance.min():g}.")
         for name, values in fields.items():
             object.__setattr__(self, name, frozen(values))
@@ -166,10 +166,8 @@ class Views:
         target = np.asarray(target, dtype=np.float64)
         offsets = eyes - target
         distance = np.linalg.norm(offsets, axis=1)
-        if not (distance > 0).all():
-            raise ArgumentError(f"a camera must not stand at the object's centre; {int(distance.argmin())} does.")
         azimuth = np.arctan2(offsets[:, 1], offsets[:, 0])
-        elevation = np.arcsin(np.clip(offsets[:, 2] / distance, -1.0, 1.0))
+        elevation = np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
         return cls(azimuth, elevation, distance, target, 0.0, rotations, windows)
 
     @property
