@@ -143,3 +143,15 @@ def test_bad_indices_name_their_face(corners: list[float], message: str) -> None
 def test_used_vertices_that_are_not_finite_are_named(value: float) -> None:
     with pytest.raises(MeshError, match=r"vertex 2 must be finite and below 1e\+70, for face 0 uses it; it is \[0"):
         Polygons(np.array([[0, 0, 0], [1, 0, 0], [0, 0, value]]), np.arange(3), np.array([3]))
+
+
+def test_a_polygon_of_more_corners_than_can_be_cut_in_time_is_refused() -> None:
+    """Ears of one that crosses itself take the square of its corners, in compiled code that no limit interrupts."""
+    n = 200_001
+    circle = np.exp(2j * np.pi * np.arange(n) / n)
+    vertices, corners = np.column_stack([circle.real, circle.imag, np.zeros(n)]), np.arange(n)
+    triangles, _ = Polygons(vertices, corners, np.array([n])).triangles()
+    assert len(triangles) == n - 2, "convex ones are fans"
+    vertices[::2] *= 0.9
+    with pytest.raises(MeshError, match=r"a concave face must have at most 200,000 corners; one has 200,001\. Cut it"):
+        Polygons(vertices, corners, np.array([n])).triangles()

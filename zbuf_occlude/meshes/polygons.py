@@ -17,6 +17,9 @@ Ints = NDArray[np.int64]
 
 _ROUNDING = 1e-12  # a fan's triangle may be turned over by so much of the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
+_MOST_EARS = 200_000
+"""Corners of a polygon that is cut by ears: one that crosses itself takes their square, then some three minutes, in
+which nobody can interrupt it."""
 _EARS = -1  # in place of the corner that a fan begins with
 
 
@@ -117,6 +120,10 @@ class Polygons:
 
     def _ears(self, starts: Ints, counts: Ints) -> list[Ints]:
         """Cut polygons by ears: corners of triangles (t, 3), counted from each polygon's first."""
+        if len(counts) and counts.max() > _MOST_EARS:
+            raise MeshError(
+                f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Cut it up."
+            )
         positions, axes = _planes(self.vertices, self.corners, starts, counts)
         found = []
         for end, n, own in zip(np.cumsum(counts).tolist(), counts.tolist(), axes, strict=True):
