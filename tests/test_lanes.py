@@ -108,13 +108,15 @@ def test_one_vector() -> None:
         store(out, 0, lanes.absolute(v))
         store(out, 16, lanes.splat(a[3]))
         store(out, 32, lanes.square_root(lanes.absolute(v)))
+        store(out, 48, lanes.spread(a, 5))
         return lanes.lowest(v), lanes.highest(v)
 
     for _ in range(20):
         a = RNG.normal(size=16).astype(np.float32)
-        out = np.empty(48, dtype=np.float32)
+        out = np.empty(64, dtype=np.float32)
         assert kernel(a, out) == (a.min(), a.max())
-        np.testing.assert_array_equal(out, np.concatenate([np.abs(a), np.full(16, a[3]), np.sqrt(np.abs(a))]))
+        parts = [np.abs(a), np.full(16, a[3]), np.sqrt(np.abs(a)), np.full(16, a[5])]
+        np.testing.assert_array_equal(out, np.concatenate(parts))
 
 
 def test_masks() -> None:
@@ -155,11 +157,13 @@ def test_three_vectors_at_a_time() -> None:
         lanes.store3(out, 16, 16, lanes.cross3(u, v))
         lanes.store3(out, 64, 16, lanes.transform(matrix, u[0], u[1], u[2]))
         lanes.store3(out, 112, 16, lanes.splat3((matrix[0], matrix[1], matrix[2])))
+        lanes.store3(out, 160, 16, lanes.spread3(matrix, 1, 4))
 
-    out = np.zeros((10, 16), dtype=np.float32)
+    out = np.zeros((13, 16), dtype=np.float32)
     kernel(a, b, matrix, out.reshape(-1))
     rows = matrix.reshape(3, 4)
     np.testing.assert_allclose(out[0], (a * b).sum(axis=0) + 0.5, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[1:4], np.cross(a, b, axis=0), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[4:7], rows[:, :3] @ a + rows[:, 3:], rtol=1e-5, atol=1e-5)
-    assert np.array_equal(out[7:], np.repeat(matrix[:3, None], 16, axis=1))
+    assert np.array_equal(out[7:10], np.repeat(matrix[:3, None], 16, axis=1))
+    assert np.array_equal(out[10:], np.repeat(rows[:, 1:2], 16, axis=1))

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.threads import shared, take, together
 
-CODE_BITS = 16
-"""Bits per axis of a place along the curve, or fewer where it shares 64 with an index."""
+CODE_BITS = 10
+"""Bits per axis of a place along the curve: what is consecutive has to be near, not in perfect order."""
 
 BLOCK = 8192
 """Positions that a thread places at a time."""
@@ -19,49 +19,47 @@ def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
 
     Notes
     -----
-    The curve runs through 2^16 cells an axis of the positions' bounding cube (2^14 for four million positions).
-    Packets of consecutive points, and boxes around consecutive faces, have a fifth less to test than in Morton order,
-    which jumps.
+    The curve runs through 2^10 cells per axis of the positions' bounding cube. Packets of consecutive points, and boxes
+    around consecutive faces, have a tenth less to test than in Morton order, which jumps.
 
     References
     ----------
     Skilling: Programming the Hilbert curve. AIP Conference Proceedings 707 (2004), doi:10.1063/1.1751381.
     """
     index_bits = len(positions).bit_length()
-    bits = min(CODE_BITS, (64 - index_bits) // 3)
-    low = positions.min(axis=0)
-    side = float((positions.max(axis=0) - low).max())
-    scale = (2.0**bits - 1.0) / side if side > 0.0 else 0.0
+    low = [float(axis.min()) for axis in positions.T]  # axis by axis: 20 times as fast as positions.min(axis=0)
+    side = max(float(axis.max()) - lowest for axis, lowest in zip(positions.T, low, strict=True))
+    scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     # with the index in the low bits, sorting the keys is all: several times as fast as argsort
     keys = np.empty(len(positions), dtype=np.uint64)
-    together(_keys, -(-len(positions) // BLOCK), positions, low, scale, bits, index_bits, keys)
+    together(_keys, -(-len(positions) // BLOCK), positions, tuple(low), scale, index_bits, keys)
     keys.sort()
     return (keys & np.uint64((1 << index_bits) - 1)).astype(np.int64)
 
 
 @shared
-def _keys(tasks, positions, low, scale, bits, index_bits, keys):
+def _keys(tasks, positions, low, scale, index_bits, keys):
     """Place along the curve, and index, of each position."""
+    x, y, z = low
     block = take(tasks)
     while block * BLOCK < len(positions):
         for i in range(block * BLOCK, min((block + 1) * BLOCK, len(positions))):
             code = hilbert_code(
-                np.int64((positions[i, 0] - low[0]) * scale),
-                np.int64((positions[i, 1] - low[1]) * scale),
-                np.int64((positions[i, 2] - low[2]) * scale),
-                bits,
+                np.int64((positions[i, 0] - x) * scale),
+                np.int64((positions[i, 1] - y) * scale),
+                np.int64((positions[i, 2] - z) * scale),
             )
-            keys[i] = (code << np.uint64(index_bits)) | np.uint64(i)
+            keys[i] = (np.uint64(code) << np.uint64(index_bits)) | np.uint64(i)
         block = take(tasks)
 
 
 @njit(_nrt=False)
-def hilbert_code(x, y, z, bits):
-    """Place of a cell along the curve, 3 x `bits` bits; x, y and z are at least 0 and below 2^bits."""
+def hilbert_code(x, y, z):
+    """Place of a cell along the curve, 3 x `CODE_BITS` bits; x, y and z are at least 0 and below 2^`CODE_BITS`."""
     # undo the curve's turns, from the coarsest cell to the finest: where an axis has the bit, mirror x below it,
     # else swap that axis with x below it (masks instead of branches, which nobody could predict)
-    for level in range(bits - 1, 0, -1):
-        below = (np.int64(1) << level) - 1
+    for level in range(CODE_BITS - 1, 0, -1):
+        below = (1 << level) - 1
         x ^= below & -(x >> level & 1)
         mirror = below & -(y >> level & 1)
         swap = (x ^ y) & (below ^ mirror)
@@ -74,14 +72,16 @@ def hilbert_code(x, y, z, bits):
     # Gray code
     y ^= x
     z ^= y
-    mirror = np.int64(0)
-    for level in range(bits - 1, 0, -1):
-        mirror ^= ((np.int64(1) << level) - 1) & -(z >> level & 1)
-    x ^= mirror
-    y ^= mirror
-    z ^= mirror
-    code = np.uint64(0)
-    for level in range(bits - 1, -1, -1):
-        octant = ((x >> level & 1) << 2) | ((y >> level & 1) << 1) | (z >> level & 1)
-        code = (code << np.uint64(3)) | np.uint64(octant)
-    return code
+    above = z >> 1  # becomes, at each bit, the parity of those above it
+    for step in (1, 2, 4, 8):
+        above ^= above >> step
+    return _spaced(x ^ above) << 2 | _spaced(y ^ above) << 1 | _spaced(z ^ above)
+
+
+@njit(_nrt=False)
+def _spaced(bits):
+    """Put two zeros before each of 10 bits."""
+    bits = (bits | bits << 16) & 0x030000FF
+    bits = (bits | bits << 8) & 0x0300F00F
+    bits = (bits | bits << 4) & 0x030C30C3
+    return (bits | bits << 2) & 0x09249249

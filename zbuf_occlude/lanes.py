@@ -178,6 +178,18 @@ def load(typing_context, array, index):
 
 
 @intrinsic
+def spread(typing_context, array, index):
+    """The float32 of an array at a flat index, in all lanes."""
+    _must_be_contiguous(array)
+
+    def codegen(context, builder, signature, args):
+        address = _address(context, builder, signature.args[0], args[0], args[1], ir.FloatType())
+        return _repeat(builder, builder.load(address, align=4), _FLOATS)
+
+    return VECTOR(array, types.intp), codegen
+
+
+@intrinsic
 def store(typing_context, array, index, vector):
     """Write 16 float32 to an array from a flat index on."""
     _must_be_contiguous(array)
@@ -269,6 +281,12 @@ def count_lanes(typing_context, mask):
 def load3(array, index, stride):
     """Load three vectors, each `stride` numbers after the one before."""
     return load(array, index), load(array, index + stride), load(array, index + 2 * stride)
+
+
+@njit(_nrt=False, forceinline=True)
+def spread3(array, index, stride):
+    """Three numbers, each `stride` after the one before, each in all lanes of a vector."""
+    return spread(array, index), spread(array, index + stride), spread(array, index + 2 * stride)
 
 
 @njit(_nrt=False, forceinline=True)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import IntArray
-from zbuf_occlude.hilbert import hilbert_code
+from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.threads import shared, take, together
@@ -14,9 +14,6 @@ LONG = 0.125
 
 RUN_FACES = 512
 """Faces that are halved together, a multiple of `CLUSTER`."""
-
-CURVE_BITS = 10
-"""Bits per axis of a face's place along the Hilbert curve: it only has to be near those of its run."""
 
 BLOCK_FACES = 4096
 """Faces that a thread measures at a time."""
@@ -71,8 +68,7 @@ def make_clusters(mesh: Mesh) -> IntArray:
 @shared
 def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
     """Box each face, and give it the key that sorts it: long or not, its centre's place along the curve, its number."""
-    bits = min(CURVE_BITS, (63 - index_bits) // 3)
-    scale = (2.0**bits - 1.0) / side if side > 0.0 else 0.0
+    scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     block = take(tasks)
     while block * BLOCK_FACES < len(corners):
         for face in range(block * BLOCK_FACES, min((block + 1) * BLOCK_FACES, len(corners))):
@@ -86,10 +82,9 @@ def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
                 np.int64((0.5 * (boxes[face, 0] + boxes[face, 3]) - low[0]) * scale),
                 np.int64((0.5 * (boxes[face, 1] + boxes[face, 4]) - low[1]) * scale),
                 np.int64((0.5 * (boxes[face, 2] + boxes[face, 5]) - low[2]) * scale),
-                bits,
             )
             is_long = np.uint64(extent > LONG * side)
-            keys[face] = (is_long << np.uint64(63)) | (code << np.uint64(index_bits)) | np.uint64(face)
+            keys[face] = (is_long << np.uint64(63)) | (np.uint64(code) << np.uint64(index_bits)) | np.uint64(face)
             if not _blocks_anything(a, b, c):
                 keys[face] = NEVER
         block = take(tasks)

@@ -1,4 +1,4 @@
-"""Points in packets of 16 and chunks of 16 packets, sorted by own face."""
+"""Points in packets of 16 and chunks of 16 packets, of neighbours along a Hilbert curve."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
 from zbuf_occlude.image_space.scene.scene import Float32, Scene
-from zbuf_occlude.image_space.scene.sorting import sort_points
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import shared, take, together
 
@@ -23,7 +23,7 @@ class Packets(NamedTuple):
         Where each was among the caller's points.
     coordinates : (3, n') float32, scene space
     own : (n',) int32
-        The row of the own face; -1 for none. They ascend.
+        The row of the own face; -1 for none.
     boxes : (6, n' / 16) float32
         Of the packets, scene space.
     reach : (n' / 16,) float32
@@ -50,8 +50,8 @@ class Packets(NamedTuple):
 
 
 def make_packets(scene: Scene, points: SurfacePoints) -> Packets:
-    """Sort points and cut them into packets and chunks; O(n), about 60 bytes per point."""
-    order = sort_points(scene, points.positions, points.face_ids)
+    """Sort points and cut them into packets and chunks; O(n log n), about 60 bytes per point."""
+    order = hilbert_order(points.positions).astype(np.int32)
     n_chunks = -(-len(order) // CHUNK_POINTS)
     order = np.concatenate([order, np.full(n_chunks * CHUNK_POINTS - len(order), order[-1])])
     packets = Packets(

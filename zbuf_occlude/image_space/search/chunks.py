@@ -42,5 +42,5 @@ def _search_packets(scene, points, view, chunk, n, space, answer):
             return
         extent, undecided = project_packet(scene, points, packet, view, space.image)
         if undecided:
-            hidden = search_packet(scene, points, view, packet, undecided, extent, n, space)
+            hidden = search_packet(scene, points, view, undecided, extent, n, space)
             write_hidden(points, packet * PACKET, hidden, answer)

@@ -1,5 +1,6 @@
 """Decisions in float64, by the definition itself, on the caller's own coordinates."""
 
+import numpy as np
 from numba import njit
 
 from zbuf_occlude.image_space.layout import CHUNK, CLUSTER, PACKET, UPPER, ZERO
@@ -8,13 +9,25 @@ from zbuf_occlude.predicates import blocks
 
 
 @njit(_nrt=False)
-def faces_block(scene, points, view, i, cluster, faces):
-    """Whether one of a mask of a cluster's faces blocks the line of sight of point i, in the packets' order."""
+def decide(scene, points, view, cluster, faces, doubt, first):
+    """Mask of the points in doubt, numbered from `first` on, that one of a mask of a cluster's faces blocks."""
+    hidden = 0
+    while doubt:
+        i = first_lane(doubt)
+        doubt &= doubt - 1
+        hidden |= np.int64(_faces_block(scene, points, view, first + i, cluster, faces)) << i
+    return hidden
+
+
+@njit(_nrt=False)
+def _faces_block(scene, points, view, i, cluster, faces):
+    """Whether one of a mask of a cluster's faces, not its own, blocks the line of sight of point i."""
     point = _world_point(points, i)
     while faces:
         lane = first_lane(faces)
         faces &= faces - 1
-        if _face_blocks(scene, view.world_eye, point, scene.face_ids[cluster, lane]):
+        is_own = points.own[i] == cluster * CLUSTER + lane
+        if not is_own and _face_blocks(scene, view.world_eye, point, scene.face_ids[cluster, lane]):
             return True
     return False
 

@@ -16,7 +16,7 @@ from zbuf_occlude.image_space.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.image_space.search.decide import faces_block
+from zbuf_occlude.image_space.search.decide import decide
 from zbuf_occlude.lanes import (
     absolute,
     dot3,
@@ -29,7 +29,8 @@ from zbuf_occlude.lanes import (
     muladd,
     not_less,
     splat,
-    splat3,
+    spread,
+    spread3,
 )
 
 SURE = np.float32(1.001)
@@ -37,29 +38,24 @@ SURE = np.float32(1.001)
 
 
 @njit(_nrt=False, forceinline=True)
-def classify(scene, space, slot, cluster, own, boxes, column, extent):
+def classify(scene, points, space, slot, cluster, extent):
     """Sort the 16 faces of a cluster by what they can do to the points of a packet.
 
     Parameters
     ----------
-    scene, space, slot, cluster
+    scene, points, space, slot, cluster
         The cluster, and where the workspace has its set-up.
-    own : tuple of 2 int
-        First and last of the points' own rows: these faces do not cover, since they do not hide their points even
-        where those lie behind them.
-    boxes, column : (6, ...) float32 and int
-        The points' box in scene space.
     extent : Extent
-        Theirs.
+        The packet's.
 
     Returns
     -------
     maybe : int
         Mask of the faces that may hide some of the points.
     covers : bool
-        Whether one face certainly hides all of them.
+        Whether one face certainly hides all of them; a face does not hide its own points even where they lie behind it.
     """
-    row = slot * SETUP_ROWS * CLUSTER
+    row, packet = slot * SETUP_ROWS * CLUSTER, extent.first // PACKET
     cx, hx = splat(HALF * (extent.left + extent.right)), splat(HALF * (extent.right - extent.left))
     cy, hy = splat(HALF * (extent.bottom + extent.top)), splat(HALF * (extent.top - extent.bottom))
     best, worst = splat(ENDLESS), splat(ENDLESS)
@@ -74,91 +70,98 @@ def classify(scene, space, slot, cluster, own, boxes, column, extent):
     contact = load(space.setups, row + CONTACT * CLUSTER)
     middle, half = zero - offset, splat(PLANE_ERROR * extent.reach)
     for axis in range(3):
-        lower, upper = boxes[axis, column], boxes[UPPER + axis, column]
+        lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
         middle = muladd(normal[axis], splat(HALF * (lower + upper)), middle)
         half = muladd(absolute(normal[axis]), splat(HALF * (upper - lower)), half)
     behind = not_less(half - middle, contact * splat(extent.inverse_distance_min))
     maybe = not_less(best, splat(-extent.blur * SURE)) & (behind | doubtful) & used
     covering = maybe & ~doubtful & greater(worst, splat(extent.blur * SURE))
     if covering:
-        first, last = own[0] - CLUSTER * cluster, own[1] - CLUSTER * cluster
-        if first < CLUSTER and last >= 0:
-            covering &= ~((2 << min(last, CLUSTER - 1)) - (1 << max(first, 0)))
         covering &= greater(zero - middle - half, contact * splat(extent.inverse_distance_max))
-    return maybe, covering != 0
+        while covering:
+            lane = first_lane(covering)
+            if not equal(points.own, extent.first, np.int32(CLUSTER * cluster + lane)):
+                return maybe, True
+            covering &= covering - 1
+    return maybe, False
 
 
 @njit(_nrt=False, forceinline=True)
-def hide_by_face(scene, points, view, space, slot, row, undecided, extent):
-    """Return the mask of the points in hand, of those undecided, that a face hides; `row` is the face's.
+def hide_by_faces(scene, points, view, space, at, faces, within, extent):
+    """Return the mask of the points of a packet, of those within, that some face of a mask hides; face by face.
 
-    The points are a packet: ``space.ids`` are consecutive.
+    `at` are the cluster's number and the slot that holds its set-up. No branch depends on what a test says: they could
+    not be predicted, and cost more than the tests.
     """
-    cluster, lane = row // CLUSTER, row % CLUSTER
-    base = slot * SETUP_ROWS * CLUSTER + lane
+    base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
     x, y = load(space.image, 0), load(space.image, PACKET)
-    inside = splat(ENDLESS)
-    for edge in range(3):
-        at = base + (EDGES + 3 * edge) * CLUSTER
-        a, b, c = space.setups[at], space.setups[at + CLUSTER], space.setups[at + 2 * CLUSTER]
-        inside = minimum(inside, muladd(x, splat(a), muladd(y, splat(b), splat(c))))
-    possible = not_less(inside, splat(-extent.blur * SURE)) & undecided
-    if not possible:
-        return 0
-    first = np.int64(space.ids[0])
-    possible &= ~equal(points.own, first, np.int32(row))
-    sure = 0
-    if not (space.doubtful[slot] >> lane) & 1:
-        at = base + NORMAL * CLUSTER
-        depth = splat(space.setups[at + 3 * CLUSTER])
-        for axis in range(3):
-            coordinate = load(points.coordinates, axis * points.coordinates.shape[1] + first)
-            depth = depth - coordinate * splat(space.setups[at + axis * CLUSTER])
-        contact, error = space.setups[base + CONTACT * CLUSTER], PLANE_ERROR * extent.reach
-        possible &= not_less(depth, splat(contact * extent.inverse_distance_min - error))
-        sure = possible & greater(inside, splat(extent.blur * SURE))
-        sure &= greater(depth, splat(contact * extent.inverse_distance_max + error))
-    doubt = possible & ~sure
-    while doubt:
-        i = first_lane(doubt)
-        doubt &= doubt - 1
-        sure |= np.int64(faces_block(scene, points, view, first + i, cluster, 1 << lane)) << i
-    return sure
-
-
-@njit(_nrt=False, forceinline=True)
-def hide_by_cluster(scene, points, view, space, slot, cluster, undecided, extent):
-    """Return the mask of the points in hand, of those undecided, that some face of a cluster hides; one by one."""
-    hidden = 0
-    while undecided:
-        lane = first_lane(undecided)
-        undecided &= undecided - 1
-        sure, doubt = _hide_point(scene, points, space, slot, cluster, lane, extent)
-        if sure or (doubt and faces_block(scene, points, view, space.ids[lane], cluster, doubt)):
-            hidden |= 1 << lane
+    point = load3(points.coordinates, extent.first, width)
+    blur, error = splat(extent.blur * SURE), splat(PLANE_ERROR * extent.reach)
+    most, least = splat(extent.inverse_distance_max), splat(extent.inverse_distance_min)
+    no_blur, zero, doubtful = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[at[1]]
+    hidden, doubt, doubt_faces = 0, 0, 0
+    while faces:
+        lane = first_lane(faces)
+        faces &= faces - 1
+        row = base + lane
+        inside = splat(ENDLESS)
+        for edge in range(3):
+            a, b, c = spread3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+            inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
+        normal = spread3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
+        height = spread(space.setups, row + (NORMAL + 3) * CLUSTER) - dot3(point, normal, zero)
+        contact = spread(space.setups, row + CONTACT * CLUSTER)
+        unknown = -((doubtful >> lane) & 1)
+        possible = within & not_less(inside, no_blur) & (not_less(height + error, contact * least) | unknown)
+        possible &= ~equal(points.own, extent.first, np.int32(at[0] * CLUSTER + lane))
+        sure = possible & greater(inside, blur) & greater(height - error, contact * most) & ~unknown
+        hidden |= sure
+        doubt |= possible & ~sure
+        doubt_faces |= np.int64((possible & ~sure) != 0) << lane
+    if doubt & ~hidden:
+        hidden |= decide(scene, points, view, at[0], doubt_faces, doubt & ~hidden, extent.first)
     return hidden
 
 
 @njit(_nrt=False, forceinline=True)
-def _hide_point(scene, points, space, slot, cluster, lane, extent):
-    """Masks of a cluster's faces that certainly hide a point in hand, and of those that float64 must decide."""
-    row, i = slot * SETUP_ROWS * CLUSTER, space.ids[lane]
-    x, y = splat(space.image[0, lane]), splat(space.image[1, lane])
-    inside = splat(ENDLESS)
-    for edge in range(3):
-        a, b, c = load3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
-        inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-    own = points.own[i] - CLUSTER * cluster
-    others = scene.used[cluster] & ~(np.int64(0 <= own < CLUSTER) << (own & (CLUSTER - 1)))
-    possible = not_less(inside, splat(-extent.blur * SURE)) & others
-    if not possible:
-        return 0, 0
-    normal = load3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
-    contact = load(space.setups, row + CONTACT * CLUSTER)
-    point = (-points.coordinates[0, i], -points.coordinates[1, i], -points.coordinates[2, i])
-    depth = dot3(normal, splat3(point), load(space.setups, row + (NORMAL + 3) * CLUSTER))
-    error, doubtful = splat(PLANE_ERROR * extent.reach), space.doubtful[slot]
-    possible &= not_less(depth + error, contact * splat(extent.inverse_distance_min)) | doubtful
-    sure = possible & ~doubtful & greater(inside, splat(extent.blur * SURE))
-    sure &= greater(depth - error, contact * splat(extent.inverse_distance_max))
-    return sure, possible & ~sure
+def hide_by_points(scene, points, view, space, at, within, extent):
+    """Return the mask of the points of a packet, of those within, that some face of a cluster hides; point by point."""
+    base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
+    p, q, r = _edge(space, base, 0), _edge(space, base, 1), _edge(space, base, 2)
+    normal = load3(space.setups, base + NORMAL * CLUSTER, CLUSTER)
+    offset = load(space.setups, base + (NORMAL + 3) * CLUSTER)
+    contact = load(space.setups, base + CONTACT * CLUSTER)
+    blur, error = splat(extent.blur * SURE), splat(PLANE_ERROR * extent.reach)
+    most, least = contact * splat(extent.inverse_distance_max), contact * splat(extent.inverse_distance_min)
+    no_blur, zero, doubtful, used = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[at[1]], scene.used[at[0]]
+    hidden, doubt, doubt_faces = 0, 0, 0
+    while within:
+        lane = first_lane(within)
+        within &= within - 1
+        i = extent.first + lane
+        x, y = spread(space.image, lane), spread(space.image, PACKET + lane)
+        inside = minimum(muladd(x, p[0], muladd(y, p[1], p[2])), muladd(x, q[0], muladd(y, q[1], q[2])))
+        inside = minimum(inside, muladd(x, r[0], muladd(y, r[1], r[2])))
+        height = offset - dot3(spread3(points.coordinates, i, width), normal, zero)
+        possible = not_less(inside, no_blur) & (not_less(height + error, least) | doubtful)
+        possible &= used & ~_own_face(points.own[i] - CLUSTER * at[0])
+        sure = possible & greater(inside, blur) & greater(height - error, most) & ~doubtful
+        unsure = possible & ~sure
+        hidden |= np.int64(sure != 0) << lane
+        doubt |= np.int64(unsure != 0) << lane
+        doubt_faces |= unsure
+    if doubt & ~hidden:
+        hidden |= decide(scene, points, view, at[0], doubt_faces, doubt & ~hidden, extent.first)
+    return hidden
+
+
+@njit(_nrt=False, forceinline=True)
+def _edge(space, base, edge):
+    """An edge function of 16 faces."""
+    return load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+
+
+@njit(_nrt=False, forceinline=True)
+def _own_face(lane):
+    """Mask of one lane, if it is one of the 16."""
+    return np.int64(0 <= lane < CLUSTER) << (lane & (CLUSTER - 1))

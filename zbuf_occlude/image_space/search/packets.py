@@ -3,24 +3,22 @@
 from numba import njit
 
 from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, PACKET, RIGHT, TOP
-from zbuf_occlude.image_space.search.hide import classify, hide_by_cluster, hide_by_face
+from zbuf_occlude.image_space.search.hide import classify, hide_by_faces, hide_by_points
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.image_space.search.setup import slot_of
-from zbuf_occlude.lanes import ALL, count_lanes, first_lane, load, not_less, splat
+from zbuf_occlude.lanes import count_lanes, first_lane, load, not_less, splat
 
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""
 
 
-@njit(_nrt=False)
-def search_packet(scene, points, view, packet, undecided, extent, n, space):
+@njit(_nrt=False, forceinline=True)
+def search_packet(scene, points, view, undecided, extent, n, space):
     """Go through the n listed clusters until every point of a packet is hidden or none is left.
 
     `undecided` is the mask of the points in question; returns that of the hidden ones. ``space.image`` has the points'
     place in the image.
     """
-    for i in range(PACKET):
-        space.ids[i] = packet * PACKET + i
     found_hidden = 0
     error = COORDINATE_ERROR * extent.blur * view.reach
     for j in range(0, n, CLUSTER):
@@ -33,7 +31,7 @@ def search_packet(scene, points, view, packet, undecided, extent, n, space):
             within = undecided & _within(space, entry, error)
             if not within:
                 continue
-            hidden = _hide(scene, points, view, packet, within, extent, space.listed.clusters[entry], space)
+            hidden = _hide(scene, points, view, within, extent, space.listed.clusters[entry], space)
             found_hidden |= hidden
             undecided &= ~hidden
             if not undecided:
@@ -55,25 +53,17 @@ def _within(space, entry, error):
 
 
 @njit(_nrt=False, forceinline=True)
-def _hide(scene, points, view, packet, within, extent, cluster, space):
+def _hide(scene, points, view, within, extent, cluster, space):
     """Mask of the points in hand, of those within, that some face of a cluster hides."""
     slot = slot_of(scene, cluster, view, space)
-    n_within, base = count_lanes(within), packet * PACKET
+    n_within = count_lanes(within)
     if n_within > FEW_POINTS:
-        own = (points.own[base], points.own[base + PACKET - 1])
-        maybe, covers = classify(scene, space, slot, cluster, own, points.boxes, packet, extent)
+        maybe, covers = classify(scene, points, space, slot, cluster, extent)
         if covers or not maybe:
             return within if covers else 0
         if count_lanes(maybe) <= n_within:
-            hidden = 0
-            while maybe and within:
-                row = cluster * CLUSTER + first_lane(maybe)
-                maybe &= maybe - 1
-                by_face = hide_by_face(scene, points, view, space, slot, row, within, extent)
-                hidden |= by_face
-                within &= ~by_face
-            return hidden
-    return hide_by_cluster(scene, points, view, space, slot, cluster, within, extent)
+            return hide_by_faces(scene, points, view, space, (cluster, slot), maybe, within, extent)
+    return hide_by_points(scene, points, view, space, (cluster, slot), within, extent)
 
 
 @njit(_nrt=False, forceinline=True)
@@ -88,10 +78,5 @@ def _promote(listed, entry):
 @njit(_nrt=False, forceinline=True)
 def write_hidden(points, base, hidden, answer):
     """Enter the hidden points of a packet into the caller's order."""
-    if hidden == ALL:
-        for i in range(base, base + PACKET):
-            answer[points.order[i]] = False
-        return
-    while hidden:
-        answer[points.order[base + first_lane(hidden)]] = False
-        hidden &= hidden - 1
+    for i in range(base, min(base + PACKET, points.n_points)):
+        answer[points.order[i]] &= ~(hidden >> (i - base)) & 1 != 0

@@ -13,6 +13,7 @@ from numba import njit
 
 from zbuf_occlude.image_space.layout import (
     BOTTOM,
+    CHUNK_POINTS,
     COORDINATE_ERROR,
     ENDLESS,
     FARTHEST,
@@ -48,6 +49,8 @@ class Extent(NamedTuple):
 
     Parameters
     ----------
+    first : int
+        Number of the first of them, in the packets' order.
     left, right, bottom, top, farthest : float32
         Bounds of x / w, y / w and w, widened by their error.
     blur : float32
@@ -60,6 +63,7 @@ class Extent(NamedTuple):
         At most 1 / distance of any.
     """
 
+    first: int
     left: np.float32
     right: np.float32
     bottom: np.float32
@@ -128,6 +132,7 @@ def extent_of_chunk(scene, points, chunk, view, rectangles, column):
     bounds = _inverse_distances(points.chunk_boxes, chunk, view, np.float32(scene.contact))
     nearest = max(rectangles[NEAREST, column], view.near * view.reach)
     return Extent(
+        first=chunk * CHUNK_POINTS,
         left=max(rectangles[LEFT, column], -window),
         right=min(rectangles[RIGHT, column], window),
         bottom=max(rectangles[BOTTOM, column], -window),
@@ -152,6 +157,7 @@ def joined(a, b):
     if is_empty(a) or is_empty(b):
         return b if is_empty(a) else a
     return Extent(
+        first=min(a.first, b.first),
         left=min(a.left, b.left),
         right=max(a.right, b.right),
         bottom=min(a.bottom, b.bottom),
@@ -164,7 +170,7 @@ def joined(a, b):
     )
 
 
-@njit(_nrt=False)
+@njit(_nrt=False, forceinline=True)
 def project_packet(scene, points, packet, view, image):
     """Project the points of a packet.
 
@@ -199,6 +205,7 @@ def project_packet(scene, points, packet, view, image):
     slack = np.float32(3.0) * COORDINATE_ERROR * reach * inverse_max
     bounds = _inverse_distances(points.boxes, packet, view, np.float32(scene.contact))
     extent = Extent(
+        first=base,
         left=lowest(select(shown, u, far)) - slack,
         right=highest(select(shown, u, low)) + slack,
         bottom=lowest(select(shown, v, far)) - slack,

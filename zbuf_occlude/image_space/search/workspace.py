@@ -37,7 +37,6 @@ class Workspace(NamedTuple):
     slot_rectangles: Float32  # (6, n_slots) around the faces set up there
     slot_tags: NDArray[np.int64]  # (n_slots,) of which cluster, in which view
     doubtful: NDArray[np.int64]  # (n_slots,) masks of the faces that float32 must not decide
-    ids: IntArray  # (16,) the points in hand, in the packets' order
     image: Float32  # (2, 16) their x / w and y / w
 
 
@@ -60,7 +59,6 @@ def make_workspace(scene):
         slot_rectangles=np.empty((6, n_slots), dtype=np.float32),
         slot_tags=np.full(n_slots, -1, dtype=np.int64),
         doubtful=np.zeros(n_slots, dtype=np.int64),
-        ids=np.zeros(PACKET, dtype=np.int32),
         image=np.zeros((2, PACKET), dtype=np.float32),
     )
 

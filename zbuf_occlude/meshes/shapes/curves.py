@@ -74,13 +74,6 @@ def bent(points: ArrayLike, radius: float, steps: int = 4) -> FloatArray:
     return np.concatenate([p[:1], arcs.reshape(-1, p.shape[1]), p[-1:]])
 
 
-def resampled(points: ArrayLike, count: int) -> FloatArray:
-    """Polyline (m, d) as `count` points at equal steps of its parameter, straight in between."""
-    p = np.asarray(points, dtype=np.float64)
-    at = np.linspace(0.0, len(p) - 1.0, count)
-    return np.stack([np.interp(at, np.arange(len(p)), column) for column in p.T], axis=1)
-
-
 def frames(path: FloatArray, *, closed: bool = False) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors across a path (m, 3) at each of its points, each (m, 3), without twist.
 
