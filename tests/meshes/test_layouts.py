@@ -241,3 +241,23 @@ def test_archives_that_cannot_be_used(tmp_path: Path) -> None:
         opened.writestr("readme.txt", "none")
     with pytest.raises(MeshError, match="an archive must have meshes in it"):
         MeshCollection.from_paths(tmp_path / "empty.zip")
+
+
+def test_names_that_lead_out_of_an_archive_are_none(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in ("/chair/a.off", "../chair/b.off", "chair/c.off"):
+            archive.writestr(name, TRIANGLES[".off"])
+    assert facts(MeshCollection.from_paths(tmp_path / "a.zip")) == [("chair/c.off", "chair", "train")]
+
+
+def test_objaverse_and_shapenet_are_known_by_their_folders_too(tmp_path: Path) -> None:
+    packed = MeshCollection.from_paths(plant(tmp_path / "a", "glbs/000-023/one.glb", "glbs/000-159/two.glb"))
+    assert facts(packed) == [("one", "objaverse", "train"), ("two", "objaverse", "train")]
+    synsets = MeshCollection.from_paths(plant(tmp_path / "b", "02691156/one.glb", "03001627/two.glb"))
+    assert facts(synsets) == [("02691156/one", "airplane", "train"), ("03001627/two", "chair", "train")]
+
+
+def test_labels_that_are_neither_a_list_nor_an_object(tmp_path: Path) -> None:
+    (tmp_path / "l.json").write_text('"chair"')
+    with pytest.raises(OptionError, match="it is neither a list nor an object"):
+        read_labels(tmp_path / "l.json")

@@ -19,14 +19,15 @@ def archive_of(path: Path) -> tuple[Path, str] | None:
 
 
 def members(archive: Path) -> list[PurePosixPath]:
-    """Return the names of an archive's files.
+    """Return the names of an archive's files; those that lead out of it, as nobody packs them, are left out.
 
     Raises
     ------
     MeshError
         The archive cannot be read.
     """
-    return [PurePosixPath(name) for name in _opened(archive).namelist() if not name.endswith("/")]
+    names = (PurePosixPath(name) for name in _opened(archive).namelist() if not name.endswith("/"))
+    return [name for name in names if not name.is_absolute() and ".." not in name.parts]
 
 
 def read_bytes(path: Path) -> bytes:

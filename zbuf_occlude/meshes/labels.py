@@ -95,12 +95,14 @@ def parse_json(data: bytes, name: str) -> list[Label]:
                 for split in ("train", "val", "test")
                 for key in row.get(split, [])
             ]
+        if not isinstance(document, dict):
+            raise OptionError(f"{name} must be {FORMS}; it is neither a list nor an object.")
         if all(isinstance(keys, list) for keys in document.values()):
             return [Label(str(key), label) for label, keys in document.items() for key in keys]
         return [Label(key, str(label)) for key, label in document.items()]
     except OptionError:
         raise
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError) as error:  # rows may be anything
         raise OptionError(f"{name} must be {FORMS}; it cannot be read: {type(error).__name__}: {error}.") from None
 
 

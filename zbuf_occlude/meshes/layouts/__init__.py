@@ -49,7 +49,9 @@ LAYOUTS: tuple[Layout, ...] = (
         up="y",
     ),
     Layout("3D-FUTURE", "MODEL/raw_model.obj, with model_info.json above", "future:arrange", up="y"),
-    Layout("Objaverse", "UID.glb, the uid being 32 hexadecimal digits", "unlabelled:objaverse"),
+    Layout(
+        "Objaverse", "UID.glb, the uid being 32 hexadecimal digits, or glbs/000-023/UID.glb", "unlabelled:objaverse"
+    ),
     Layout("ABC", "NUMBER_HASH_trimesh_000.obj", "unlabelled:abc"),
     Layout("Thingi10K", "raw_meshes/NUMBER.stl", "unlabelled:thingi10k"),
     Layout("ModelNet", "CLASS/{train,val,test}/FILE, anywhere below the folder", "modelnet:arrange"),

@@ -29,6 +29,7 @@ _PATH = re.compile(
     r"(?P<above>.*)/(?P<synset>\d{8})/(?P<model>[^/]+?)(?:/models/model_normalized|/model|)\.(?:obj|glb|gltf|ply|off|stl)$",
     re.IGNORECASE,
 )
+# of a synset that is not published only what looks like a model is one
 _ENDS = re.compile(r"(?:/models/model_normalized|/model|/[0-9a-z]{20,40})\.[a-z]+$", re.IGNORECASE)
 
 
@@ -38,7 +39,7 @@ def arrange(tree: Tree) -> Arranged | None:
     for file in tree.files:
         name = str(tree.named(file))
         match = _PATH.fullmatch(name)
-        if match is not None and _ENDS.search(name):
+        if match is not None and (match["synset"] in NAMES or _ENDS.search(name)):
             matches[file] = match
         elif file.name != ALL:
             return None

@@ -13,8 +13,12 @@ LVIS = "lvis-annotations.json.gz"
 
 
 def objaverse(tree: Tree) -> Arranged | None:
-    """Take GLB files named by 32 hexadecimal digits; the key is the uid, LVIS's classes are taken if they lie there."""
-    names = _names(tree, r"([0-9a-f]{32})\.glb")
+    """Take GLB files named by 32 hexadecimal digits, or in folders as objaverse packs them, glbs/000-023.
+
+    The key is the uid, LVIS's classes are taken if they lie there.
+    """
+    packed = all(re.search(r"/glbs/\d{3}-\d{3}$", str(tree.named(file).parent)) for file in tree.files)
+    names = _names(tree, r"(.+)\.glb" if packed else r"([0-9a-f]{32})\.glb")
     if names is None:
         return None
     labels: dict[str, Label] = {}
