@@ -5,7 +5,10 @@
 
 Prints a table and writes a JSON (--out). An answer is one point seen or not seen by one eye. "Whole call" is what a
 user waits for with new points: points ordered and uploaded, answered, bits read back and unpacked. "On the GPU" is
-GL_TIME_ELAPSED of a call with points that are there already (of a software rasteriser: that whole call). The limit is
+GL_TIME_ELAPSED of a call with points that are there already (of a software rasteriser: that whole call). Of exact_gl
+the parts of a whole call are told apart too: ordering, arranging and uploading, the dispatches alone (a timer query
+around each; of a software rasteriser, which does the work when it is waited for, the clock until it has finished), and
+what is left, clearing, reading back and unpacking. The limit is
 the smaller of two: the arithmetic that was counted over the multiply-add rate that was measured, and the bytes that
 the work groups read over the copy rate that was measured (caches make it less).
 """
@@ -26,6 +29,7 @@ from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.exact_pass import ExactPass
 from zbuf_occlude.gl.exact_shapes import Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
+from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh
 from zbuf_occlude.visibility import oracle
 from zbuf_occlude.visibility.interface import CONTACT
@@ -145,6 +149,60 @@ def exact_pass(gl: GlContext, mesh: zo.Mesh, shapes: Shapes | None, counting: bo
     return ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, shapes=shapes, counting=counting)
 
 
+class TimedProgram:
+    """A compute program whose dispatches are timed, each alone."""
+
+    def __init__(self, program: Any, gl: GlContext, seconds: list[float]) -> None:
+        self._program, self._gl, self._seconds = program, gl, seconds
+
+    def __getitem__(self, name: str) -> Any:
+        return self._program[name]
+
+    def run(self, *groups: int) -> None:
+        """Dispatch, and wait for the end."""
+        self._gl.ctx.finish()  # what came before is not counted
+        query = self._gl.ctx.query(time=True)
+        start = time.perf_counter()
+        with query:
+            self._program.run(*groups)
+        self._gl.ctx.finish()
+        self._seconds.append(time.perf_counter() - start if self._gl.is_software else query.elapsed * 1e-9)
+
+
+def call_parts(gl: GlContext, mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> dict[str, float]:
+    """Seconds of the parts of one whole call of `exact_gl` with new points."""
+    engine = exact_pass(gl, mesh, None)
+    dispatches: list[float] = []
+    program = engine._program
+    engine._program = lambda shape: TimedProgram(program(shape), gl, dispatches)  # type: ignore[method-assign]
+
+    def call() -> tuple[float, float]:
+        dispatches.clear()
+        began = time.perf_counter()
+        uploaded = engine.upload(points.positions, points.face_ids)
+        gl.ctx.finish()
+        asked = time.perf_counter()
+        engine.visible(uploaded, eyes)
+        ended = time.perf_counter()
+        uploaded.release()
+        return asked - began, ended - asked
+
+    call()  # compiles what is compiled at first use
+    hilbert_order(points.positions)
+    began = time.perf_counter()
+    hilbert_order(points.positions)
+    ordering = time.perf_counter() - began
+    uploading, answering = call()
+    engine.release()
+    return {
+        "ordering": ordering,
+        "arranging_and_uploading": max(uploading - ordering, 0.0),
+        "dispatches": sum(dispatches),
+        "clearing_reading_unpacking": max(answering - sum(dispatches), 0.0),
+        "n_dispatches": len(dispatches),
+    }
+
+
 def run_shape(
     shape: Shape, gl: GlContext, mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray, repeats: int
 ) -> dict[str, Any]:
@@ -214,6 +272,13 @@ def main() -> None:
                 f"{row['answers_per_second_gpu']:.3g} on the GPU; {row['call_seconds'] / n_eyes * 1e3:.3g} ms a view; "
                 f"{row['wrong_outside_band']} of {row['checked']} wrong outside the band"
             )
+        spent = call_parts(gl, mesh, points, eyes)
+        n_dispatches = spent.pop("n_dispatches")
+        whole = sum(spent.values())
+        parts = ", ".join(f"{name.replace('_', ' ')} {seconds / whole:.0%}" for name, seconds in spent.items())
+        alone = len(points) * n_eyes / spent["dispatches"]
+        print(f"a whole call of exact_gl, {whole:.3g} s: {parts}")
+        print(f"its {n_dispatches} dispatches alone: {alone:.3g} answers/s")
         limit = limits(gl, mesh, points, eyes)
         print(
             f"limit of exact_gl: {limit['answers_per_second_by_arithmetic']:.3g} answers/s by arithmetic "
@@ -235,6 +300,7 @@ def main() -> None:
             "n_points": n_points,
             "n_eyes": n_eyes,
             "methods": rows,
+            "exact_gl_parts": spent,
             "limit": limit,
             "shapes": shapes,
         }
