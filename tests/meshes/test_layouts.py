@@ -261,3 +261,20 @@ def test_labels_that_are_neither_a_list_nor_an_object(tmp_path: Path) -> None:
     (tmp_path / "l.json").write_text('"chair"')
     with pytest.raises(OptionError, match="it is neither a list nor an object"):
         read_labels(tmp_path / "l.json")
+
+
+@pytest.mark.parametrize("content", [b"[" * 100_000, b"{}", b"\x1f\x8b damaged"])
+def test_lists_beside_the_meshes_that_cannot_be_read_are_as_if_not_there(tmp_path: Path, content: bytes) -> None:
+    for place, listed in (
+        (f"a/{UID.format(0)}.glb", "lvis-annotations.json.gz"),
+        ("b/02691156/one.glb", "taxonomy.json"),
+        ("b/02691156/one.glb", "PCN.json"),
+        ("c/one/raw_model.obj", "model_info.json"),
+    ):
+        plant(tmp_path, place)
+        packed = gzip.compress(content) if content[:1] == b"[" and listed.endswith(".gz") else content
+        (tmp_path / place[0] / listed).write_bytes(packed)
+        assert len(MeshCollection.from_paths(tmp_path / place[0])) == 1
+    (tmp_path / "labels.json").write_bytes(content)
+    with pytest.raises(OptionError, match=r"must be CSV|must hold labels|must be a readable file"):
+        read_labels(tmp_path / "labels.json")

@@ -178,6 +178,7 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", "a scene must be readable JSON"),
+        ("[" * 100_000, "a scene must be readable JSON"),
         ("[]", "it has no list of objects"),
         ('{"objects": [{"mesh": "a.off"}]}', "object 0 has no mesh or position"),
         ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "colour": 1}]}', "0 has colour"),

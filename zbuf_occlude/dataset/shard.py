@@ -148,7 +148,7 @@ def look_at(plan: Plan, out: Path, shard: int, *, closely: bool = False) -> tupl
         sidecar = Sidecar.from_document(document)
     except FileNotFoundError:
         return None, ""
-    except (ValueError, LookupError, TypeError, AttributeError):
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None, f"its {path.name} is damaged"
     if sidecar.fingerprint != plan.fingerprint:
         raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {sidecar.fingerprint}.")

@@ -102,7 +102,7 @@ def parse_json(data: bytes, name: str) -> list[Label]:
         return [Label(key, str(label)) for key, label in document.items()]
     except OptionError:
         raise
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # rows may be anything
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # it may be anything
         raise OptionError(f"{name} must be {FORMS}; it cannot be read: {type(error).__name__}: {error}.") from None
 
 

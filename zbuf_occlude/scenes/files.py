@@ -38,7 +38,7 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     form = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
     try:
         document = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OptionError(f"a scene must be readable JSON; {path}: {error}.") from None
     objects = document.get("objects") if isinstance(document, dict) else None
     if not isinstance(objects, list):

@@ -43,7 +43,7 @@ def _of_yaml(path: Path, text: str) -> Row:
 
     try:
         document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: of a date that is none
         raise OptionError(f"{path} must be YAML; {' '.join(str(error).split())}.") from None
     if not isinstance(document, dict) or "kind" not in document:
         raise OptionError(f"{path} must have a line `kind:` and a sensor's numbers; see docs/sensors.md.")

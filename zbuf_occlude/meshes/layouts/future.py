@@ -37,5 +37,5 @@ def _information(tree: Tree, above: PurePosixPath) -> dict[str, dict[str, Any]]:
     try:
         rows = json.loads(tree.read(above / INFO) or b"[]")
         return {str(row["model_id"]): row for row in rows}
-    except (ValueError, LookupError, TypeError):
+    except (ValueError, LookupError, TypeError, RecursionError):
         return {}

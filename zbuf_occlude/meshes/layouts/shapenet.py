@@ -64,7 +64,7 @@ def _class_names(tree: Tree, above: PurePosixPath) -> tuple[dict[str, str], str]
     try:
         rows = json.loads(data or b"[]")
         found = {str(row["synsetId"]): str(row["name"]).split(",")[0].strip() for row in rows}
-    except (ValueError, LookupError, TypeError):
+    except (ValueError, LookupError, TypeError, RecursionError):
         found = {}
     if found:
         return NAMES | found, "class names from taxonomy.json"

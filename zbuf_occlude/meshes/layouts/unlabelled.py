@@ -2,8 +2,10 @@
 
 import gzip
 import re
+import zlib
 from pathlib import PurePosixPath
 
+from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.labels import Label, parse_json
 from zbuf_occlude.meshes.layouts import Arranged
 from zbuf_occlude.meshes.layouts.tree import ALL, Place, Tree
@@ -24,7 +26,7 @@ def objaverse(tree: Tree) -> Arranged | None:
     labels: dict[str, Label] = {}
     for folder in (PurePosixPath(tree.root), *list(PurePosixPath(tree.root).parents)[:2]):
         if not labels and (data := tree.read(folder / LVIS)) is not None:
-            labels = {label.key: label for label in parse_json(gzip.decompress(data), LVIS)}
+            labels = _labels_of_lvis(data)
     if not labels:
         return _all_of("objaverse", names), [NONE]
     places = [Place(file, uid, labels[uid].label or "objaverse") for file, uid in names if uid in labels]
@@ -32,6 +34,14 @@ def objaverse(tree: Tree) -> Arranged | None:
         return _all_of("objaverse", names), [f"{LVIS} has none of its objects", NONE]
     left_out = len(names) - len(places)
     return places, [f"classes from {LVIS}" + (f"; {left_out} objects that it has not are left out" if left_out else "")]
+
+
+def _labels_of_lvis(data: bytes) -> dict[str, Label]:
+    """Labels by uid; none where the file is damaged."""
+    try:
+        return {label.key: label for label in parse_json(gzip.decompress(data), LVIS)}
+    except (OSError, EOFError, zlib.error, OptionError):
+        return {}
 
 
 def abc(tree: Tree) -> Arranged | None:
