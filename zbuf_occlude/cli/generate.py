@@ -230,6 +230,8 @@ def command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
+    if engine == "local" and not dry_run:
+        local.start_server()  # while this process looks at meshes and methods
     choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
     method = choice.method
     wanted = None if preset is None else find_preset(preset)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.subsets import ALL, draw_visible, placed
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
@@ -152,30 +153,25 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    whole = _whole(points) if recipe.scale == "object" else None
-    poses = views.poses
+    poses, turns = views.poses, recipe.frame == "camera"
+    whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
+    size = ALL if recipe.sample_size is None else recipe.sample_size
+    seed = seed_of(recipe.seed, key, variation, 0).generate_state(1, np.uint64)[0]
     for record, view in zip(records, seeing, strict=True):
-        rng = np.random.default_rng(seed_of(recipe.seed, key, variation, int(view)))
-        visible = np.flatnonzero(mask[view])
-        size = recipe.sample_size
-        if recipe.subset == "fps" and size is not None and len(visible) > size:
-            chosen = visible[farthest_points(points.positions[visible], size, rng)]
-        else:
-            chosen = draw(visible, size, rng)
-        positions = points.positions[chosen]
-        if recipe.frame == "camera":
-            positions = positions @ poses[view, :3, :3].T + poses[view, :3, 3]
-        centre, factor = fit(positions) if recipe.scale == "cloud" else (np.zeros(3), 1.0)
-        if whole is not None:
-            centre, factor = whole
-            if recipe.frame == "camera":
-                centre = poses[view, :3, :3] @ centre + poses[view, :3, 3]
-        record["data"] = ((positions - centre) * factor).astype(np.float32)
-        record["face_ids"] = points.face_ids[chosen].astype(np.int32)
+        frame, centre = (poses[view], poses[view, :3, :3] @ whole) if turns else (np.eye(4), whole)
+        if turns and recipe.scale == "object":
+            centre = centre + poses[view, :3, 3]
+        chosen, n_visible = draw_visible(mask[view], size, seed, view)
+        if recipe.subset == "fps" and 0 < size < n_visible:
+            visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), int(view)])
+            chosen = visible[farthest_points(points.positions[visible], size, rng)].astype(np.int32)
+        record["data"], record["face_ids"], record["centre"], record["factor"] = placed(
+            points.positions, points.face_ids, chosen, frame, recipe.scale == "cloud", centre, factor
+        )
         record["variation"], record["view_id"] = variation, view
         record["view"] = views.azimuth[view], views.elevation[view], views.distance[view]
-        record["pose"], record["centre"], record["factor"] = poses[view], centre, factor
-        record["n_visible"], record["visible_fraction"] = len(visible), len(visible) / len(points)
+        record["pose"] = poses[view]
+        record["n_visible"], record["visible_fraction"] = n_visible, n_visible / len(points)
         if isinstance(points, ScanPoints):
             _fill_scan(record, points, chosen, int(view), poses[view] if recipe.frame == "camera" else None)
         elif recipe.attributes:

@@ -1,0 +1,127 @@
+"""Random subsets of the points that a view sees, and where they come to lie in their cloud, in compiled passes."""
+
+import numpy as np
+from numba import njit
+
+ALL = -1
+"""As a size: every visible point."""
+
+
+@njit(cache=True, nogil=True)
+def draw_visible(mask, size, seed, view):
+    """Draw `size` of the points that a view sees, in random order; they repeat only where there are fewer.
+
+    Parameters
+    ----------
+    mask : (n,) bool
+        The points that it sees, at least one.
+    size : int
+        Or `ALL`.
+    seed : uint64
+    view : int
+        Views of one seed have sequences of their own.
+
+    Returns
+    -------
+    chosen : (size,) int32
+        Indices.
+    n_visible : int
+
+    References
+    ----------
+    Fisher and Yates's shuffle, ended when there are enough; numbers by SplitMix64 (Steele, Lea, Flood: Fast splittable
+    pseudorandom number generators, OOPSLA 2014, doi:10.1145/2660193.2660195), brought into a range without bias as
+    in Lemire: Fast random integer generation in an interval, 2019, doi:10.1145/3230636.
+    """
+    state = _mixed(seed ^ _mixed(np.uint64(view) + np.uint64(1)))
+    visible = np.empty(len(mask) + 1, dtype=np.int32)
+    n_visible = 0
+    for i in range(len(mask)):
+        visible[n_visible] = i
+        n_visible += mask[i]
+    if size < 0:
+        size = n_visible
+    chosen = np.empty(size, dtype=np.int32)
+    n_once = min(size, n_visible)
+    for i in range(n_once):
+        state, j = _below(state, n_visible - i)
+        visible[i], visible[i + j] = visible[i + j], visible[i]
+        chosen[i] = visible[i]
+    for i in range(n_once, size):
+        state, j = _below(state, n_visible)
+        chosen[i] = visible[j]
+    if n_once < size:  # else those that repeat would all come last
+        for i in range(size):
+            state, j = _below(state, size - i)
+            chosen[i], chosen[i + j] = chosen[i + j], chosen[i]
+    return chosen, n_visible
+
+
+@njit(cache=True, nogil=True)
+def placed(positions, face_ids, chosen, frame, fitted, centre, factor):
+    """Return the chosen points as a cloud: in a frame, centred, scaled.
+
+    Parameters
+    ----------
+    positions : (n, 3) float64
+        World space.
+    face_ids : (n,) int32
+    chosen : (m,) int32
+    frame : (4, 4) float64
+        From world space to the cloud's axes.
+    fitted : bool
+        Whether the cloud's own box says centre and factor: its longest side becomes 1.
+    centre : (3,) float64
+    factor : float
+        What is subtracted, and multiplied with, where the box does not say it.
+
+    Returns
+    -------
+    data : (m, 3) float32
+        ``(p - centre) * factor``.
+    face_ids : (m,) int32
+    centre, factor
+    """
+    turned = np.empty((len(chosen), 3))
+    ids = np.empty(len(chosen), dtype=np.int32)
+    for i in range(len(chosen)):
+        j = chosen[i]
+        ids[i] = face_ids[j]
+        for axis in range(3):
+            row = frame[axis]
+            turned[i, axis] = row[0] * positions[j, 0] + row[1] * positions[j, 1] + row[2] * positions[j, 2] + row[3]
+    if fitted:
+        low, high = turned[0].copy(), turned[0].copy()
+        for i in range(1, len(turned)):
+            for axis in range(3):
+                low[axis], high[axis] = min(low[axis], turned[i, axis]), max(high[axis], turned[i, axis])
+        centre, longest = (low + high) / 2.0, (high - low).max()
+        factor = 1.0 / longest if longest > 0.0 else 1.0
+    data = np.empty((len(chosen), 3), dtype=np.float32)
+    for i in range(len(turned)):
+        for axis in range(3):
+            data[i, axis] = (turned[i, axis] - centre[axis]) * factor
+    return data, ids, centre, factor
+
+
+@njit(inline="always")
+def _mixed(z):
+    """SplitMix64's finish: a permutation of the numbers of 64 bits that leaves no trace of their order."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@njit(inline="always")
+def _below(state, n):
+    """Return the next state, and a number from 0 to n - 1, all equally likely; n is less than 2^32."""
+    n = np.uint64(n)
+    low_bits = np.uint64(0xFFFFFFFF)
+    state += np.uint64(0x9E3779B97F4A7C15)
+    product = (_mixed(state) >> np.uint64(32)) * n
+    if (product & low_bits) < n:
+        least = (np.uint64(1 << 32) - n) % n
+        while (product & low_bits) < least:
+            state += np.uint64(0x9E3779B97F4A7C15)
+            product = (_mixed(state) >> np.uint64(32)) * n
+    return state, np.int64(product >> np.uint64(32))
