@@ -79,7 +79,7 @@ PARTS = (
     ),
     Part(
         "busy-cores",
-        "python benchmarks/busy_cores.py --calls 40",
+        "python benchmarks/busy_cores.py",
         1,
         "python benchmarks/busy_cores.py --calls 10",
         text=True,
