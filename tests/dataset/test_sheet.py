@@ -14,13 +14,20 @@ from zbuf_occlude.dataset import sheet
 from zbuf_occlude.dataset.sheet import PANEL, TITLE, write_contact_sheet
 
 
-def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarray:
-    """The pixels of a sheet of one cloud, (h, w, 3)."""
+def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
+    """A record, (1,)."""
     n = len(positions)
     view = views.ring(1, 0.6)
     fields = {"data": (n, 3), "label": 1, "view": 3, "pose": (4, 4), "centre": 3, "factor": ()}
     cloud = np.zeros(1, [(field, "i8" if field == "label" else "f4", shape) for field, shape in fields.items()])
     cloud["data"], cloud["factor"], cloud["pose"] = positions, 1.0, view_matrices(view.eyes, np.zeros(3))
+    cloud["label"] = label
+    return cloud
+
+
+def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarray:
+    """The pixels of a sheet of one cloud, (h, w, 3)."""
+    cloud = cloud_of(positions)
     plan = SimpleNamespace(classes=(name,), recipe=SimpleNamespace(frame="object"))
     source: Any = SimpleNamespace(plan=plan, order={"train": [0]}, batches=lambda split, n: iter([cloud]))
     assert write_contact_sheet(path, source)
@@ -86,3 +93,13 @@ def test_without_pillow_there_is_no_sheet(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(sheet, "find_spec", lambda name: None)
     assert not write_contact_sheet(tmp_path / "sheet.png", None)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> None:
+    clouds = {"train": cloud_of(np.eye(3), 1), "val": np.empty(0), "test": cloud_of(np.eye(3), 0)}
+    plan = SimpleNamespace(classes=("a", "b"), recipe=SimpleNamespace(frame="object"))
+    source: Any = SimpleNamespace(
+        plan=plan, order=clouds, batches=lambda split, n: iter([clouds[split]] if len(clouds[split]) else [])
+    )
+    assert write_contact_sheet(tmp_path / "sheet.png", source)
+    assert Image.open(tmp_path / "sheet.png").size == (2 * PANEL, 2 * (TITLE + PANEL))

@@ -1,6 +1,7 @@
 """The contact sheet: some clouds of a dataset, from a fixed viewpoint and from their own camera's (Figs. 10-11)."""
 
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ BLACK, GREY = (0, 0, 0), (90, 90, 90)
 
 
 def write_contact_sheet(path: Path, source: Source) -> bool:
-    """Draw one cloud of each class (of up to eight classes) from the first clouds of the first split.
+    """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     from PIL import Image, ImageDraw  # late: Pillow is an extra
 
     classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
-    clouds = next(source.batches(next(iter(source.order)), CONSIDERED))
+    clouds = _clouds_of_all_classes(source)
     labels = clouds["label"][:, 0]
     shown = choose(labels, clouds["pose"])
     canvas = np.full((2 * (TITLE + PANEL) * FINER, len(shown) * PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
@@ -73,6 +74,16 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
             draw.text(((column + 0.5) * PANEL, _top(row) - TITLE / 2), text, colour, font, anchor="mm")
     atomic.write(path, lambda file: picture.save(file, format="PNG"))
     return True
+
+
+def _clouds_of_all_classes(source: Source) -> NDArray[Any]:
+    """The first clouds of the first split; of the others too, as long as a class is lacking."""
+    clouds: list[NDArray[Any]] = []
+    for split in source.order:
+        clouds.extend(islice(source.batches(split, CONSIDERED), 1))
+        if len(np.unique(np.concatenate([some["label"] for some in clouds]))) == len(source.plan.classes):
+            break
+    return np.concatenate(clouds)
 
 
 def _top(row: int) -> int:
