@@ -29,8 +29,8 @@ ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "
 WORKER, RUN, END = "a worker", "the whole run", "the whole run, writing the final files"
 LOOK = 0.01
 """Seconds between two looks at the run."""
-AGAIN = "is made again"
-"""What a run says on standard error of a shard that a dead worker had."""
+AGAIN = "is done again"
+"""What a run says on standard error of the job that a dead worker had."""
 
 
 class Victim:
@@ -74,7 +74,7 @@ class Victim:
         """Return which fraction of the shards is done."""
         if not (self.out / PLAN).exists():
             return 0.0
-        return len(list((self.out / SHARDS).glob("*.json"))) / len(read_plan(self.out).shards)
+        return len(list((self.out / SHARDS).glob("[0-9]*.json"))) / len(read_plan(self.out).shards)
 
     def _kill(self, kind: str) -> bool:
         """Kill one; False when there is none to kill."""
@@ -172,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
             )
             for kind, count in victim.kills.most_common():
                 print(f"  {count:3} x {kind}")
-            print(f"  {log.count(AGAIN)} shards of dead workers made again, and what each killed run had in hand")
+            print(f"  {log.count(AGAIN)} jobs of dead workers done again, and what each killed run had in hand")
             n_files = sum(path.is_file() for path in (folder / "out").rglob("*"))
             print("\n".join(f"  fault: {fault}" for fault in faults) or f"  all {n_files} files are equal")
             failed |= bool(faults)

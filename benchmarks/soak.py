@@ -33,7 +33,8 @@ from tqdm import tqdm
 
 import zbuf_occlude as zo
 from zbuf_occlude.dataset.claim import claim
-from zbuf_occlude.dataset.generate import make_shards, run_here
+from zbuf_occlude.dataset.generate import do, run_here
+from zbuf_occlude.dataset.jobs import Jobs
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path
 from zbuf_occlude.farm import local
@@ -118,18 +119,19 @@ def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
         plan, out, again = plan_of(number, n_renders // len(PLANS)), folder / f"{number}", folder / f"{number}-again"
         with tqdm(total=plan.n_clouds, unit=" renders", desc=f"plan {number}", mininterval=10) as bar:
 
-            def done(clouds: int, number: int = number, bar: Any = bar) -> None:
+            def look(clouds: int, number: int = number, bar: Any = bar) -> None:
                 bar.update(clouds)
                 lives["the parent"].append(resident_gigabytes(os.getpid()))
                 for process in multiprocessing.active_children():
                     lives[f"plan {number}, worker {process.pid}"].append(resident_gigabytes(process.pid))
 
             claim(plan, out)
-            make_shards(plan, out, partial(local.run_shards, n_workers=n_workers, limits=Limits()), done)
+            jobs = Jobs(plan, out, range(len(plan.shards)), (), Limits(), on_shard=look)
+            do(jobs, partial(local.run_jobs, n_workers=n_workers, limits=Limits()))
         shards = range(len(plan.shards))
         some = sorted({*shards[:COMPARED], *shards[-COMPARED:]})
         claim(plan, again)
-        fresh = multiprocessing.get_context("spawn").Process(target=run_here, args=(plan, some, again, abs))
+        fresh = multiprocessing.get_context("spawn").Process(target=make_here, args=(plan, some, again))
         fresh.start()
         fresh.join()
         for shard in some:
@@ -141,6 +143,11 @@ def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
     report["seconds"] = time.perf_counter() - began
     report["lives"] = [judged(name, memory) for name, memory in lives.items() if len(memory) >= LEAST_SAMPLES]
     return report
+
+
+def make_here(plan: Plan, shards: list[int], out: Path) -> None:
+    """Make some shards in this process."""
+    do(Jobs(plan, out, shards, (), Limits()), run_here)
 
 
 def judged(name: str, memory: list[float]) -> dict[str, Any]:

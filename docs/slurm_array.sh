@@ -2,7 +2,9 @@
 # A SLURM array that makes one dataset: each task makes its share of the shards, wherever it runs.
 #
 #     array=$(sbatch --parsable --array=0-15 slurm_array.sh OUT [generate's arguments...])
-#     sbatch --dependency=afterok:$array --wrap "zbuf-occlude merge OUT"
+#     sbatch --dependency=afterok:$array --array=0-15 --wrap "zbuf-occlude merge OUT"
+#
+# The second array writes the final files, each task its share, and the last to end completes the dataset.
 #
 # OUT must be on a file system that all nodes share. The array must be without gaps (0-15, not 0-15:2); it may be of any
 # size, and larger than the number of nodes. Submit the same line again to resume after a failure: shards that are done

@@ -41,7 +41,7 @@ def prepare(mesh: Mesh) -> Near:
 
 def names(plan: Plan) -> Iterator[str]:
     """Name the toy format's files."""
-    return (f"toy_{split}.npy" for split in plan.n_files)
+    return (f"toy_{split}.npy" for split in plan.splits)
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

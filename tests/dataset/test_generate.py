@@ -1,7 +1,6 @@
 """A dataset's folder when runs are killed in it, or meet in it."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 
 from zbuf_occlude import Mesh, MeshCollection
 from zbuf_occlude.dataset.generate import generate, run_here
+from zbuf_occlude.dataset.jobs import Done, Making
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes import MeshEntry
@@ -48,16 +48,16 @@ def test_a_users_own_file_is_another_file(plan: Plan, tmp_path: Path) -> None:
         generate(plan, tmp_path)
 
 
-def twin(plan: Plan, shards: list[int], out: Path, done: Callable[[int], None]) -> None:
+def twin(task: Making, jobs: list[int], done: Done) -> None:
     """Make the shards, and then let another process of the same plan finish first."""
-    run_here(plan, shards, out, done)
-    generate(plan, out)
+    run_here(task, jobs, done)
+    generate(task.plan, task.out)
 
 
-def disk(plan: Plan, shards: list[int], out: Path, done: Callable[[int], None]) -> None:
+def disk(task: Making, jobs: list[int], done: Done) -> None:
     """Let another process finish, and find the shards' folder gone."""
-    generate(plan, out)
-    raise FileNotFoundError(2, "No such file or directory", str(out / "shards" / "000000.npy"))
+    generate(task.plan, task.out)
+    raise FileNotFoundError(2, "No such file or directory", str(task.out / "shards" / "000000.records"))
 
 
 @pytest.mark.parametrize("run", [twin, disk])

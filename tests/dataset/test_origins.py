@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import write_off
+from tests.dataset.shards import make_shards
 from zbuf_occlude import MeshCollection, load_mesh
-from zbuf_occlude.dataset.generate import generate, make_shards, run_here
+from zbuf_occlude.dataset.generate import generate, run_here
+from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import look_at, run_shard
 from zbuf_occlude.errors import DatasetError
@@ -49,8 +51,8 @@ def test_other_meshes_of_the_same_names_are_refused(meshes: Path, tmp_path: Path
 
 
 def test_a_mesh_that_changed_while_others_were_made_is_refused(meshes: Path, tmp_path: Path) -> None:
-    def run(plan: Plan, shards: list[int], out: Path, done: object) -> None:
-        run_here(plan, shards, out, lambda shard: None)
+    def run(task: Task, jobs: list[int], done: Done) -> None:
+        run_here(task, jobs, done)
         tetrahedron(meshes / "solid" / "solid_0.off", 7.0)
 
     with pytest.raises(DatasetError, match=r"solid/solid_0\.off must be what the data"):
@@ -152,9 +154,10 @@ def test_a_finished_dataset_says_that_a_mesh_which_failed_may_be_made_now(meshes
 def test_a_finished_dataset_says_that_limits_are_wider_now(meshes: Path, tmp_path: Path) -> None:
     out, plan = tmp_path / "out", plan_of(meshes)
 
-    def run(plan: Plan, shards: list[int], out: Path, done: object) -> None:
-        for shard in shards:
+    def run(task: Task, jobs: list[int], done: Done) -> None:
+        for shard in jobs:
             run_shard(plan, shard, out, None, lost={1: GivenUp("it took longer", Limits(60, 4))})
+            run_here(task, list(done(shard, None)), done)
 
     first = generate(plan, out, run=run, limits=Limits(60, 4))
     assert list(first["failures"]) == ["solid/solid_1.off"]
@@ -171,16 +174,16 @@ def test_a_mesh_that_was_given_up_is_tried_again_within_other_limits(meshes: Pat
     run_shard(plan, 0, out, None, lost={1: GivenUp("it took longer", few)})
     made: list[int] = []
 
-    def run(plan: Plan, shards: list[int], out: Path, done: object) -> None:
-        made.extend(shards)
-        run_here(plan, shards, out, lambda shard: None)
+    def run(task: Task, jobs: list[int], done: Done) -> None:
+        made.extend(jobs)
+        run_here(task, jobs, done)
 
-    make_shards(plan, out, run, lambda n: None, limits=few)
+    make_shards(plan, out, run, few)
     assert made == []
     assert json.loads((out / "shards" / "000000.json").read_text())["failures"] == {
         "solid/solid_1.off": "it took longer"
     }
-    make_shards(plan, out, run, lambda n: None, limits=Limits(seconds=2))
+    make_shards(plan, out, run, Limits(seconds=2))
     assert made == [0]
     sidecar, fault = look_at(plan, out, 0)
     assert (sidecar is not None and sidecar.failures, fault) == ({}, "")

@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
+from tests.dataset.shards import make_shards
 from tests.processes import ended
 from zbuf_occlude import DatasetError, Mesh, MeshError, threads
-from zbuf_occlude.dataset import generate as dataset
-from zbuf_occlude.dataset.generate import make_shards, run_here
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.generate import merge
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import data_path, read_sidecar, run_shard
+from zbuf_occlude.dataset.shard import data_path, look_at, run_shard
 from zbuf_occlude.farm import local, supervisor
-from zbuf_occlude.farm.local import run_shards
+from zbuf_occlude.farm.local import run_jobs
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -58,8 +59,12 @@ def contents(plan: Plan, out: Path) -> list[bytes]:
     return [data_path(plan, out, shard).read_bytes() for shard in range(len(plan.shards))]
 
 
+def records(plan: Plan, out: Path, shard: int) -> np.ndarray:
+    return np.fromfile(data_path(plan, out, shard), record_type(plan.recipe))
+
+
 def failures(plan: Plan, out: Path) -> dict[str, str]:
-    sidecars = [read_sidecar(plan, out, shard) for shard in range(len(plan.shards))]
+    sidecars = [look_at(plan, out, shard)[0] for shard in range(len(plan.shards))]
     return {key: why for sidecar in sidecars if sidecar for key, why in sidecar.failures.items()}
 
 
@@ -70,7 +75,7 @@ def out(tmp_path: Path) -> Path:
 
 
 def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> None:
-    make_shards(plan, out, partial(run_shards, n_workers=n_workers, limits=limits), lambda clouds: None)
+    make_shards(plan, out, partial(run_jobs, n_workers=n_workers, limits=limits))
 
 
 def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
@@ -79,7 +84,7 @@ def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
     run(plan, out)
     alone = tmp_path / "alone"
     alone.mkdir()
-    make_shards(plan, alone, run_here, lambda clouds: None)
+    make_shards(plan, alone)
     assert contents(plan, out) == contents(plan, alone)
 
 
@@ -101,7 +106,7 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
     assert failures(plan, out) == {}
     alone = tmp_path / "alone"
     alone.mkdir()
-    make_shards(plan, alone, run_here, lambda clouds: None)
+    make_shards(plan, alone)
     assert contents(plan, out) == contents(plan, alone)
 
 
@@ -110,7 +115,7 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     plan = plan_of(ball, suicide, ball, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}
-    assert np.load(data_path(plan, out, 0))["mesh_id"].tolist() == [0] * 250
+    assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 250
 
 
 def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path) -> None:
@@ -140,18 +145,18 @@ def test_nothing_half_written_is_taken_for_done(out: Path) -> None:
     plan = plan_of(ball, ball, ball)
     run_shard(plan, 0, out, None)
     data_path(plan, out, 1).write_bytes(b"half a file, and no sidecar")
-    assert read_sidecar(plan, out, 1) is None
+    assert look_at(plan, out, 1) == (None, "")
     with pytest.raises(DatasetError, match="all 2 shards must be done; shard 1 is not"):
-        dataset.merge(plan, out, {})
+        merge(plan, out)
     run(plan, out)
-    assert len(np.load(data_path(plan, out, 1))) == 250
+    assert len(records(plan, out, 1)) == 250
 
 
 def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
     plan = plan_of(ball)
     run_shard(plan, 0, out, None)
     with pytest.raises(DatasetError, match="must belong to plan"):
-        read_sidecar(plan_of(ball, ball), out, 0)
+        look_at(plan_of(ball, ball), out, 0)
 
 
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:

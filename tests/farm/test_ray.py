@@ -8,15 +8,21 @@ from pathlib import Path
 
 import pytest
 
+from tests.dataset.shards import make_shards
 from tests.farm.test_local import ball, contents, failures, plan_of
 from zbuf_occlude import UnavailableError
-from zbuf_occlude.dataset.generate import make_shards, run_here
+from zbuf_occlude.dataset.jobs import Making
 from zbuf_occlude.farm import ray as engine
 from zbuf_occlude.limits import Limits
 
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 
 AMPLE = Limits(seconds=120, gigabytes=8)
+
+
+def none(job: int, result: object) -> tuple[int, ...]:
+    """Nothing follows."""
+    return ()
 
 
 @pytest.fixture(autouse=True)
@@ -39,17 +45,18 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path) -> None:
     finished: list[tuple[int, bool]] = []
     killed = threading.Event()
 
-    def done(shard: int) -> None:
+    def done(shard: int, result: object) -> tuple[int, ...]:
         finished.append((shard, killed.is_set()))
         if len(finished) == 6:
             cluster.remove_node(second, allow_graceful=False)
             killed.set()
+        return ()
 
     try:
         ray.init(address=cluster.address, log_to_driver=False)
         nodes = [node for node in ray.nodes() if node["Alive"]]
         assert len(nodes) == 2
-        engine.run_shards(plan, list(range(len(plan.shards))), out, done, n_workers=2, limits=AMPLE)
+        engine.run_jobs(Making(plan, out, False), list(range(len(plan.shards))), done, n_workers=2, limits=AMPLE)
         deadline = time.monotonic() + 60
         while sum(node["Alive"] for node in ray.nodes()) != 1:
             assert time.monotonic() < deadline, "the killed node is still counted as alive"
@@ -60,20 +67,20 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path) -> None:
     assert sorted(shard for shard, _ in finished) == list(range(len(plan.shards)))
     assert any(after for _, after in finished), "the node was killed after the run"
     assert failures(plan, out) == {}
-    make_shards(plan, alone, run_here, lambda clouds: None)
+    make_shards(plan, alone)
     assert contents(plan, out) == contents(plan, alone)
 
 
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match=r"a Ray cluster must answer at 127\.0\.0\.1:1: .*refused"):
-        engine.run_shards(
-            plan_of(ball), [0], tmp_path, lambda shard: None, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
+        engine.run_jobs(
+            Making(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
         )
     assert not ray.is_initialized()
 
 
 def test_the_extra_is_named_when_ray_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    run = partial(engine.run_shards, plan_of(ball), [0], tmp_path, lambda shard: None, n_workers=1, limits=AMPLE)
+    run = partial(engine.run_jobs, Making(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE)
     with pytest.raises(UnavailableError, match=r"pip install 'zbuf-occlude\[ray\]'"):
         run()

@@ -19,7 +19,7 @@ class Puppet:
         if self.doomed:
             self.end = "the worker died"
         else:
-            self.said.append(("done", shard))
+            self.said.append(("done", (shard, None)))
 
     def listen(self) -> list[Message]:
         said, self.said = self.said, []
@@ -48,7 +48,14 @@ def test_the_last_shard_does_not_wait_for_a_replacement_without_room() -> None:
 
     finished: list[int] = []
     rounds = iter(range(50))
-    supervise([7, 8], finished.append, hire=hire, wait=lambda *_: next(rounds) and None, n_workers=2, limits=Limits())
+    supervise(
+        [7, 8],
+        lambda job, _: finished.append(job),
+        hire=hire,
+        wait=lambda *_: next(rounds) and None,
+        n_workers=2,
+        limits=Limits(),
+    )
     assert sorted(finished) == [7, 8]
     assert [puppet.end for puppet in hired][1:] == ["dismissed", "dismissed"][: len(hired) - 1]
 
@@ -71,7 +78,7 @@ class Mortal(Puppet):
         if self.fate == shard and shard not in lost:
             self.end = "the worker died"
         else:
-            self.said.append(("done", shard))
+            self.said.append(("done", (shard, None)))
 
 
 @pytest.mark.parametrize(
@@ -100,7 +107,14 @@ def test_a_mesh_is_blamed_only_when_nothing_else_kills(
 
     done: list[int] = []
     shards = list(range(n_workers))
-    supervise(shards, done.append, hire=hire, wait=lambda *_: None, n_workers=n_workers, limits=Limits())
+    supervise(
+        shards,
+        lambda job, _: done.append(job),
+        hire=hire,
+        wait=lambda *_: None,
+        n_workers=n_workers,
+        limits=Limits(),
+    )
     assert sorted(done) == shards
     assert hired[-1].lost == (
         {0: GivenUp(f"the worker died at it, {fates.count(0)} times", Limits())} if given_up else {}

@@ -1,11 +1,9 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-import os
 import shutil
 import time
 from contextlib import ExitStack
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
 from zbuf_occlude.cli.options import (
     OutFolder,
     SampleSize,
@@ -36,13 +35,13 @@ from zbuf_occlude.dataset.auto import AUTO, Choice, gain_of, resolve
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.generate import generate, shards_done
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.jobs import n_shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain
 from zbuf_occlude.errors import GlError, UnavailableError
-from zbuf_occlude.farm import local, ray
-from zbuf_occlude.farm.slurm import from_environment, parse_shard
+from zbuf_occlude.farm import local
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -142,21 +141,10 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 )
 @up_option
 @choice_options
-@click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one a core]")
-@click.option(
-    "--engine", type=click.Choice(["local", "ray"]), default="local", show_default=True, help="Where to work."
-)
-@click.option("--ray-address", help="Of a running cluster, e.g. auto.  [default: RAY_ADDRESS, or a new one here]")
-@click.option(
-    "--ray-gpus", type=click.FloatRange(0), default=0.0, help="GPUs of each Ray worker; 0.25: four share one."
-)
+@engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
-@click.option(
-    "--shard",
-    metavar="I/N",
-    help="Make only this machine's part, I from 0; then `zbuf-occlude merge`. A SLURM array task knows its own.",
-)
+@shard_option("Make only this machine's part, I from 0; then `zbuf-occlude merge`.")
 @click.option(
     "--require-gpu", is_flag=True, help="Refuse to render in software, and, with --method auto, not to render."
 )
@@ -178,10 +166,6 @@ def command(
     labels: Path | None,
     classes: list[str] | None,
     splits: list[str] | None,
-    workers: int | None,
-    engine: str,
-    ray_address: str | None,
-    ray_gpus: float,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: str | None,
@@ -218,8 +202,9 @@ def command(
     idle = given(context, ("shapes",) if meshes else ("up",))
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
-    if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
-        raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
+    limits = Limits(mesh_seconds, mesh_gigabytes)
+    on_this_machine = recipe["engine"] == "local"
+    run = pop_engine(context, recipe, limits)
     setup = pop_scan_options(context, recipe)
     if setup is not None:
         find_format(format).check_scans()
@@ -230,7 +215,7 @@ def command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    if engine == "local" and not dry_run:
+    if on_this_machine and not dry_run:
         local.start_server()  # while this process looks at meshes and methods
     choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
     method = choice.method
@@ -273,8 +258,7 @@ def command(
     plans = [(plan, out)]
     if wanted is not None and wanted.original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
-    part = parse_shard(shard) if shard is not None else from_environment(os.environ)
-    limits = Limits(mesh_seconds, mesh_gigabytes)
+    part = part_of(shard)
     if dry_run:
         try:
             rehearse(plan.recipe, require_gpu)
@@ -288,10 +272,6 @@ def command(
     elif not is_compiled(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         compile_ahead(plan.recipe)
-    if engine == "ray":
-        run = partial(ray.run_shards, n_workers=workers, limits=limits, address=ray_address, gpus_a_worker=ray_gpus)
-    else:
-        run = partial(local.run_shards, n_workers=workers or os.cpu_count() or 1, limits=limits)
     failed = False
     for one, folder in plans:
         mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
@@ -307,7 +287,7 @@ def command(
                 echo(hint)
             failed |= bool(document["failures"])
         else:
-            done = shards_done(one, folder)
+            done = n_shards_done(one, folder)
             echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
     if failed:
         raise SystemExit(SOME_FAILED)

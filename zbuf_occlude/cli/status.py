@@ -8,7 +8,8 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
-from zbuf_occlude.dataset.shard import look_at
+from zbuf_occlude.dataset.jobs import look_at_shards, n_parts_written
+from zbuf_occlude.dataset.parts import n_parts
 
 
 @click.command()
@@ -32,6 +33,8 @@ def tell(report: dict[str, Any]) -> None:
     echo(f"folder      {report['folder']}")
     echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
     echo(f"shards      {report['shards_done']} of {report['shards']} done")
+    if report["parts"]:
+        echo(f"files       {report['parts_written']} of {report['parts']} parts written")
     for shard, fault in report["shards_to_make_again"].items():
         echo(f"again       shard {shard}: {fault}")
     echo(f"clouds      {report['clouds']}")
@@ -50,22 +53,25 @@ def gather(folder: Path) -> dict[str, Any]:
         "method": "none, complete" if plan.recipe.complete else plan.recipe.method,
         "clouds_planned": plan.n_clouds,
         "shards": len(plan.shards),
+        "parts": n_parts(plan),
         "complete": manifest is not None,
     }
     if manifest is not None:
         return report | {
             "shards_done": len(plan.shards),
+            "parts_written": n_parts(plan),
             "clouds": manifest["counts"]["clouds"],
             "failures": manifest["failures"],
             "shards_to_make_again": {},
             "worker_seconds_left": 0.0,
         }
-    looked = [look_at(plan, folder, shard) for shard in range(len(plan.shards))]
+    looked = list(look_at_shards(plan, folder))
     sidecars = [sidecar for sidecar, _ in looked if sidecar is not None]
     seconds = sum(sidecar.seconds for sidecar in sidecars)
     n_left = len(plan.shards) - len(sidecars)
     return report | {
         "shards_done": len(sidecars),
+        "parts_written": n_parts_written(plan, folder),
         "clouds": sum(sidecar.counts.n_clouds for sidecar in sidecars),
         "failures": {key: why for sidecar in sidecars for key, why in sidecar.failures.items()},
         "shards_to_make_again": {shard: fault for shard, (_, fault) in enumerate(looked) if fault},

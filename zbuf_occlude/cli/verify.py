@@ -1,14 +1,18 @@
 """`zbuf-occlude verify`: is a finished dataset what its manifest says?"""
 
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
 from zbuf_occlude.cli.options import up_option
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
+from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 
 
@@ -17,7 +21,19 @@ from zbuf_occlude.meshes.collection import MeshCollection
 @click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
 @up_option
 @click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds to ask of the oracle.")
-def command(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) -> None:
+@engine_options
+@shard_option("Look only at this machine's share of the files, I from 0.")
+@click.pass_context
+def command(
+    context: click.Context,
+    /,
+    folder: Path,
+    meshes: tuple[Path, ...],
+    up: str | None,
+    samples: int,
+    shard: str | None,
+    **options: Any,
+) -> None:
     """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
 
     For the oracle give the meshes the dataset was made of; built-in shapes are known. Complete clouds that
@@ -27,12 +43,15 @@ def command(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int
     Example:
       zbuf-occlude verify modelnet40-occluded ModelNet40
     """
-    sound = [check(each, meshes, up, samples) for each in datasets_in(folder)]
+    run, part = pop_engine(context, options, Limits()), part_of(shard)
+    sound = [check(each, meshes, up, samples, run, part) for each in datasets_in(folder)]
     if not all(sound):
         raise SystemExit(1)
 
 
-def check(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) -> bool:
+def check(
+    folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int, run: Run, part: tuple[int, int]
+) -> bool:
     """Verify one folder and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
     collection = None
@@ -46,7 +65,7 @@ def check(folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int) 
         collection = shapes.collection()
     echo(folder)
     with tqdm(total=manifest["counts"]["clouds"], unit=" clouds", desc="verify") as bar:
-        verdict = verify(folder, collection, n_samples=samples, progress=bar.update)
+        verdict = verify(folder, collection, n_samples=samples, run=run, part=part, progress=bar.update)
     echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
         echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")

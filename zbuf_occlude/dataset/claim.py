@@ -23,6 +23,7 @@ from zbuf_occlude.dataset.folder import (
     read_plan,
 )
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.parts import mark_path, n_parts
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import data_path, sidecar_path
 from zbuf_occlude.errors import DatasetError
@@ -123,6 +124,7 @@ def remove(out: Path) -> None:
 def remove_shards(plan: Plan, out: Path) -> None:
     """Remove what a finished dataset no longer needs: its shards, and what killed processes left."""
     names = [sidecar_path(out, shard).relative_to(out) for shard in range(len(plan.shards))]
+    names += [mark_path(out, part).relative_to(out) for part in range(n_parts(plan))]
     names += [path for i in range(len(plan.shards)) if (path := data_path(plan, out, i).relative_to(out)).parent.name]
     _remove_files(out, list(map(str, names)))
     for path in atomic.leftovers(out / folder for folder in _folders(own_names(plan))):
@@ -142,6 +144,7 @@ def own_names(plan: Plan) -> set[str]:
     here = Path()
     for shard in range(len(plan.shards)):
         names |= {sidecar_path(here, shard).as_posix(), data_path(plan, here, shard).as_posix()}
+    names |= {mark_path(here, part).as_posix() for part in range(n_parts(plan))}
     for name in names:
         longest = max(map(len, os.fsencode(name).split(b"/")))
         if longest > LONGEST:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.claim import claim, own_names
 from zbuf_occlude.dataset.damage import REMEDY
+from zbuf_occlude.dataset.finish import write_names
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, checksums, read_finished, read_manifest
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.generate import write_names
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import Numbers, Source
@@ -93,7 +93,7 @@ def convert(
     if (finished := read_manifest(out)) is not None:
         progress(sum(map(np.size, source.order.values())))
         return finished
-    files = row.load().write(replace(source, plan=plan, take=take), out)
+    files = row.write(replace(source, plan=plan, take=take), out)
     write_names(plan, out)
     written = row.load().read(out, plan, files)
     write_contact_sheet(out / CONTACT_SHEET, written)

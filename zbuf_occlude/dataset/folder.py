@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from zbuf_occlude.dataset.damage import reading
@@ -128,7 +129,9 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
     return plan, manifest
 
 
-def checksums(out: Path, files: Mapping[str, list[str]]) -> dict[str, str]:
+def checksums(
+    out: Path, files: Mapping[str, list[str]], known: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, str]:
     """Return the SHA-256 of each file of a dataset, in hexadecimal, by name; of a list of files, with all it lists.
 
     Parameters
@@ -136,12 +139,14 @@ def checksums(out: Path, files: Mapping[str, list[str]]) -> dict[str, str]:
     out : Path
     files : mapping of split to file names
         As in the manifest. What labels and mesh ids stand for, and lists of files, are taken in beside them.
+    known : mapping of file name to checksum
+        Of files that are not read for it.
     """
     data = {name for of_split in files.values() for name in of_split}
     beside = {name for name in (SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)) if (out / name).exists()} - data
     return {
-        **{name: _checksum(out, name, with_listed=name.endswith("_files.txt")) for name in sorted(data)},
-        **{name: _checksum(out, name) for name in sorted(beside)},
+        **{name: checksum(out, name, known, of_data=True) for name in sorted(data)},
+        **{name: checksum(out, name, known) for name in sorted(beside)},
     }
 
 
@@ -156,11 +161,14 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _checksum(out: Path, name: str, *, with_listed: bool = False) -> str:
+def checksum(out: Path, name: str, known: Mapping[str, str] = MappingProxyType({}), *, of_data: bool = False) -> str:
+    """Return the SHA-256 of one file; of a list that stands for a split's data, with all it lists."""
+    if name in known:
+        return known[name]
     with reading(out / name):
-        if not with_listed:
+        if not (of_data and name.endswith("_files.txt")):
             return sha256_of(out / name)
         digest = hashlib.sha256((out / name).read_bytes())
         for listed in (out / name).read_text().splitlines():
-            digest.update(_checksum(out, listed).encode())
+            digest.update(checksum(out, listed, known).encode())
     return digest.hexdigest()

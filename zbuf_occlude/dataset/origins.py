@@ -1,6 +1,6 @@
 """Whether meshes are still what clouds were made of, and whether those that failed may be made now."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.origin import Origin
 
 
-def check_origins(plan: Plan, origins: Mapping[str, Origin], out: Path) -> None:
+def check_origins(entries: Iterable[MeshEntry], origins: Mapping[str, Origin], out: Path) -> None:
     """Check that meshes are what data in a folder were made of; `origins` are what they were, by their keys.
 
     Raises
@@ -20,7 +20,7 @@ def check_origins(plan: Plan, origins: Mapping[str, Origin], out: Path) -> None:
     DatasetError
         One is not.
     """
-    for entry in plan.meshes:
+    for entry in entries:
         then = origins.get(entry.key)
         if then is None or (now := entry.origin_now(then)).sha256 == then.sha256:
             continue
@@ -68,7 +68,7 @@ def check_finished(plan: Plan, manifest: Mapping[str, Any], limits: Limits, out:
         A mesh is another than its clouds were made of, or one that failed may be made now.
     """
     made = {key: Origin.from_document(document) for key, document in manifest.get("origins", {}).items()}
-    check_origins(plan, made, out)
+    check_origins(plan.meshes, made, out)
     again = list(_failed_that_may_be_made(plan, manifest.get("tries", {}), limits))
     if again:
         more = f", and so may {len(again) - 1} more" if len(again) > 1 else ""

@@ -21,6 +21,7 @@ longest side.
 import json
 import os
 import zipfile
+import zlib
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +38,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.order import order_of
 from zbuf_occlude.dataset.packing import (
     Grid,
     pack_colors,
@@ -51,7 +53,8 @@ from zbuf_occlude.dataset.packing import (
     unpack_steps,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source, mixed_order
+from zbuf_occlude.dataset.records import Run
+from zbuf_occlude.dataset.source import Arranged, Numbers, Source, arranged
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -107,8 +110,8 @@ class PackedStore:
                 colors = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
                 self._members.append((f"{name}.colors", pack_colors(colors)))
 
-    def write(self, path: Path) -> None:
-        """Write the archive; times in it are fixed, so the same clouds give the same bytes."""
+    def write(self, path: Path, shard: int) -> list[Run]:
+        """Write the archive, which is one run; times in it are fixed, so the same clouds give the same bytes."""
 
         def fill(file: IO[bytes]) -> None:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
@@ -118,6 +121,7 @@ class PackedStore:
                     archive.writestr(member, content)
 
         atomic.write(path, fill)
+        return [(path.stat().st_size, zlib.crc32(path.read_bytes()))]
 
 
 class Block(NamedTuple):
@@ -172,7 +176,7 @@ class Archives:
         n_views = len(plan.views)
         self._seeing = [np.setdiff1d(np.arange(n_views), self._facts[m]["blind"][v]) for m, v in self.blocks]
         self._ends = np.cumsum([0, *map(len, self._seeing)])[1:]
-        self.mesh_ids = np.repeat([m for m, _ in self.blocks], [len(seeing) for seeing in self._seeing])
+        self.mesh_ids = np.repeat(np.array([m for m, _ in self.blocks], int), [len(each) for each in self._seeing])
         """The mesh of each cloud; clouds are numbered in the order of the plan: by mesh, variation, view."""
 
     def __getstate__(self) -> dict[str, Any]:
@@ -207,11 +211,14 @@ class Archives:
 
     def source(self) -> Source:
         """Return the clouds, and the whole surfaces, as `generate` would draw them."""
-        return Source(self.plan, self.order(), self.take, self.blocks_of, self.complete)
+        found = self.arranged()
+        return Source(self.plan, found.order, self.take, self.blocks_of, self.complete, found.sizes)
 
-    def order(self) -> dict[str, Numbers]:
-        """Return the numbers of each split's clouds in the order of the files that are written of them."""
-        return mixed_order(self.plan, self.mesh_ids)
+    def arranged(self) -> Arranged:
+        """Return the numbers of the clouds as they stand in the files that are written of them."""
+        variations = np.repeat([v for _, v in self.blocks], [len(seeing) for seeing in self._seeing])
+        views = np.concatenate([np.empty(0, int), *self._seeing])
+        return arranged(self.plan, *order_of(self.plan).places(self.mesh_ids, variations, views))
 
     def take(self, numbers: Numbers) -> NDArray[Any]:
         """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""

@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from importlib.util import find_spec
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,12 +31,14 @@ ATTRIBUTES = ("normals", "colors")
 """What points may have beside their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 4
+DATA_VERSION = 5
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_A_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
 CLOUDS_A_SHARD = 500
 """A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
+CLOUDS_A_GROUP = 64 * CLOUDS_A_FILE
+"""Clouds are mixed among about so many: of each shard a file then takes a run of eight, long enough to read fast."""
 
 PAIRS_CHECKED = 37_000
 """Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than
@@ -166,9 +170,17 @@ class Recipe:
         return None if self.scanning is None else Setup(**self.scanning)
 
 
+class Part(NamedTuple):
+    """What is written at once: of a split, the file of this number, with clouds of this group."""
+
+    group: int
+    split: str
+    number: int
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Meshes x views x variations, cut into shards; a shard is a run of neighbouring meshes.
+    """Meshes x views x variations, dealt to groups, which are cut into shards.
 
     Parameters
     ----------
@@ -215,11 +227,22 @@ class Plan:
         """The splits that have meshes."""
         return [split for split in SPLITS if any(entry.split == split for entry in self.meshes)]
 
-    @property
-    def n_files(self) -> dict[str, int]:
-        """For each split the files that its clouds fill at most, in formats that put many into one."""
-        n_meshes = Counter(entry.split for entry in self.meshes)
-        return {split: -(-n * self.clouds_a_mesh // CLOUDS_A_FILE) for split, n in n_meshes.items()}
+    @cached_property
+    def parts(self) -> list[Part]:
+        """The files of formats that put many clouds into one, group by group."""
+        n_files: Counter[str] = Counter()
+        parts = []
+        for group, mesh_ids in enumerate(self.groups):
+            n_meshes = Counter(self.meshes[i].split for i in mesh_ids)
+            for split in (split for split in SPLITS if n_meshes[split]):
+                for _ in range(-(-n_meshes[split] * self.clouds_a_mesh // CLOUDS_A_FILE)):
+                    parts.append(Part(group, split, n_files[split]))
+                    n_files[split] += 1
+        return parts
+
+    def parts_of(self, group: int) -> range:
+        """Return the parts that the clouds of a group go into."""
+        return range(*(bisect_left(self.parts, g, key=lambda part: part.group) for g in (group, group + 1)))
 
     @property
     def n_checked(self) -> int:
@@ -227,10 +250,40 @@ class Plan:
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
     @cached_property
-    def shards(self) -> list[range]:
-        """Mesh indices of each shard. Does not depend on the number of workers."""
-        step = max(1, CLOUDS_A_SHARD // self.clouds_a_mesh)
-        return [range(i, min(i + step, len(self.meshes))) for i in range(0, len(self.meshes), step)]
+    def groups(self) -> list[list[int]]:
+        """Mesh indices of each group, ascending: the clouds of a group are mixed, and written into files of its own.
+
+        Of as many neighbouring meshes as there are groups, each group is dealt one, at random: all have the same share
+        of each class and split, whatever the order of the meshes.
+        """
+        n_meshes = len(self.meshes)
+        n_groups = max(1, min(round(self.n_clouds / CLOUDS_A_GROUP), n_meshes))
+        hands = np.tile(np.arange(n_groups), (-(-n_meshes // n_groups), 1))
+        rng = np.random.default_rng(seed_of(self.recipe.seed, "groups"))
+        group_of = rng.permuted(hands, axis=1).ravel()[:n_meshes]
+        ends = np.cumsum(np.bincount(group_of, minlength=n_groups))[:-1]
+        return [part.tolist() for part in np.split(np.argsort(group_of, kind="stable"), ends)]
+
+    @cached_property
+    def shards(self) -> list[list[int]]:
+        """Mesh indices of each shard, group by group. Does not depend on the number of workers."""
+        step = self.meshes_a_shard
+        return [group[i : i + step] for group in self.groups for i in range(0, len(group), step)]
+
+    @property
+    def meshes_a_shard(self) -> int:
+        """Meshes of a shard; of the last of a group there may be fewer."""
+        return max(1, CLOUDS_A_SHARD // self.clouds_a_mesh)
+
+    @cached_property
+    def shards_of(self) -> list[range]:
+        """The shards of each group."""
+        ends = np.cumsum([0, *(-(-len(group) // self.meshes_a_shard) for group in self.groups)]).tolist()
+        return [range(begin, end) for begin, end in pairwise(ends)]
+
+    def group_of(self, shard: int) -> int:
+        """Return the group that a shard's meshes are of."""
+        return bisect_right(self.shards_of, shard, key=lambda shards: shards.start) - 1
 
     @cached_property
     def pool(self) -> Pool:
@@ -249,6 +302,7 @@ class Plan:
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
             "clouds_a_shard": CLOUDS_A_SHARD,
+            "clouds_a_group": CLOUDS_A_GROUP,
             "data_version": DATA_VERSION,
         }
 
@@ -298,7 +352,12 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator
         for what, then, now in zip(("class", "split", "up"), meshes[0][key], meshes[1][key], strict=False):
             if then != now:
                 yield f"{what} of {key} was {then!r}, and is {now!r}"
-    for name, what in (("format", "format"), ("clouds_a_shard", "shards' size"), ("data_version", "data version")):
+    for name, what in (
+        ("format", "format"),
+        ("clouds_a_shard", "shards' size"),
+        ("clouds_a_group", "groups' size"),
+        ("data_version", "data version"),
+    ):
         if theirs.get(name) != mine.get(name):
             yield f"{what} was {theirs.get(name)!r}, and is {mine.get(name)!r}"
 

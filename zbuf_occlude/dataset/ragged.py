@@ -4,9 +4,7 @@ In memory a field that has a row per point is of objects: ``records["data"][i]``
 clouds stand one after the other, and ``offsets`` (n + 1,) says where each cloud's begin and end.
 """
 
-import os
 from itertools import pairwise
-from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -91,7 +89,7 @@ def all_finite(positions: NDArray[Any]) -> bool:
 
 
 def save(file: IO[bytes], records: Records, recipe: Recipe) -> None:
-    """Write a shard of ragged records: NumPy's arrays of offsets, of facts and of points, one behind the other."""
+    """Write some ragged records: NumPy's arrays of offsets, of facts and of points, one behind the other."""
     facts: Records = np.empty(len(records), facts_type(recipe))
     for name in facts.dtype.names or ():
         facts[name] = records[name]
@@ -104,51 +102,21 @@ def save(file: IO[bytes], records: Records, recipe: Recipe) -> None:
         np.save(file, array)
 
 
-class MappedShard:
-    """A shard that `save` wrote, mapped: memory is needed for what is taken only.
+def load(file: IO[bytes], recipe: Recipe) -> Records:
+    """Read what `save` wrote.
 
     Raises
     ------
-    ValueError, OSError
-        The file is damaged, or of another recipe.
+    ValueError
+        It is of another recipe.
     """
-
-    def __init__(self, path: Path, recipe: Recipe) -> None:
-        self._recipe = recipe
-        self._offsets, self.facts, self._points = _mapped(path, 3)
-        if self.facts.dtype != facts_type(recipe) or self._points.dtype != points_type(recipe):
-            raise ValueError(f"fields {self.facts.dtype}")
-        if len(self._offsets) != len(self.facts) + 1 or self._offsets[-1] != len(self._points):
-            raise ValueError("offsets do not fit the points")
-
-    def __len__(self) -> int:
-        return len(self.facts)
-
-    def __getitem__(self, rows: Any) -> Any:
-        """Return a field of all clouds by its name, or the records of some rows."""
-        if isinstance(rows, str):
-            return self.facts[rows]
-        chosen = np.asarray(rows)
-        records: Records = np.empty(len(chosen), record_type(self._recipe))
-        for name in self.facts.dtype.names or ():
-            records[name] = self.facts[name][chosen]
-        for row, number in enumerate(chosen):
-            mine = self._points[self._offsets[number] : self._offsets[number + 1]]
-            for name in self._points.dtype.names or ():
-                records[name][row] = np.array(mine[name])
-        return records
-
-
-def _mapped(path: Path, n_arrays: int) -> list[NDArray[Any]]:
-    """Map arrays that were saved one behind the other."""
-    found: list[NDArray[Any]] = []
-    with path.open("rb") as file:
-        for _ in range(n_arrays):
-            if np.lib.format.read_magic(file) != (1, 0):
-                raise ValueError("another version of NumPy's format")
-            shape, _, kind = np.lib.format.read_array_header_1_0(file)
-            size = int(np.prod(shape)) * kind.itemsize
-            empty = size == 0  # which cannot be mapped
-            found.append(np.empty(shape, kind) if empty else np.memmap(path, kind, "r", file.tell(), shape))
-            file.seek(size, os.SEEK_CUR)
-    return found
+    offsets, facts, points = (np.load(file) for _ in range(3))
+    if facts.dtype != facts_type(recipe) or points.dtype != points_type(recipe):
+        raise ValueError(f"fields {facts.dtype}")
+    records: Records = np.empty(len(facts), record_type(recipe))
+    for name in facts.dtype.names or ():
+        records[name] = facts[name]
+    for name in points.dtype.names or ():
+        for row, (begin, end) in enumerate(pairwise(offsets)):
+            records[name][row] = points[name][begin:end].copy()
+    return records

@@ -1,5 +1,7 @@
-"""Shards of records: the clouds of a few meshes, drawn already, as one .npy; the final files are made of them."""
+"""Shards of records: the clouds of a few meshes, drawn already, in a run for each of the final files made of them."""
 
+import io
+import zlib
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,11 +12,17 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset import atomic, ragged
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.order import order_of
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source, check_indices, mixed_order
+from zbuf_occlude.dataset.source import Numbers, Source, arranged, check_indices
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
+
+REMEDY = "The same `zbuf-occlude generate` makes it again."
+
+Run = tuple[int, int]
+"""Of the records that go into one file: their bytes, and their CRC-32."""
 
 
 class RecordStore:
@@ -22,9 +30,9 @@ class RecordStore:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._parts = [np.empty(0, record_type(plan.recipe))]
+        self._kept = [np.empty(0, record_type(plan.recipe))]
 
-    suffix: ClassVar[str] = ".npy"
+    suffix: ClassVar[str] = ".records"
 
     def keep(self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int) -> NDArray[Any]:
         """Draw the clouds of one sampling of a mesh."""
@@ -35,15 +43,57 @@ class RecordStore:
         label = self._plan.classes.index(self._plan.meshes[mesh_id].label)
         for records in kept:
             records["mesh_id"], records["label"] = mesh_id, label
-            self._parts.append(records)
+            self._kept.append(records)
 
-    def write(self, path: Path) -> None:
-        """Write the file."""
-        records = np.concatenate(self._parts)
-        if self._plan.recipe.sample_size is None:
-            atomic.write(path, lambda file: ragged.save(file, records, self._plan.recipe))
-        else:
-            atomic.write(path, lambda file: np.save(file, records))
+    def write(self, path: Path, shard: int) -> list[Run]:
+        """Write the records, for each file of the shard's group a run of them; return the runs."""
+        records = np.concatenate(self._kept)
+        parts, places = _places(self._plan, records)
+        rows = np.lexsort((places, parts))
+        ends = np.searchsorted(parts[rows], np.array(self._plan.parts_of(self._plan.group_of(shard))), side="right")
+        runs = [_packed(records[some], self._plan) for some in np.split(rows, ends)[: len(ends)]]
+        atomic.write(path, lambda file: file.writelines(runs))
+        return [(len(run), zlib.crc32(run)) for run in runs]
+
+
+def read_run(path: Path, plan: Plan, begin: int, run: Run) -> NDArray[Any]:
+    """Read the records of a run that begins at this byte.
+
+    Raises
+    ------
+    DatasetError
+        They cannot be read, or are not what was written.
+    """
+    with reading(path, REMEDY), open(path, "rb") as file:
+        file.seek(begin)
+        content = file.read(run[0])
+        if len(content) != run[0] or zlib.crc32(content) != run[1]:
+            raise ValueError("its checksum is another")
+        if plan.recipe.sample_size is None:
+            return ragged.load(io.BytesIO(content), plan.recipe)
+        return np.frombuffer(content, record_type(plan.recipe))
+
+
+def _packed(records: NDArray[Any], plan: Plan) -> Any:
+    """Return the bytes of some records."""
+    if plan.recipe.sample_size is not None:
+        return records.view(np.uint8).data
+    file = io.BytesIO()
+    if len(records):
+        ragged.save(file, records, plan.recipe)
+    return file.getbuffer()
+
+
+def are_whole(path: Path, runs: list[Run]) -> bool:
+    """Whether the first runs of a file are what was written."""
+    with open(path, "rb") as file:
+        return all(zlib.crc32(file.read(n_bytes)) == checksum for n_bytes, checksum in runs)
+
+
+def in_places(plan: Plan, records: NDArray[Any]) -> NDArray[Any]:
+    """Return the records of one part in its order."""
+    _, places = _places(plan, records)
+    return np.asarray(records[np.argsort(places)])
 
 
 def source_of_records(plan: Plan, paths: list[Path]) -> Source:
@@ -56,34 +106,39 @@ def source_of_records(plan: Plan, paths: list[Path]) -> Source:
 
     Notes
     -----
-    The shards are mapped, not read: memory is needed for what is taken only.
+    The shards are mapped, not read: memory is needed for what is taken only. Clouds are numbered by mesh, variation,
+    view.
     """
     shards = []
     for path in paths:
-        with reading(path, "The same `zbuf-occlude generate` makes it again."):
+        with reading(path, REMEDY):
             shards.append(_mapped(path, plan))
     owners = np.concatenate([np.full(len(shard), i) for i, shard in enumerate(shards)])
     rows = np.concatenate([np.arange(len(shard)) for shard in shards])
-    mesh_ids = np.concatenate([shard["mesh_id"] for shard in shards])
+    facts = np.concatenate([shard[["mesh_id", "variation", "view_id"]] for shard in shards])
+    numbered = np.lexsort((facts["view_id"], facts["variation"], facts["mesh_id"]))
+    owners, rows, facts = owners[numbered], rows[numbered], facts[numbered]
 
     def take(numbers: Numbers) -> NDArray[Any]:
-        records = np.empty(len(numbers), record_type(plan.recipe))
+        records = np.empty(len(numbers), shards[0].dtype)
         mine_of = owners[numbers]
         for owner in np.unique(mine_of):
             mine = mine_of == owner
             records[mine] = shards[owner][rows[numbers[mine]]]
         return records
 
-    return Source(plan, mixed_order(plan, mesh_ids), take)
+    found = arranged(plan, *_places(plan, facts))
+    return Source(plan, found.order, take, sizes=found.sizes)
 
 
-def _mapped(path: Path, plan: Plan) -> NDArray[Any] | ragged.MappedShard:
-    if plan.recipe.sample_size is None:
-        mapped = ragged.MappedShard(path, plan.recipe)
-        check_indices(mapped["label"], mapped["mesh_id"], plan)
-        return mapped
-    shard: NDArray[Any] = np.load(path, mmap_mode="r")
-    if shard.dtype != record_type(plan.recipe) or shard.ndim != 1:
-        raise ValueError(f"{shard.ndim} axes of {shard.dtype}")
+def _places(plan: Plan, records: NDArray[Any]) -> tuple[Numbers, Numbers]:
+    return order_of(plan).places(records["mesh_id"], records["variation"], records["view_id"])
+
+
+def _mapped(path: Path, plan: Plan) -> NDArray[Any]:
+    kind = record_type(plan.recipe)
+    if not path.stat().st_size:  # which nothing can be mapped of
+        return np.empty(0, kind)
+    shard = np.memmap(path, kind, mode="r")
     check_indices(shard["label"], shard["mesh_id"], plan)
     return shard

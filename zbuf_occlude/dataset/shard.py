@@ -1,8 +1,7 @@
 """A shard: the clouds of a few meshes in one file, and the sidecar, written last, that says it is done."""
 
-import hashlib
-import json
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +9,17 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import SHARDS, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packed import Archives, PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import RecordStore, source_of_records
+from zbuf_occlude.dataset.records import RecordStore, Run, are_whole, source_of_records
 from zbuf_occlude.dataset.scans import scan_views
+from zbuf_occlude.dataset.sealed import read_sealed, write_sealed
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.origin import Origin
@@ -39,8 +38,8 @@ class Store(Protocol):
     def add(self, mesh_id: int, mesh: Mesh, kept: list[Any]) -> None:
         """Take in what was kept of all samplings of a mesh; none of a mesh that failed half way."""
 
-    def write(self, path: Path) -> None:
-        """Write the file, whole or not at all."""
+    def write(self, path: Path, shard: int) -> list[Run]:
+        """Write the file of a shard, whole or not at all; return the runs that it consists of."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,11 @@ class Sidecar:
     renderer : str
     seconds : float
         That making it took.
-    n_bytes : int
-        Of its data.
+    n_clouds : mapping of split to int
+    runs : list of (int, int)
+        The bytes and the CRC-32 of what its data consist of: of records, what goes into each file of the shard's group.
     sha256 : str
-        Of its data.
+        Of data that are a final file; empty of others.
     """
 
     fingerprint: str
@@ -75,7 +75,8 @@ class Sidecar:
     origins: Mapping[str, Origin]
     renderer: str
     seconds: float
-    n_bytes: int
+    n_clouds: Mapping[str, int]
+    runs: list[Run]
     sha256: str
 
     @property
@@ -97,6 +98,7 @@ class Sidecar:
                 "counts": Counts.from_document(document["counts"]),
                 "given_up": {key: Limits(*limits) for key, limits in document["given_up"].items()},
                 "origins": {key: Origin.from_document(each) for key, each in document["origins"].items()},
+                "runs": [(int(n_bytes), int(checksum)) for n_bytes, checksum in document["runs"]],
             }
         )
 
@@ -124,7 +126,9 @@ def sidecar_path(out: Path, shard: int) -> Path:
     return out / SHARDS / f"{shard:06d}.json"
 
 
-def look_at(plan: Plan, out: Path, shard: int, *, closely: bool = False) -> tuple[Sidecar | None, str]:
+def look_at(
+    plan: Plan, out: Path, shard: int, *, closely: bool = False, n_runs: int | None = None
+) -> tuple[Sidecar | None, str]:
     """Return the sidecar of a shard that is done; of any other None and, where there are pieces of it, what is wrong.
 
     Parameters
@@ -133,7 +137,9 @@ def look_at(plan: Plan, out: Path, shard: int, *, closely: bool = False) -> tupl
     out : Path
     shard : int
     closely : bool
-        Read its data too, for their checksum; else only their size is looked at.
+        Read its data too, for their checksums; else only their size is looked at.
+    n_runs : int, optional
+        Of its data only these first runs are needed, for the others are in files already.
 
     Raises
     ------
@@ -141,31 +147,18 @@ def look_at(plan: Plan, out: Path, shard: int, *, closely: bool = False) -> tupl
         The shard belongs to another plan.
     """
     path, data = sidecar_path(out, shard), data_path(plan, out, shard)
-    try:
-        document = json.loads(path.read_bytes())
-        if document.pop("seal") != _seal(document):
-            return None, f"its {path.name} is damaged"
-        sidecar = Sidecar.from_document(document)
-    except FileNotFoundError:
-        return None, ""
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        return None, f"its {path.name} is damaged"
-    if sidecar.fingerprint != plan.fingerprint:
-        raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {sidecar.fingerprint}.")
+    sidecar, fault = read_sealed(path, plan, Sidecar.from_document)
+    if sidecar is None:
+        return None, fault
+    needed = sidecar.runs[:n_runs]
+    if n_runs is not None and not any(n_bytes for n_bytes, _ in needed):
+        return sidecar, ""
     if not data.is_file():
         return None, f"its {data.name} is missing"
-    if data.stat().st_size != sidecar.n_bytes or (closely and sha256_of(data) != sidecar.sha256):
+    n_bytes, most = (sum(size for size, _ in runs) for runs in (needed, sidecar.runs))
+    if not n_bytes <= data.stat().st_size <= most or (closely and not are_whole(data, needed)):
         return None, f"its {data.name} is damaged"
     return sidecar, ""
-
-
-def read_sidecar(plan: Plan, out: Path, shard: int) -> Sidecar | None:
-    """Return the sidecar of a shard that is done, None for one that is to be made; raises as `look_at` does."""
-    return look_at(plan, out, shard)[0]
-
-
-def _seal(document: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def run_shard(
@@ -198,7 +191,7 @@ def run_shard(
     """
     began = time.perf_counter()
     store = new_store(plan)
-    counts, renderer = Counts(), "none"
+    counts, renderer, n_clouds = Counts(), "none", Counter[str]()
     failures: dict[str, str] = {}
     origins: dict[str, Origin] = {}
     for mesh_id in plan.shards[shard]:
@@ -224,9 +217,10 @@ def run_shard(
             continue
         store.add(mesh_id, mesh, kept)
         counts, renderer, origins[entry.key] = counts + of_mesh, renderer_of_mesh, mesh.origin
+        n_clouds[entry.split] += of_mesh.n_clouds
     data = data_path(plan, out, shard)
     (out / SHARDS).mkdir(exist_ok=True)
-    store.write(data)
+    runs = store.write(data, shard)
     sidecar = Sidecar(
         fingerprint=plan.fingerprint,
         shard=shard,
@@ -236,9 +230,9 @@ def run_shard(
         origins=origins,
         renderer=renderer,
         seconds=time.perf_counter() - began,
-        n_bytes=data.stat().st_size,
-        sha256=sha256_of(data),
+        n_clouds=n_clouds,
+        runs=runs,
+        sha256=sha256_of(data) if find_format(plan.format).all_points else "",
     )
-    document = sidecar.document
-    atomic.write_json(sidecar_path(out, shard), {**document, "seal": _seal(document)})
+    write_sealed(sidecar_path(out, shard), sidecar.document)
     return sidecar

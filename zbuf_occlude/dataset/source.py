@@ -1,10 +1,10 @@
 """Where the clouds of a dataset come from when files are written or looked at: records by number, in their order."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import CLOUDS_A_FILE, Plan
 from zbuf_occlude.meshes.collection import SPLITS
-from zbuf_occlude.seeds import seed_of
 
 Numbers = NDArray[np.intp]
 
@@ -35,6 +34,8 @@ class Source:
     blocks_of : callable
         Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
         where neighbours in the order are.
+    sizes : mapping of split to list of int
+        How many clouds each file has that is written of them; `CLOUDS_A_FILE` where nothing is said.
     """
 
     plan: Plan
@@ -42,11 +43,20 @@ class Source:
     take: Callable[[Numbers], NDArray[Any]]
     blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
+    sizes: Mapping[str, list[int]] = field(default_factory=dict)
 
     @property
     def n_clouds(self) -> dict[str, int]:
         """Clouds of each split."""
         return {split: len(numbers) for split, numbers in self.order.items()}
+
+    def files(self, split: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield the number and the records of each file that a split's clouds are to fill; empty files are left out."""
+        numbers = self.order[split]
+        sizes = self.sizes.get(split) or [CLOUDS_A_FILE] * -(-len(numbers) // CLOUDS_A_FILE)
+        for number, (end, size) in enumerate(zip(np.cumsum(sizes).tolist(), sizes, strict=True)):
+            if size:
+                yield number, self.take(numbers[end - size : end])
 
     def batches(self, split: str, size: int = CLOUDS_A_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
         """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""
@@ -57,26 +67,24 @@ class Source:
             yield self.take(numbers[start : start + size])
 
 
-def mixed_order(plan: Plan, mesh_ids: NDArray[Any]) -> dict[str, Numbers]:
-    """Return for each split the order in which clouds stand in its files: random, and decided by the plan's seed.
+class Arranged(NamedTuple):
+    """Clouds as they stand in files: numbers of each split in order, and how many of them each file has."""
 
-    Parameters
-    ----------
-    plan : Plan
-    mesh_ids : (n,) int
-        Of all clouds in the order of the plan: by mesh, variation, view.
+    order: dict[str, Numbers]
+    sizes: dict[str, list[int]]
 
-    Notes
-    -----
-    Classes, objects and views are thereby mixed within every file.
-    """
-    split_of_mesh = np.array([SPLITS.index(entry.split) for entry in plan.meshes])
-    order = {}
-    for number, split in enumerate(SPLITS):
-        chosen = np.flatnonzero(split_of_mesh[mesh_ids] == number)
-        if len(chosen):
-            order[split] = np.random.default_rng(seed_of(plan.recipe.seed, "order/" + split)).permutation(chosen)
-    return order
+
+def arranged(plan: Plan, parts: Numbers, places: Numbers) -> Arranged:
+    """Arrange clouds by the parts that they are in and their places there, as `zbuf_occlude.dataset.order` has them."""
+    numbers = np.lexsort((places, parts))
+    n_clouds = np.bincount(parts, minlength=len(plan.parts))
+    split_of_part = np.array([part.split for part in plan.parts])
+    split_of = split_of_part[parts[numbers]]
+    present = [split for split in SPLITS if (split_of == split).any()]
+    return Arranged(
+        {split: numbers[split_of == split] for split in present},
+        {split: n_clouds[split_of_part == split].tolist() for split in present},
+    )
 
 
 def kept(whole: Callable[[Path], NDArray[Any]]) -> Callable[[Path, Numbers], NDArray[Any]]:
@@ -90,6 +98,8 @@ def source_of_files(
     files: dict[str, list[Path]],
     count: Callable[[Path], int],
     load: Callable[[Path, Numbers], NDArray[Any]],
+    *,
+    one_each: bool = False,
 ) -> Source:
     """Return a source over files that hold records.
 
@@ -101,6 +111,8 @@ def source_of_files(
         Returns the number of clouds in a file.
     load : callable
         Returns the records of some rows of a file, in the order of the rows.
+    one_each : bool
+        Whether these are files of one cloud each; else others written of them are cut as they are.
 
     Raises
     ------
@@ -130,7 +142,7 @@ def source_of_files(
     order, begin = {}, 0
     for split in files:
         order[split] = np.arange(begin, begin := begin + sum(sizes[split]))
-    return Source(plan, order, take)
+    return Source(plan, order, take, sizes={} if one_each else sizes)
 
 
 def check_indices(labels: NDArray[Any], mesh_ids: NDArray[Any], plan: Plan) -> None:

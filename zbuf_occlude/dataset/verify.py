@@ -1,32 +1,26 @@
-"""Verify a finished dataset: checksums, counts, readability, and a few clouds asked again of the oracle."""
+"""Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes."""
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.folder import checksums, read_finished
+from zbuf_occlude.dataset.folder import checksum, read_finished
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.generate import run_here
+from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import all_finite
-from zbuf_occlude.dataset.records import RecordStore
-from zbuf_occlude.dataset.scans import scan_views
-from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import DatasetError, MeshError, OptionError
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.dataset.verify_meshes import ask_oracle, scan_again
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.visibility.oracle import BAND
-from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
-POINTS_A_CLOUD = 64
-"""Of each cloud that is checked so many points are asked of the oracle."""
-ROUNDING = 0.002
-"""What rounding the positions may add to the fraction of false visible, beside what lies in the boundary band."""
-DEVIATIONS = 5.0
-"""A measured fraction may be so many standard deviations above the manifest's."""
+ASKED_FILES = 64
+"""The clouds held against their meshes are of so many files, chosen at random, where there are more."""
 
 
 @dataclass
@@ -52,8 +46,98 @@ class Verdict:
     faults: list[str]
 
 
+class Found(NamedTuple):
+    """What a job found out: its faults, and the clouds that it read of each split."""
+
+    faults: list[str]
+    n_clouds: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Verifying:
+    """The task of verifying a dataset: each job is a file, its checksum and then its clouds.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    files : mapping of split to list of file names
+        As in the manifest.
+    sha256 : mapping of file name to checksum
+    """
+
+    plan: Plan
+    out: Path
+    files: Mapping[str, list[str]]
+    sha256: Mapping[str, str]
+
+    needs_gl = False
+
+    @cached_property
+    def jobs(self) -> list[dict[str, list[str]]]:
+        """For each job the files that it looks at, by split; in layouts that only read as a whole, one has them all."""
+        row = find_format(self.plan.format)
+        if not (row.in_parts or row.all_points):
+            return [dict(self.files)]
+        jobs: dict[str, dict[str, list[str]]] = {}
+        for split, names in self.files.items():
+            for name in names:
+                jobs.setdefault(name, {})[split] = [name]
+        return list(jobs.values())
+
+    def do(self, job: int, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> Found:
+        """Look at the files of a job."""
+        files = self.jobs[job]
+        faults = self.damaged({name for of_split in files.values() for name in of_split}, of_data=True)
+        if faults:
+            return Found(faults, {})
+        try:
+            return self._read(files)
+        except DatasetError as error:  # written so, or else a checksum had told
+            return Found([str(error)], {})
+
+    def damaged(self, names: Iterable[str], *, of_data: bool = False) -> list[str]:
+        """Return what is wrong with files, by their checksums."""
+        faults = []
+        for name in sorted(names):
+            if not (self.out / name).is_file():
+                faults.append(f"{name} must be there; it is missing.")
+                continue
+            try:
+                digest = checksum(self.out, name, of_data=of_data)
+            except DatasetError as error:
+                faults.append(str(error))
+                continue
+            if digest != (expected := self.sha256.get(name, digest)):  # an earlier version's has none of lists
+                faults.append(f"{name} must have the checksum {expected[:12]}...; it has {digest[:12]}...")
+        return faults
+
+    def _read(self, files: dict[str, list[str]]) -> Found:
+        """Read every cloud; note what cannot be a cloud of this dataset."""
+        source = find_format(self.plan.format).load().read(self.out, self.plan, files)
+        faults, n_clouds = [], Counter[str]()
+        for split in source.order:
+            for records in source.batches(split, in_any_order=True):
+                n_clouds[split] += len(records)
+                if not all_finite(records["data"]):
+                    faults.append(f"all positions must be finite; some of split {split} are not.")
+                if "normals" in self.plan.recipe.attributes:
+                    lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
+                    if not (np.abs(lengths - 1.0) < 1e-3).all():
+                        faults.append(f"all normals must be of length 1; some of split {split} are not.")
+                if records["n_visible"].min() < 1:
+                    faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
+        return Found(faults, dict(n_clouds))
+
+
 def verify(
-    out: Path, meshes: MeshCollection | None, *, n_samples: int = 50, progress: Callable[[int], None] = lambda n: None
+    out: Path,
+    meshes: MeshCollection | None,
+    *,
+    n_samples: int = 50,
+    run: Run | None = None,
+    part: tuple[int, int] = (0, 1),
+    progress: Callable[[int], None] = lambda n: None,
 ) -> Verdict:
     """Check a finished dataset against its manifest and, where its meshes are at hand, against the oracle.
 
@@ -64,6 +148,10 @@ def verify(
         With the keys of the dataset's meshes; None leaves the oracle out.
     n_samples : int
         Clouds asked again of the oracle, chosen at random by the dataset's seed.
+    run : callable, optional
+        The engine; `run_here`, in this process, by default.
+    part : (int, int)
+        (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
     progress : callable
         Told the number of clouds read, as they are read.
 
@@ -73,134 +161,36 @@ def verify(
         There is no finished dataset in the folder.
     """
     plan, manifest = read_finished(out)
-    faults = list(_damaged(out, manifest))
-    source, n_clouds = None, 0
-    if not faults:
-        try:
-            source = find_format(plan.format).load().read(out, plan, manifest["files"])
-            n_clouds = _read_all(source, manifest, faults, progress)
-        except DatasetError as error:  # written so, or else a checksum had told
-            faults.append(str(error))
+    task = Verifying(plan, out, manifest["files"], manifest["sha256"])
+    data = {name for of_split in task.files.values() for name in of_split}
+    found: dict[int, Found] = {-1: Found(task.damaged(manifest["sha256"].keys() - data), {})}
+
+    def done(job: int, result: Found) -> tuple[int, ...]:
+        found[job] = result
+        progress(sum(result.n_clouds.values()))
+        return ()
+
+    jobs = task.jobs
+    mine = list(range(part[0], len(jobs), part[1]))
+    if mine:
+        (run or run_here)(task, mine, done)
+    faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
+    n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())
+    if part == (0, 1) and not faults:
+        for split, expected in manifest["counts"]["clouds_by_split"].items():
+            if n_clouds[split] != expected:
+                faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
     n_checked, rate = 0, None
-    if source is not None and not faults and meshes is not None and plan.recipe.setup is not None:
-        n_checked = _scan_again(source, plan, meshes, n_samples, faults)
-    elif source is not None and not faults and meshes is not None:
-        n_checked, rate = _ask_oracle(source, plan, manifest, meshes, n_samples, faults)
-    return Verdict(sum(map(len, manifest["files"].values())), n_clouds, n_checked, rate, faults)
-
-
-def _damaged(out: Path, manifest: dict[str, Any]) -> Iterator[str]:
-    missing = [name for name in manifest["sha256"] if not (out / name).is_file()]
-    yield from (f"{name} must be there; it is missing." for name in missing)
-    if missing:
-        return
-    try:
-        digests = checksums(out, manifest["files"])
-    except DatasetError as error:
-        yield str(error)
-        return
-    for name, found in digests.items():
-        if found != manifest["sha256"].get(name, found):  # an earlier version's has none of lists and names
-            yield f"{name} must have the checksum {manifest['sha256'][name][:12]}...; it has {found[:12]}..."
-
-
-def _read_all(source: Source, manifest: dict[str, Any], faults: list[str], progress: Callable[[int], None]) -> int:
-    """Read every cloud; note what cannot be a cloud of this dataset."""
-    total = 0
-    for split, expected in manifest["counts"]["clouds_by_split"].items():
-        n_clouds = 0
-        for records in source.batches(split, in_any_order=True) if split in source.order else ():
-            n_clouds += len(records)
-            progress(len(records))
-            if not all_finite(records["data"]):
-                faults.append(f"all positions must be finite; some of split {split} are not.")
-            if "normals" in source.plan.recipe.attributes:
-                lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
-                if not (np.abs(lengths - 1.0) < 1e-3).all():
-                    faults.append(f"all normals must be of length 1; some of split {split} are not.")
-            if records["n_visible"].min() < 1:
-                faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
-        if n_clouds != expected:
-            faults.append(f"split {split} must have {expected} clouds; it has {n_clouds}.")
-        total += n_clouds
-    return total
-
-
-def _scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: int, faults: list[str]) -> int:
-    """Scan the objects of some clouds again, and compare those clouds whole; return how many points were compared.
-
-    The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
-    """
-    by_key = {entry.key: entry for entry in meshes}
-    missing = [entry.key for entry in plan.meshes if entry.key not in by_key]
-    if missing:
-        faults.append(f"the meshes given must have {missing[0]}; they have not. Give those that it was made of.")
-        return 0
-    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
-    rng = np.random.default_rng(plan.recipe.seed)
-    everything = np.concatenate(list(source.order.values()))
-    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_a_mesh)]
-    n_compared = 0
-    for mesh_id in wanted:
-        entry, store = remade.meshes[mesh_id], RecordStore(remade)
-        try:
-            kept, _, _ = scan_views(entry.load(), entry.label, remade, entry.key, store.keep)
-        except (MeshError, OptionError) as error:
-            faults.append(str(error))
-            continue
-        again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
-        for record in records[records["mesh_id"] == mesh_id]:
-            other = again.get((int(record["variation"]), int(record["view_id"])))
-            n_compared += len(record["data"])
-            if other is None or other["data"].tobytes() != record["data"].tobytes():
-                faults.append(
-                    f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
-                )
-    return n_compared
-
-
-def _ask_oracle(
-    source: Source, plan: Plan, manifest: dict[str, Any], meshes: MeshCollection, n_samples: int, faults: list[str]
-) -> tuple[int, float | None]:
-    """Ask about some points of some clouds; return how many, and what fraction of them is hidden."""
-    rng = np.random.default_rng(plan.recipe.seed)
-    everything = np.concatenate(list(source.order.values()))
-    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-    by_key = {entry.key: entry for entry in meshes}
-    n_checked = n_hidden = 0
-    for record in records:
-        key = plan.meshes[int(record["mesh_id"])].key
-        if key not in by_key:
-            faults.append(f"the meshes given must have {key}; they have not. Give those that the dataset was made of.")
-            break
-        try:
-            with Limits().watch():
-                mesh = by_key[key].load()
-        except MeshError as error:
-            faults.append(str(error))
-            continue
-        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
-        some = rng.choice(len(record["data"]), min(POINTS_A_CLOUD, len(record["data"])), replace=False)
-        positions = record["data"][some] / record["factor"] + record["centre"]
-        if plan.recipe.frame == "camera":
-            positions = (positions - translation) @ rotation
-        points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
-        eye = (-rotation.T @ translation)[None]
-        with prepare_oracle(mesh) as oracle:
-            hidden = points.select(~oracle.visible(points, eye)[0])
-            # where the line of sight grazes the surface, the answer for a point that was moved is by chance
-            moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
-            n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
-        n_checked += len(points)
-    promised = manifest["error"]["false_visible"]
-    if n_checked and promised is not None:
-        # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
-        promised = min(1.0, promised / float(records["visible_fraction"].mean()))
-        allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
-        if n_hidden / n_checked > allowed:
-            faults.append(
-                f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
-                f"{n_hidden / n_checked:.2%} of {n_checked} are."
-            )
-    return n_checked, n_hidden / n_checked if n_checked else None
+    if mine and not faults and meshes is not None:
+        files: dict[str, list[str]] = {}
+        chosen = np.random.default_rng(plan.recipe.seed).permutation(mine)[:ASKED_FILES]
+        for job in sorted(chosen.tolist()):
+            for split, names in jobs[job].items():
+                files.setdefault(split, []).extend(names)
+        source = find_format(plan.format).load().read(out, plan, files)
+        if plan.recipe.setup is not None:
+            n_checked = scan_again(source, plan, meshes, n_samples, faults)
+        else:
+            n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
+    names = {name for job in mine for of_split in jobs[job].values() for name in of_split}
+    return Verdict(len(names), sum(n_clouds.values()), n_checked, rate, faults)

@@ -3,29 +3,25 @@
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import connection, forkserver
-from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import serve
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
-from zbuf_occlude.visibility import find_method
 
 
-def run_shards(
-    plan: Plan, shards: list[int], out: Path, done: Callable[[int], None], *, n_workers: int, limits: Limits
-) -> None:
-    """Make shards in processes on this machine; parameters, errors and promises as in `supervise`."""
+def run_jobs(task: Task, jobs: list[int], done: Done, *, n_workers: int, limits: Limits) -> None:
+    """Do jobs in processes on this machine; parameters, errors and promises as in `supervise`."""
     start_server()
-    devices = gl_devices(plan)
+    devices = gl_devices(task)
     supervise(
-        shards,
+        jobs,
         done,
-        hire=lambda seat: LocalWorker(plan, out, n_workers, devices[seat % len(devices)]),
+        hire=lambda seat: LocalWorker(task, n_workers, devices[seat % len(devices)]),
         wait=_wait,
         n_workers=n_workers,
         limits=limits,
@@ -56,21 +52,21 @@ def start_server() -> None:
 class LocalWorker:
     """A process that runs `serve` at the other end of a pipe."""
 
-    def __init__(self, plan: Plan, out: Path, n_workers: int, device_index: int | None) -> None:
+    def __init__(self, task: Task, n_workers: int, device_index: int | None) -> None:
         start_server()  # it may have been killed
         context: Any = multiprocessing.get_context("forkserver" if _FORKS else "spawn")
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
         environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
-        arguments = (theirs, plan, out, device_index, n_threads, environment)
+        arguments = (theirs, task, device_index, n_threads, environment)
         self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
         self.process.start()
         theirs.close()
 
-    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: int, lost: dict[int, GivenUp]) -> None:
         """Send a request."""
         with suppress(OSError):  # it has died; `ending` will tell
-            self.connection.send((shard, lost))
+            self.connection.send((job, lost))
 
     def listen(self) -> list[Message]:
         """Empty the pipe."""
@@ -125,11 +121,11 @@ def _environment(variables: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def gl_devices(plan: Plan) -> list[int | None]:
+def gl_devices(task: Task) -> list[int | None]:
     """The EGL devices over which workers are spread: the hardware ones that open, or None for whatever opens first."""
     from zbuf_occlude.gl.context import ENVIRONMENT  # late: only methods that need it touch GL
     from zbuf_occlude.gl.probe import hardware_devices
 
-    if not find_method(plan.recipe.method).needs_gl or os.environ.get(ENVIRONMENT):
+    if not task.needs_gl or os.environ.get(ENVIRONMENT):
         return [None]
     return [*hardware_devices()] or [None]

@@ -5,41 +5,35 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable
 from multiprocessing import Pipe
-from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import work
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
-from zbuf_occlude.visibility import find_method
 
 LISTEN_SECONDS = 0.4
 """How long an actor waits for something to say before it answers that there is nothing."""
 
 
-def run_shards(
-    plan: Plan,
-    shards: list[int],
-    out: Path,
-    done: Callable[[int], None],
+def run_jobs(
+    task: Task,
+    jobs: list[int],
+    done: Done,
     *,
     n_workers: int | None,
     limits: Limits,
     address: str | None = None,
     gpus_a_worker: float = 0.0,
 ) -> None:
-    """Make shards by Ray actors; parameters, errors and promises as in `supervise`, and:
+    """Do jobs by Ray actors; parameters, errors and promises as in `supervise`, and:
 
     Parameters
     ----------
-    plan, shards, done, limits
-        As in `zbuf_occlude.farm.local.run_shards`.
-    out : Path
-        Must be the same folder on every node (a shared file system).
+    task, jobs, done, limits
+        As in `zbuf_occlude.farm.local.run_jobs`. The folder that the task is about must be the same on every node.
     n_workers : int or None
         Actors; by default as many as the cluster has CPUs, or room for by `gpus_a_worker`.
     address : str, optional
@@ -69,11 +63,11 @@ def run_shards(
         resources = ray.cluster_resources()
         room = resources.get("GPU", 0) / gpus_a_worker if gpus_a_worker else resources.get("CPU", 1)
         actor = ray.remote(_Actor).options(num_cpus=0 if gpus_a_worker else 1, num_gpus=gpus_a_worker, max_restarts=0)
-        handle = ray.put(plan)
+        handle = ray.put(task)
         supervise(
-            shards,
+            jobs,
             done,
-            hire=lambda seat: RayWorker(ray, actor.remote(handle, str(out.absolute())), limits.seconds),
+            hire=lambda seat: RayWorker(ray, actor.remote(handle), limits.seconds),
             wait=_wait,
             n_workers=n_workers or max(1, int(room)),
             limits=limits,
@@ -93,15 +87,15 @@ def _knock(address: str) -> None:
 class _Actor:
     """Runs in a Ray process: a thread that works, and short methods that pass on what it says."""
 
-    def __init__(self, plan: Plan, out: str) -> None:
+    def __init__(self, task: Task) -> None:
         self.connection, theirs = Pipe()
         # one thread does all the GL; Ray may call the methods from others
-        arguments = (theirs, plan, Path(out), _egl_device(plan))
+        arguments = (theirs, task, _egl_device(task))
         self.thread = threading.Thread(target=work, args=arguments, daemon=True)
         self.thread.start()
 
-    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
-        self.connection.send((shard, lost))
+    def assign(self, job: int, lost: dict[int, GivenUp]) -> None:
+        self.connection.send((job, lost))
 
     def listen(self) -> tuple[list[Message], float]:
         messages: list[Message] = []
@@ -112,9 +106,9 @@ class _Actor:
         return messages, resident_gigabytes(os.getpid())
 
 
-def _egl_device(plan: Plan) -> int | None:
+def _egl_device(task: Task) -> int | None:
     """The EGL device of the GPU that Ray gave this actor: EGL ignores CUDA_VISIBLE_DEVICES and would take the first."""
-    if not find_method(plan.recipe.method).needs_gl:
+    if not task.needs_gl:
         return None
     import ray
 
@@ -137,9 +131,9 @@ class RayWorker:
         self.heard: float | None = None  # when it last answered; None until it has started
         self.future = actor.listen.remote()
 
-    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
+    def assign(self, job: int, lost: dict[int, GivenUp]) -> None:
         """Send a request."""
-        self.actor.assign.remote(shard, lost)
+        self.actor.assign.remote(job, lost)
 
     def listen(self) -> list[Message]:
         """Take what the call under way has brought, and start the next."""

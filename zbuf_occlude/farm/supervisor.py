@@ -1,11 +1,11 @@
-"""The supervisor: hands shards to workers, and expects them to die, hang and swell. Knows no engine."""
+"""The supervisor: hands jobs to workers, and expects them to die, hang and swell. Knows no engine."""
 
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits
@@ -17,25 +17,25 @@ DEATHS_A_MESH = 5
 one that another makes: then something else kills them."""
 BREAKS = 5
 """So many workers in a row may lose, or never get, their GL context before the run gives up."""
-SHARDS_A_WORKER = 200
-"""A worker is replaced after so many shards: drivers leak."""
+JOBS_A_WORKER = 200
+"""A worker is replaced after so many jobs: drivers leak."""
 GRACE = 0.5
 """Seconds between two looks at the workers' time and memory."""
 
 READY_SECONDS = 300.0
 """When no worker is ready for so long, the run gives up: the cluster has no room, or processes do not start."""
 
-Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], int | str]
-"""("ready", pid) first, ("mesh", mesh_id) before each mesh, ("done", shard); as the last word before leaving
+Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], Any]
+"""("ready", pid) first, ("mesh", mesh_id) before each mesh, ("done", (job, result)); as the last word before leaving
 ("broken", reason) when the GL context was lost or never came, or ("failed", reason) for what no other worker would do
 better."""
 
 
 class Worker(Protocol):
-    """A process somewhere that makes shards, as an engine offers it."""
+    """A process somewhere that does jobs, as an engine offers it."""
 
-    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
-        """Have it make a shard; meshes in `lost` are failures with their reasons. Never raises: death is told later."""
+    def assign(self, job: int, lost: dict[int, GivenUp]) -> None:
+        """Have it do a job; meshes in `lost` are failures with their reasons. Never raises: death is told later."""
 
     def listen(self) -> list[Message]:
         """Return what it said since the last call, without waiting."""
@@ -59,7 +59,7 @@ class _Seat:
 
     worker: Worker
     ready: bool = False
-    shard: int | None = None
+    job: int | None = None
     mesh_id: int | None = None
     mesh_began: float = 0.0
     n_done: int = 0
@@ -67,7 +67,7 @@ class _Seat:
 
 @dataclass
 class _Book:
-    """What is remembered about shards and meshes.
+    """What is remembered about jobs and meshes.
 
     `deaths` are of workers at a mesh that has not been made yet; when it is, they were no fault of its and are counted
     in `n_innocent`, as are those of workers at no mesh. `innocent_before` is that number when a mesh had its first.
@@ -84,22 +84,22 @@ class _Book:
 
 
 def supervise(
-    shards: list[int],
-    done: Callable[[int], None],
+    jobs: list[int],
+    done: Callable[[int, Any], Iterable[int] | None],
     *,
     hire: Callable[[int], Worker],
     wait: Callable[[list[Worker], float], None],
     n_workers: int,
     limits: Limits,
 ) -> None:
-    """Make shards by workers until each is done.
+    """Have jobs done by workers, until each is.
 
     Parameters
     ----------
-    shards : list of int
-        Indices into ``plan.shards`` that are not done.
+    jobs : list of int
+        Those that may be begun.
     done : callable
-        Told each shard when it is done.
+        Told each job when it is done, and its result; what it returns are jobs that may be begun now, and are next.
     hire : callable
         Starts a worker for a seat (0 to n_workers - 1).
     wait : callable
@@ -114,11 +114,11 @@ def supervise(
 
     Notes
     -----
-    A worker that dies is replaced and its shard made again; a mesh at which `DEATHS_A_MESH` workers died, or that
-    exceeds the limits, becomes a failure in the shard's sidecar. What a shard holds depends on the plan alone, never on
-    the worker that made it, so any number of deaths leaves the same bytes.
+    A worker that dies is replaced and its job done again; a mesh at which `DEATHS_A_MESH` workers died, or that
+    exceeds the limits, becomes a failure in the shard's sidecar. What a job writes depends on the plan alone, never on
+    the worker that did it, so any number of deaths leaves the same bytes.
     """
-    book = _Book(deque(shards), set(shards), limits)
+    book = _Book(deque(jobs), set(jobs), limits)
     seats: dict[int, _Seat] = {}
     last_ready = time.monotonic()
     try:
@@ -138,19 +138,19 @@ def supervise(
                 raise DatasetError(f"a worker must be ready within {READY_SECONDS:g} seconds; none was. Is there room?")
     finally:
         for seat in seats.values():
-            if seat.shard is None:
+            if seat.job is None:
                 seat.worker.dismiss()
             else:
                 seat.worker.kill()
 
 
 def _assign(seat: _Seat, book: _Book) -> None:
-    if seat.ready and seat.shard is None and book.queue:
-        seat.shard, seat.mesh_id = book.queue.popleft(), None
-        seat.worker.assign(seat.shard, dict(book.lost))
+    if seat.ready and seat.job is None and book.queue:
+        seat.job, seat.mesh_id = book.queue.popleft(), None
+        seat.worker.assign(seat.job, dict(book.lost))
 
 
-def _look_after(seat: _Seat, book: _Book, done: Callable[[int], None]) -> bool:
+def _look_after(seat: _Seat, book: _Book, done: Callable[[int, Any], Iterable[int] | None]) -> bool:
     """Take in what a worker says and how it is; True when its seat is free again."""
     ending = seat.worker.ending()  # asked first: what it said before it ended is heard all the same
     for message in seat.worker.listen():
@@ -162,25 +162,27 @@ def _look_after(seat: _Seat, book: _Book, done: Callable[[int], None]) -> bool:
         seat.worker.kill()
         _bury(seat, book, excess, at_once=True)
         return True
-    if seat.n_done >= SHARDS_A_WORKER and seat.shard is None:
+    if seat.n_done >= JOBS_A_WORKER and seat.job is None:
         seat.worker.dismiss()
         return True
     return False
 
 
-def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int], None]) -> None:
+def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int, Any], Iterable[int] | None]) -> None:
     kind, value = message
     if kind == "ready":
         seat.ready = True
-    elif kind == "mesh" and isinstance(value, int):
+    elif kind == "mesh":
         _acquit(seat, book)
         seat.mesh_id, seat.mesh_began = value, time.monotonic()
-    elif kind == "done" and isinstance(value, int):
+    elif kind == "done":
         _acquit(seat, book)
-        book.left.discard(value)
         book.n_broken = 0
-        seat.shard, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
-        done(value)
+        seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
+        following = list(done(*value) or ())
+        book.queue.extendleft(reversed(following))
+        book.left.update(following)
+        book.left.discard(value[0])
     elif kind == "broken":
         book.n_broken += 1
         if book.n_broken >= BREAKS:
@@ -197,7 +199,7 @@ def _acquit(seat: _Seat, book: _Book) -> None:
 
 
 def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> None:
-    """Put a dead worker's shard back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths or more."""
+    """Put a dead worker's job back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths or more."""
     mesh_id = seat.mesh_id
     if mesh_id is None:
         book.n_innocent += 1
@@ -208,9 +210,9 @@ def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> No
         elsewhere = book.n_innocent - book.innocent_before.setdefault(mesh_id, book.n_innocent)
         if book.deaths[mesh_id] >= DEATHS_A_MESH + elsewhere:
             book.lost[mesh_id] = GivenUp(f"{reason} at it, {book.deaths[mesh_id]} times", book.limits)
-    if seat.shard is not None:
-        book.queue.appendleft(seat.shard)
-        _LOG.warning("shard %d is made again: %s", seat.shard, reason)
+    if seat.job is not None:
+        book.queue.appendleft(seat.job)
+        _LOG.warning("job %d is done again: %s", seat.job, reason)
 
 
 def _excess(seat: _Seat, limits: Limits) -> str:

@@ -1,4 +1,4 @@
-"""What a worker does, whatever engine hired it: open a GL context of its own, make the shards it is handed, say so."""
+"""What a worker does, whatever engine hired it: open a GL context of its own, do the jobs it is handed, say so."""
 
 import ctypes
 import os
@@ -7,15 +7,12 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numba
 
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.shard import run_shard
+from zbuf_occlude.dataset.jobs import Task
 from zbuf_occlude.errors import GlError, OccludeError
-from zbuf_occlude.visibility import find_method
 
 _PR_SET_PDEATHSIG = 1
 
@@ -25,8 +22,7 @@ FIXED = ("NUMBA_NUM_THREADS",)
 
 def serve(
     connection: Connection,
-    plan: Plan,
-    out: Path,
+    task: Task,
     device_index: int | None,
     n_threads: int,
     environment: Mapping[str, str],
@@ -42,26 +38,26 @@ def serve(
     os.environ.clear()  # the server's, perhaps of another run
     os.environ.update(variables)
     numba.set_num_threads(min(n_threads, numba.config.NUMBA_NUM_THREADS))
-    work(connection, plan, out, device_index)
+    work(connection, task, device_index)
 
 
-def work(connection: Connection, plan: Plan, out: Path, device_index: int | None) -> None:
-    """Answer (shard, lost) requests until None comes, with messages as `supervisor.Message` says.
+def work(connection: Connection, task: Task, device_index: int | None) -> None:
+    """Answer (job, lost) requests until None comes, with messages as `supervisor.Message` says.
 
     Everything GL happens in the thread that calls this.
     """
     gl: Any = None
     with suppress(EOFError, BrokenPipeError):  # the supervisor is gone
         try:
-            if find_method(plan.recipe.method).needs_gl:
+            if task.needs_gl:
                 from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
 
                 gl = GlContext.open(device_index=device_index)
             connection.send(("ready", os.getpid()))
             while (request := connection.recv()) is not None:
-                shard, lost = request
-                run_shard(plan, shard, out, gl, lost=lost, on_mesh=lambda mesh_id: connection.send(("mesh", mesh_id)))
-                connection.send(("done", shard))
+                job, lost = request
+                result = task.do(job, gl, lost, lambda mesh_id: connection.send(("mesh", mesh_id)))
+                connection.send(("done", (job, result)))
         except GlError as error:
             connection.send(("broken", str(error)))
         except OccludeError as error:

@@ -3,19 +3,29 @@
 A format's module has three functions:
 
     names(plan) -> iterator of str                        names of all files that it may write for a plan
-    write(source, out) -> dict of split to file names    writes its files into a folder; each is whole or not there
+    write_part(records, out, plan, split, number)         writes the clouds of a split's file of this number into a
+        -> list of str                                    folder, each file whole or not at all; returns the names
     read(out, plan, files) -> Source                      reads them back, when and as far as they are asked for
 
-and, where its loaders have numbers in their code or a package is needed, one more:
+and, where it has something beside the clouds, its loaders have numbers in their code, or a package is needed, two more:
 
+    finish(out, plan, names, n_clouds)                    writes lists and the like, given all names and the numbers of
+        -> dict of split to file names                    clouds by split; returns the files that `read` is to have
     check(plan)                                           raises what says which plan it can hold, before work begins
+
+Layouts whose files hold a split whole are written by one worker, and have instead of `write_part` and `finish`
+
+    write(source, out) -> dict of split to file names     writes all of its files into a folder
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
+
+from numpy.typing import NDArray
 
 from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -28,6 +38,9 @@ class Module(Protocol):
 
     def names(self, plan: Plan) -> Iterator[str]:
         """Yield the names of the files that `write` may write, lists of files left out; refuse those that cannot be."""
+
+    def write_part(self, records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+        """Write the clouds of one file; return the names of what was written."""
 
     def write(self, source: Source, out: Path) -> dict[str, list[str]]:
         """Write all clouds of a source; return the names of the files of each split."""
@@ -75,6 +88,29 @@ class Format:
         """Import the format's module."""
         module: Module = import_module(f"{__name__}.{self.name.replace('-', '_')}")
         return module
+
+    @cached_property
+    def in_parts(self) -> bool:
+        """Whether it is written file by file, by as many workers as there are."""
+        return hasattr(self.load(), "write_part")
+
+    def write(self, source: Source, out: Path) -> dict[str, list[str]]:
+        """Write all clouds of a source, one file after the other; return the names of the files of each split."""
+        module = self.load()
+        if not self.in_parts:
+            return module.write(source, out)
+        names: dict[str, list[str]] = {}
+        for split in source.order:
+            written = (module.write_part(records, out, source.plan, split, n) for n, records in source.files(split))
+            names[split] = [name for some in written for name in some]
+        return self.finish(out, source.plan, names, source.n_clouds)
+
+    def finish(
+        self, out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]
+    ) -> dict[str, list[str]]:
+        """Write what comes beside the clouds, when all parts are written; return the names of each split's files."""
+        finish: Callable[..., dict[str, list[str]]] = getattr(self.load(), "finish", lambda out, plan, names, _: names)
+        return finish(out, plan, names, n_clouds)
 
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""

@@ -31,19 +31,20 @@ UNITS = {
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+    return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write 2,048 clouds a file; the memory of one file's clouds is needed."""
-    files: dict[str, list[str]] = {}
-    for split in source.order:
-        names_of_split = files.setdefault(split, [])
-        for records in source.batches(split):
-            names_of_split.append(_name(split, len(names_of_split)))
-            _write_file(out / names_of_split[-1], records, source.plan)
+def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write one file."""
+    _write_file(out / _name(split, number), records, plan)
+    return [_name(split, number)]
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the lists of files."""
+    for split, names_of_split in names.items():
         atomic.write_lines(out / list_of(split), names_of_split)
-    return files
+    return names
 
 
 def _name(split: str, number: int) -> str:

@@ -32,22 +32,20 @@ def check(plan: Plan) -> None:
 def names(plan: Plan) -> Iterator[str]:
     """Yield the card's name, and of as many shards as the plan's clouds may need."""
     yield CARD
-    yield from (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+    yield from (_name(part.split, part.number) for part in plan.parts)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write 2,048 clouds a shard, and the card."""
-    files: dict[str, list[str]] = {}
+def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write one shard."""
     (out / "data").mkdir(exist_ok=True)
-    for split in source.order:
-        shards = files.setdefault(split, [])
-        for records in source.batches(split):
-            shards.append(_name(split, len(shards)))
-            _write_shard(out / shards[-1], records, source.plan)
-    atomic.write(out / CARD, lambda file: file.write(_card(source).encode()))
-    for split in files:
-        files[split].append(CARD)
-    return files
+    _write_shard(out / _name(split, number), records, plan)
+    return [_name(split, number)]
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the card."""
+    atomic.write(out / CARD, lambda file: file.write(_card(plan, n_clouds).encode()))
+    return {split: [*names_of_split, CARD] for split, names_of_split in names.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -111,12 +109,11 @@ def _count(path: Path) -> int:
     return int(_arrow().parquet.read_metadata(path).num_rows)
 
 
-def _card(source: Source) -> str:
-    plan = source.plan
+def _card(plan: Plan, n_clouds: dict[str, int]) -> str:
     recipe = plan.recipe
     kind = record_type(recipe)
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
-    for split in source.order:
+    for split in n_clouds:
         lines += [f"  - split: {'validation' if split == 'val' else split}", f"    path: data/{split}-*.parquet"]
     lines += ["dataset_info:", "  features:", "  - name: mesh", "    dtype: string"]
     for name in kind.names or ():
@@ -131,8 +128,8 @@ def _card(source: Source) -> str:
             continue
         lines += _listed(kind[name].base.name, kind[name].shape, "    ")
     lines += ["  splits:"]
-    for split, n_clouds in source.n_clouds.items():
-        lines += [f"  - name: {'validation' if split == 'val' else split}", f"    num_examples: {n_clouds}"]
+    for split, number in n_clouds.items():
+        lines += [f"  - name: {'validation' if split == 'val' else split}", f"    num_examples: {number}"]
     how = "whole surfaces" if recipe.complete else f"what {len(plan.views)} views ({recipe.views}) see of each"
     size = f"{recipe.sample_size:,} points" if recipe.sample_size else "all visible points"
     lines += [

@@ -18,19 +18,14 @@ from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+    return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write 2,048 clouds a file."""
-    files: dict[str, list[str]] = {}
-    for split in source.order:
-        names_of_split = files.setdefault(split, [])
-        for records in source.batches(split):
-            names_of_split.append(_name(split, len(names_of_split)))
-            fields = laid_out(records, source.plan.recipe)
-            atomic.write(out / names_of_split[-1], lambda file, fields=fields: np.savez(file, **fields))  # type: ignore[misc]
-    return files
+def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write one archive."""
+    fields = laid_out(records, plan.recipe)
+    atomic.write(out / _name(split, number), lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
+    return [_name(split, number)]
 
 
 def _name(split: str, number: int) -> str:

@@ -35,21 +35,21 @@ def names(plan: Plan) -> Iterator[str]:
     )
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a file a cloud, and for each split the list of its files."""
-    files = {}
-    for split in source.order:
-        names_of_split = []
-        for records in source.batches(split):
-            for record in records:
-                names_of_split.append(
-                    _name(source.plan, int(record["mesh_id"]), int(record["variation"]), int(record["view_id"]))
-                )
-                (out / names_of_split[-1]).parent.mkdir(parents=True, exist_ok=True)
-                _write_cloud(out / names_of_split[-1], record, source.plan.recipe)
-        files[split] = [list_of(split)]
-        atomic.write_lines(out / files[split][0], names_of_split)
-    return files
+def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write a file a cloud."""
+    names = []
+    for record in records:
+        names.append(_name(plan, int(record["mesh_id"]), int(record["variation"]), int(record["view_id"])))
+        (out / names[-1]).parent.mkdir(parents=True, exist_ok=True)
+        _write_cloud(out / names[-1], record, plan.recipe)
+    return names
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write for each split the list of its files."""
+    for split, names_of_split in names.items():
+        atomic.write_lines(out / list_of(split), names_of_split)
+    return {split: [list_of(split)] for split in names}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -58,7 +58,9 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     for split, names in files.items():
         with reading(out / names[0]):
             paths[split] = [out / line for line in (out / names[0]).read_text().splitlines()]
-    return source_of_files(plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe)[rows])
+    return source_of_files(
+        plan, paths, lambda path: 1, lambda path, rows: _read_cloud(path, plan.recipe)[rows], one_each=True
+    )
 
 
 def _name(plan: Plan, mesh_id: int, variation: int, view: int) -> str:

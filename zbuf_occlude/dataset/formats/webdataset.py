@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import point_fields, record_type
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import CLOUDS_A_FILE, Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 TEXTS = 2
@@ -33,20 +33,13 @@ TEXTS = 2
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(split, number) for split, n in plan.n_files.items() for number in range(n))
+    return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write 2,048 clouds a shard."""
-    files: dict[str, list[str]] = {}
-    for split in source.order:
-        names_of_split = files.setdefault(split, [])
-        number = 0
-        for records in source.batches(split):
-            names_of_split.append(_name(split, len(names_of_split)))
-            _write_shard(out / names_of_split[-1], records, number, source.plan)
-            number += len(records)
-    return files
+def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write one shard."""
+    _write_shard(out / _name(split, number), records, number * CLOUDS_A_FILE, plan)
+    return [_name(split, number)]
 
 
 def _name(split: str, number: int) -> str:

@@ -1,0 +1,258 @@
+"""What is still to be done in a dataset's folder, and in which order: shards, and parts of groups that are complete."""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Protocol
+
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.origins import check_origins, origins_of_made, worth_another_try
+from zbuf_occlude.dataset.parts import (
+    Shard,
+    look_at_part,
+    mark_path,
+    n_parts,
+    runs_left,
+    shards_of,
+    write_part,
+    write_whole,
+)
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.shard import Sidecar, look_at, run_shard
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.visibility import find_method
+
+_LOG = logging.getLogger(__name__)
+
+MOST_AT_ONCE = 5
+"""At most a fifth of a dataset's parts are written at a time: what is in both shards and files stays below that."""
+
+Done = Callable[[int, Any], Iterable[int]]
+"""Told a job that is done, and its result; returns the jobs that may be begun now."""
+
+
+class Task(Protocol):
+    """What workers do: jobs, each known by its number. Sent to them once, when they start."""
+
+    @property
+    def needs_gl(self) -> bool:
+        """Whether a worker needs a GL context for it."""
+
+    def do(
+        self,
+        job: int,
+        gl: Any,
+        lost: Mapping[int, GivenUp] = MappingProxyType({}),
+        on_mesh: Callable[[int], None] = lambda mesh_id: None,
+    ) -> Any:
+        """Do a job; what is returned goes back to whoever hired the worker.
+
+        Parameters
+        ----------
+        job : int
+        gl : GlContext or None
+        lost, on_mesh
+            As of `zbuf_occlude.dataset.shard.run_shard`, where the job is to make meshes.
+        """
+
+
+Run = Callable[[Task, list[int], Done], None]
+"""Does jobs of a task: `zbuf_occlude.dataset.generate.run_here`, or an engine of the farm."""
+
+
+@dataclass(frozen=True)
+class Making:
+    """The task of making a dataset: the jobs are its shards, and after them its parts.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    needs_gl : bool
+        Whether shards are made, and their method renders.
+    """
+
+    plan: Plan
+    out: Path
+    needs_gl: bool
+    _of_group: dict[int, list[Shard]] = field(default_factory=dict, init=False, repr=False)
+
+    def do(
+        self,
+        job: int,
+        gl: Any,
+        lost: Mapping[int, GivenUp] = MappingProxyType({}),
+        on_mesh: Callable[[int], None] = lambda mesh_id: None,
+    ) -> None:
+        """Make a shard, or write a part."""
+        if job < len(self.plan.shards):
+            run_shard(self.plan, job, self.out, gl, lost=lost, on_mesh=on_mesh)
+        elif find_format(self.plan.format).in_parts:
+            part = job - len(self.plan.shards)
+            write_part(self.plan, self.out, part, self._shards(self.plan.parts[part].group))
+        else:
+            write_whole(self.plan, self.out)
+
+    def _shards(self, group: int) -> list[Shard]:
+        if group not in self._of_group:  # another's are not needed any more, as a rule
+            self._of_group.clear()
+            self._of_group[group] = shards_of(self.plan, self.out, group)
+        return self._of_group[group]
+
+
+class Jobs:
+    """Finds out what is done in a folder, and hands out the rest.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    shards : range or list of int
+        Those to be made, where they are not done; of all others nothing is known.
+    parts : range or list of int
+        Those to be written.
+    limits : Limits
+        Shards with meshes that may be made within these, and failed within narrower ones, are made again.
+    on_shard : callable
+        Told the number of clouds planned in each shard that is done.
+    on_part : callable
+        Told 1 for each part that is written.
+
+    Attributes
+    ----------
+    first : list of int
+        The jobs that may be begun at once.
+    task : Making
+    made : float
+        `time.perf_counter()` when the last shard was done.
+
+    Raises
+    ------
+    DatasetError
+        A mesh is another than what a finished shard was made of.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        shards: Iterable[int],
+        parts: Iterable[int],
+        limits: Limits,
+        *,
+        on_shard: Callable[[int], None] = lambda clouds: None,
+        on_part: Callable[[int], None] = lambda parts: None,
+    ) -> None:
+        self.plan, self.out, self._limits = plan, out, limits
+        self._on_shard, self._on_part = on_shard, on_part
+        self.made = time.perf_counter()
+        self._written = self._find_written()
+        missing = self._find_missing(shards)
+        self._parts = {part for part in parts if part not in self._written}
+        self._in_parts = find_format(plan.format).in_parts
+        needed = plan.shards_of if self._in_parts else [range(len(plan.shards))]
+        self._left = [len(missing.intersection(some)) for some in needed]
+        self._n_open, self._held = 0, deque[int]()
+        for group, left in enumerate(self._left):
+            if not left:
+                self._hold(group)
+        self.first = [*self._released(), *sorted(missing)]
+        self.task = Making(plan, out, bool(missing) and find_method(plan.recipe.method).needs_gl)
+
+    def done(self, job: int, result: Any = None) -> list[int]:
+        """Take in that a job is done; return those that may be begun now."""
+        if job < len(self.plan.shards):
+            self._on_shard(len(self.plan.shards[job]) * self.plan.clouds_a_mesh)
+            self.made = time.perf_counter()
+            group = self.plan.group_of(job) if self._in_parts else 0
+            self._left[group] -= 1
+            if not self._left[group]:
+                self._hold(group)
+        else:
+            self._n_open -= 1
+            self._on_part(1)
+        return self._released()
+
+    def _hold(self, group: int) -> None:
+        parts = self.plan.parts_of(group) if self._in_parts else range(n_parts(self.plan))
+        self._held.extend(part for part in reversed(parts) if part in self._parts)
+
+    def _released(self) -> list[int]:
+        jobs = []
+        while self._held and self._n_open < max(1, n_parts(self.plan) // MOST_AT_ONCE):
+            jobs.append(len(self.plan.shards) + self._held.popleft())
+            self._n_open += 1
+        return jobs
+
+    def _find_written(self) -> set[int]:
+        written = set()
+        for part in range(n_parts(self.plan)):
+            mark, fault = look_at_part(self.plan, self.out, part)
+            if mark is not None:
+                written.add(part)
+            elif fault:
+                _LOG.warning("part %d is written again: %s", part, fault)
+                mark_path(self.out, part).unlink()
+        return written
+
+    def _find_missing(self, shards: Iterable[int]) -> set[int]:
+        missing = set()
+        n_runs = [runs_left(self.plan, group, self._written) for group in range(len(self.plan.groups))]
+        for shard in shards:
+            group = self.plan.group_of(shard)
+            sidecar, fault = look_at(self.plan, self.out, shard, closely=True, n_runs=n_runs[group])
+            if sidecar is not None:
+                entries = [self.plan.meshes[i] for i in self.plan.shards[shard]]
+                check_origins(entries, origins_of_made(sidecar), self.out)
+                if not self._written.intersection(
+                    self.plan.parts_of(group)
+                ):  # else files without them are written already
+                    again = worth_another_try(self.plan, sidecar, self._limits)
+                    fault = f"{again[0]}, which failed, may be made now" if again else ""
+            if fault:
+                _LOG.warning("shard %d is made again: %s", shard, fault)
+            if sidecar is None or fault:
+                missing.add(shard)
+            else:
+                self._on_shard(len(self.plan.shards[shard]) * self.plan.clouds_a_mesh)
+        return missing
+
+
+def n_shards_done(plan: Plan, out: Path) -> int:
+    """Count the shards of a folder that are done."""
+    return sum(sidecar is not None for sidecar, _ in look_at_shards(plan, out))
+
+
+def n_parts_written(plan: Plan, out: Path) -> int:
+    """Count the parts of a folder that are written."""
+    return sum(look_at_part(plan, out, part)[0] is not None for part in range(n_parts(plan)))
+
+
+def look_at_shards(plan: Plan, out: Path, *, closely: bool = False) -> Iterator[tuple[Sidecar | None, str]]:
+    """Look at all shards, as `shard.look_at` does, for what of their data is not in files yet."""
+    written = {part for part in range(n_parts(plan)) if look_at_part(plan, out, part)[0] is not None}
+    for group, shards in enumerate(plan.shards_of):
+        n_runs = runs_left(plan, group, written)
+        yield from (look_at(plan, out, shard, closely=closely, n_runs=n_runs) for shard in shards)
+
+
+def check_all_done(plan: Plan, out: Path) -> None:
+    """Check that all shards are done, before parts are written of them.
+
+    Raises
+    ------
+    DatasetError
+        One is not.
+    """
+    closely = not find_format(plan.format).in_parts  # else they are checked when they are read
+    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, out, closely=closely)):
+        if sidecar is None:
+            raise DatasetError(
+                f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not{fault and f': {fault}'}. "
+                "Run it first: the `zbuf-occlude generate` that made the others."
+            )
