@@ -1,7 +1,8 @@
 """Vectors of 16 float32 lanes for numba kernels, and masks of 16 bits.
 
-LLVM lowers them to whatever the machine has: one AVX-512 register, two of AVX, four of SSE. Only here do the kernels
-touch LLVM; `tests/test_lanes.py` compares every operation with its plain twin in NumPy.
+LLVM lowers them to whatever the machine has: one AVX-512 register, two of AVX, four of SSE. Kernels touch LLVM only
+here, in `threads` and in `image_space.reference`; `tests/test_lanes.py` compares every operation with its plain twin in
+NumPy.
 
 A vector lives inside a kernel only: it is loaded from a C-contiguous float32 array at a flat index, computed with
 (``+ - *``, the functions below), and stored, or reduced to a number or to a mask. A mask is an int64 whose bit i

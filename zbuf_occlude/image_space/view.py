@@ -101,7 +101,7 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     )
 
 
-@njit
+@njit(_nrt=False)
 def view_of(views, k, frame):
     """Return a frame of eye k as the kernels take it."""
     eye, world_eye = views.eyes[k], views.world_eyes[k]

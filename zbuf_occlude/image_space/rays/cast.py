@@ -14,6 +14,7 @@ from zbuf_occlude.image_space.layout import CLUSTER, PACKET
 from zbuf_occlude.image_space.rays.beam import NARROW, make_beam, make_state
 from zbuf_occlude.image_space.rays.packet import first_hits_of_packet
 from zbuf_occlude.image_space.rays.single import Stack, first_hit
+from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene import Scene
 from zbuf_occlude.threads import shared, take, together
 
@@ -96,7 +97,15 @@ def _cast(tasks, scene, origins, directions, order, face_ids, distances):
         nearest=np.empty(room, dtype=np.float32),
         lanes=np.empty(CLUSTER, dtype=np.float32),
     )
-    state = make_state()
+    rays, hits = (origins, directions, order), (face_ids, distances)
+    _cast_blocks(tasks, reference(scene), rays, hits, stack, make_state())
+
+
+@njit(_nrt=False)
+def _cast_blocks(tasks, scene, rays, hits, memory, beam_state):
+    stack, state = reference(memory), reference(beam_state)
+    origins, directions, order = rays
+    face_ids, distances = hits
     n = len(directions)
     block = take(tasks)
     while block * BLOCK_RAYS < n:

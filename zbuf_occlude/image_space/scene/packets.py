@@ -8,6 +8,7 @@ from numba import njit
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
+from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene.scene import Float32, Scene
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import shared, take, together
@@ -73,13 +74,14 @@ def make_packets(scene: Scene, points: SurfacePoints) -> Packets:
 @shared
 def _fill_chunks(tasks, scene, face_ids, packets):
     """Fill in coordinates, own rows, boxes and reaches."""
+    scene_at, packets_at = reference(scene), reference(packets)
     chunk = take(tasks)
     while chunk < len(packets.chunk_reach):
         reach = ONE
         for axis in range(3):
             packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = ENDLESS, -ENDLESS
         for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
-            _fill_packet(scene, face_ids, packets, packet)
+            _fill_packet(scene_at, face_ids, packets_at, packet)
             reach = max(reach, packets.reach[packet])
             for axis in range(3):
                 lower, upper = packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet]

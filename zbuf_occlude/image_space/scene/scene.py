@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, ROUNDOFF, UPPER
+from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene.clusters import make_clusters
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.threads import shared, take, together
@@ -112,9 +113,10 @@ def _level_sizes(n_clusters: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]
 @shared
 def _fill_clusters(tasks, scene):
     """Fill in what a scene has of each cluster, and the rows of its faces."""
+    scene_at = reference(scene)
     cluster = take(tasks)
     while cluster < len(scene.face_ids):
-        _fill_cluster(scene, cluster)
+        _fill_cluster(scene_at, cluster)
         cluster = take(tasks)
 
 

@@ -5,6 +5,7 @@ from numba import njit
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.layout import COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
+from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene import Packets, Scene
 from zbuf_occlude.image_space.search.chunks import search_chunks
 from zbuf_occlude.image_space.search.decide import hide_near_points
@@ -33,8 +34,12 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
 @shared
 def _search_views(tasks, scene, points, views, n_blocks, answer):
     """Take eyes, or blocks of points for an eye, and write False where a point is hidden."""
+    _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, make_workspace(scene))
+
+
+@njit(_nrt=False)
+def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
-    space = make_workspace(scene)
     task = take(tasks)
     while task < len(views.eyes) * n_blocks:
         k, block = task // n_blocks, task % n_blocks
@@ -43,15 +48,21 @@ def _search_views(tasks, scene, points, views, n_blocks, answer):
         if n_blocks == 1:
             answer[k] = True
         for frame in range(views.n_frames[k]):
-            view = view_of(views, k, frame)
-            if view.near > ZERO and frame == 0:
-                hide_near_points(scene, points, view, first, last, answer[k])
-            _project_nodes(scene, view, space)
-            search_chunks(scene, points, view, (first, last), space, answer[k])
+            _search_view(scene, points, view_of(views, k, frame), (first, last), space, answer[k])
         task = take(tasks)
 
 
 # _nrt=False: the kernels allocate nothing, and counting references to their arrays would cost more than the geometry
+
+
+@njit(_nrt=False)
+def _search_view(scene, points, frame, chunks, workspace, answer):
+    """Answer for the chunks from one to another, in one frame of a view."""
+    view, space = reference(frame), reference(workspace)
+    if view.near > ZERO and view.number % 6 == 0:
+        hide_near_points(scene, points, view, chunks[0], chunks[1], answer)
+    _project_nodes(scene, view, space)
+    search_chunks(scene, points, view, chunks, space, answer)
 
 
 @njit(_nrt=False)
