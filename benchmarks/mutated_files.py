@@ -11,6 +11,7 @@ it errs too (docs/architecture.md), so what differs is counted and kept to be lo
 
 import argparse
 import base64
+import copy
 import json
 import logging
 import multiprocessing
@@ -274,13 +275,15 @@ def revalued(document: dict[str, Any], rng: random.Random) -> None:
             continue
         way = rng.random()
         if way < 0.7:
-            holder[key] = rng.choice(ODD_VALUES)
+            holder[key] = copy.deepcopy(rng.choice(ODD_VALUES))
         elif way < 0.85:
             del holder[key]
         elif isinstance(holder, list):
-            holder.append(value)
+            holder.append(copy.deepcopy(value))
         else:
-            holder[rng.choice(("mesh", "skin", "children", "extensions", "sparse", "byteStride", "indices"))] = value
+            holder[rng.choice(("mesh", "skin", "children", "extensions", "sparse", "byteStride", "indices"))] = (
+                copy.deepcopy(value)
+            )
         return
 
 
