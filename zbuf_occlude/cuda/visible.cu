@@ -1,13 +1,14 @@
 // Which points does each eye see? One thread per pair, CUDA C++ for NVRTC; cuda/mesh_tree.py makes what it reads.
 //
-// EXPERIMENTAL: this was never executed on a GPU. The same source compiled as C++ (at the end) is what the tests hold
-// to the oracle, and nvcc compiles it where there is one.
+// EXPERIMENTAL: this was never executed on a GPU. The same source compiled as C++, one thread for all pairs, is what the
+// tests hold to the oracle, and nvcc compiles it where there is one. docs/torch_on_device.md says what is to come.
 //
 // A thread walks down a tree of boxes along its line of sight, from the point to the eye, and tests the faces of the
 // clusters that it meets by THE definition of "blocked" (zbuf_occlude/predicates.py) in float64, on the mesh's own
 // coordinates; the first that blocks is the answer. Boxes are met in float32 and a little too large, so a box that the
-// line might touch is never left out: the answers are the oracle's own, in the boundary band too. Compile without
-// contraction (-fmad=false): cross(b, a) must stay the exact negative of cross(a, b).
+// line might touch is never left out. So the answers are the oracle's own, but where a line lies in a face's plane as far
+// as float64 can tell and the rounding of brute force finds it blocked by a face that it does not come near. Compile
+// without contraction (-fmad=false): cross(b, a) must stay the exact negative of cross(a, b).
 //
 // Spaces: boxes are in the mesh's unit, centred and scaled by a power of two so that its diagonal is in [1/2, 1);
 // everything else is in world units.
@@ -124,25 +125,20 @@ DEVICE bool sees(
     return true;
 }
 
+// All pointers are to memory of the device; `mask` is (eyes, points).
 #if defined(__CUDACC__) || defined(__CUDACC_RTC__)
-
 extern "C" __global__ void visible(
-    const Parameters parameters, const float *boxes, const double *corners, int n_faces, const double *points,
-    const int *own_places, const double *eyes, bool *mask)
-{
-    long long n = parameters.n_points * parameters.n_eyes;
-    for (long long i = blockIdx.x * (long long)blockDim.x + threadIdx.x; i < n; i += gridDim.x * (long long)blockDim.x)
-        mask[i] = sees(i, parameters, boxes, corners, n_faces, points, own_places, eyes);
-}
-
 #else
-
 extern "C" void visible(
+#endif
     const Parameters *parameters, const float *boxes, const double *corners, int n_faces, const double *points,
     const int *own_places, const double *eyes, bool *mask)
 {
-    for (long long i = 0; i < parameters->n_points * parameters->n_eyes; ++i)
+#if defined(__CUDACC__) || defined(__CUDACC_RTC__)
+    long long first = blockIdx.x * (long long)blockDim.x + threadIdx.x, step = gridDim.x * (long long)blockDim.x;
+#else
+    long long first = 0, step = 1;
+#endif
+    for (long long i = first; i < parameters->n_points * parameters->n_eyes; i += step)
         mask[i] = sees(i, *parameters, boxes, corners, n_faces, points, own_places, eyes);
 }
-
-#endif
