@@ -2,13 +2,11 @@
 
 import shutil
 import time
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
@@ -39,16 +37,14 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.jobs import n_shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.farm import local
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.views import forms
-from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
 WORTH_A_TRIAL, LEAST_GAIN = 10.0, 1.2
@@ -295,36 +291,12 @@ def command(
 
 def faster_exact(plan: Plan, renderer: str) -> str:
     """Say how much faster `exact` would be than a method that renders, and did so in software; "" if it would not."""
-    from zbuf_occlude.gl.context import is_software  # late, as above
+    from zbuf_occlude.gl.context import is_software  # late: only methods that render touch GL
 
     if plan.recipe.complete or not is_software(renderer):
         return ""
     gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes)
     return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""
-
-
-def rehearse(recipe: Recipe, require_gpu: bool) -> None:
-    """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
-
-    Raises
-    ------
-    OptionError, UnavailableError, GlError
-        What any mesh would have met; also a software renderer when a GPU is required.
-    """
-    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
-    with ExitStack() as stack:
-        gl = None
-        if find_method(recipe.method).needs_gl:
-            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
-
-            gl = stack.enter_context(GlContext.open())
-            if require_gpu and gl.is_software:
-                raise GlError(
-                    f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
-                    "See `zbuf-occlude doctor`, or leave --require-gpu out."
-                )
-        occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
-        occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
 def describe(plan: Plan, out: Path) -> str:
