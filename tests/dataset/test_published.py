@@ -199,11 +199,12 @@ def test_modelnet_o_as_its_description_says(made: Made) -> None:
     assert cloud.shape == (512, 3)
 
 
-def test_huggingface_reads_the_folder(made: Made, tmp_path: Path) -> None:
+def test_huggingface_reads_the_folder(made: Made, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     datasets = pytest.importorskip("datasets", reason="the package datasets is not installed")
     root = made("huggingface")
     loaded = datasets.load_dataset(str(root), cache_dir=str(tmp_path))
     assert {split: len(part) for split, part in loaded.items()} == {"train": 6, "test": 3, "validation": 3}
+    assert "malformed" not in capfd.readouterr().err, "of the card"
     row = loaded["test"][0]
     assert row["mesh"] == "02691156/1a6ad7a24bb89733"
     assert loaded["test"].features["label"].names == ["airplane", "arm chair"]

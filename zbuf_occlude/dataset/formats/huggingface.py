@@ -6,7 +6,7 @@ README.md                        the card: splits, types of the columns, names o
 datasets.load_dataset("FOLDER")  reads it; nothing is uploaded.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -109,11 +109,11 @@ def _count(path: Path) -> int:
     return int(_arrow().parquet.read_metadata(path).num_rows)
 
 
-def _card(plan: Plan, n_clouds: dict[str, int]) -> str:
+def _card(plan: Plan, splits: Iterable[str]) -> str:
     recipe = plan.recipe
     kind = record_type(recipe)
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
-    for split in n_clouds:
+    for split in splits:
         lines += [f"  - split: {'validation' if split == 'val' else split}", f"    path: data/{split}-*.parquet"]
     lines += ["dataset_info:", "  features:", "  - name: mesh", "    dtype: string"]
     for name in kind.names or ():
@@ -127,9 +127,6 @@ def _card(plan: Plan, n_clouds: dict[str, int]) -> str:
             lines += ["    list:", *_listed(np.dtype(dtype).name, row, "      ")]
             continue
         lines += _listed(kind[name].base.name, kind[name].shape, "    ")
-    lines += ["  splits:"]
-    for split, number in n_clouds.items():
-        lines += [f"  - name: {'validation' if split == 'val' else split}", f"    num_examples: {number}"]
     how = "whole surfaces" if recipe.complete else f"what {len(plan.views)} views ({recipe.views}) see of each"
     size = f"{recipe.sample_size:,} points" if recipe.sample_size else "all visible points"
     lines += [
