@@ -56,13 +56,14 @@ def test_a_record_is_34_bytes(tmp_path: Path, points: np.ndarray) -> None:
 def test_both_formats_give_the_same_points_with_z_up(tmp_path: Path, points: np.ndarray) -> None:
     write_bin(tmp_path / "a.bin", points)
     write_csv(tmp_path / "a.csv", points)
-    binary, text = (sydney.read_scan(tmp_path / name) for name in ("a.bin", "a.csv"))
+    binary, text = (sydney.read_scan(tmp_path / name, "-z") for name in ("a.bin", "a.csv"))
     assert binary == pytest.approx(points.astype(float) * [1, -1, -1], abs=0)
+    assert (sydney.read_scan(tmp_path / "a.bin", "z") == points).all()
     assert text == pytest.approx(binary, abs=1e-6)
 
 
 def test_clouds(root: Path) -> None:
-    clouds = sydney.read_clouds(root, 64)
+    clouds = sydney.read_clouds(root, 64, "-z")
     assert [clouds.classes[i] for i in clouds.labels] == ["car", "tree"] * 4
     assert clouds.positions.shape == (8, 64, 3)
     extents = np.ptp(clouds.positions, axis=1)
@@ -74,10 +75,10 @@ def test_clouds(root: Path) -> None:
 
 
 def test_folds_and_seeds(root: Path) -> None:
-    whole, part = sydney.read_clouds(root, 32), sydney.read_clouds(root, 32, folds=[2])
+    whole, part = sydney.read_clouds(root, 32, "-z"), sydney.read_clouds(root, 32, "-z", folds=[2])
     assert len(part) == 2
     assert (part.positions == whole.positions[4:6]).all(), "a cloud depends on its scan, not on the others"
-    assert (sydney.read_clouds(root, 32, seed=1).positions != whole.positions).any()
+    assert (sydney.read_clouds(root, 32, "-z", seed=1).positions != whole.positions).any()
 
 
 def test_the_archives_own_folder_is_found(root: Path, tmp_path: Path) -> None:
@@ -109,7 +110,7 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
     assert Counter(scan.label for scan in vehicles)["car"] == 88
     assert Counter(scan.label for scan in vehicles)["4wd"] == 21
     chosen = [scans[i] for i in rng.choice(len(scans), 20, replace=False)]
-    assert [len(sydney.read_scan(scan.path)) for scan in chosen] == [counts[scan.name] for scan in chosen]
+    assert [len(sydney.read_scan(scan.path, "z")) for scan in chosen] == [counts[scan.name] for scan in chosen]
 
 
 @pytest.mark.parametrize(
@@ -146,7 +147,7 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
 def test_errors(root: Path, damage, message: str) -> None:
     damage(root)
     with pytest.raises(DatasetError, match=message):
-        sydney.read_clouds(root, 8)
+        sydney.read_clouds(root, 8, "-z")
 
 
 def test_scans_are_checked_before_anything_is_trained(root: Path) -> None:

@@ -16,6 +16,7 @@ from zbuf_occlude.learn.experiments.report import write_study
 from zbuf_occlude.learn.experiments.results import read_results, read_study
 from zbuf_occlude.learn.experiments.sizes import FULL, QUICK, Size
 from zbuf_occlude.learn.models import MODELS, require_torch
+from zbuf_occlude.learn.sydney import UPS
 
 ALL = "all"
 
@@ -36,6 +37,11 @@ ALL = "all"
     type=click.Path(path_type=Path),
     metavar="ROOT",
     help="The unpacked Sydney Urban Objects dataset, for Test 3 on real scans; may be given later.",
+)
+@click.option(
+    "--sydney-up",
+    type=click.Choice(UPS),
+    help="Which direction of the scans' files is up.  [default: found from the scans]",
 )
 @click.option(
     "--real",
@@ -80,6 +86,7 @@ def command(
     quick: bool,
     modelnet: Path | None,
     sydney: Path | None,
+    sydney_up: str | None,
     real: Path | None,
     voxels: int | None,
     budgets: tuple[str, ...],
@@ -118,6 +125,8 @@ def command(
     """
     if sydney is not None and name not in (AUGMENTATION, ALL):
         raise click.UsageError(f"--sydney must go with {AUGMENTATION} or {ALL}, whose Test 3 is of scans.")
+    if sydney_up is not None and sydney is None:
+        raise click.UsageError("--sydney-up must go with --sydney, whose scans it is about.")
     if real is not None and name != REALISM:
         raise click.UsageError(f"--real must go with {REALISM}, which is tested on real objects.")
     if budgets and name not in (AUGMENTATION, ALL):
@@ -137,6 +146,7 @@ def command(
             experiments=wanted,
             modelnet=modelnet,
             scans=sydney,
+            scans_up=sydney_up,
             real=real,
             budgets=tuple(dict.fromkeys(budgets)) or (CLOUDS,),
             voxels=voxels,

@@ -8,6 +8,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import given, method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.compare.figures import FIGURES, Exhibit, make_mask
 from zbuf_occlude.learn.sydney import largest_scan, read_scan
+from zbuf_occlude.learn.sydney_frame import find_frame
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.files import load_mesh
@@ -76,7 +77,7 @@ def command(
         mesh = shapes.make(chosen.kind, 0)
     else:
         mesh = shapes.formulas.make("torus")
-    scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path)
+    scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path, find_frame(sydney).up)
     chosen.draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
     echo(f"{name}{f' of {mesh.name}' if chosen.kind else ''}: {out}")
 

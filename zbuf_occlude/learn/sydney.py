@@ -20,6 +20,8 @@ CLASSES = (
 VEHICLES = ("4wd", "bus", "car", "truck", "ute", "van")
 """The six classes that the paper's 4.4 expects to be taken for cars: 188 of the 588."""
 N_FOLDS = 4
+UPS = ("z", "-z")
+"""Which direction of the files is up; `sydney_frame.find_frame` finds out."""
 SOURCE = "https://www.acfr.usyd.edu.au/papers/SydneyUrbanObjectsDataset.shtml"
 ARCHIVE = "sydney-urban-objects-dataset"
 """Folder that the archive unpacks into."""
@@ -127,7 +129,7 @@ def check_scans(root: Path) -> None:
             "Unpack the archive again."
         )
     for scan in scans:
-        read_scan(scan.path)
+        read_scan(scan.path, UPS[0])
 
 
 def largest_scan(root: Path, label: str) -> Scan:
@@ -141,21 +143,23 @@ def largest_scan(root: Path, label: str) -> Scan:
     scans = [scan for scan in find_scans(root) if scan.label == label]
     if not scans:
         raise DatasetError(f"the folds in {root} must have scans of {label}; they have none. Unpack the archive again.")
-    return max(scans, key=lambda scan: (len(read_scan(scan.path)), scan.name))
+    return max(scans, key=lambda scan: (len(read_scan(scan.path, UPS[0])), scan.name))
 
 
-def read_scan(path: Path) -> FloatArray:
+def read_scan(path: Path, up: str) -> FloatArray:
     """Read the points of a scan.
 
     Parameters
     ----------
     path : Path
         Ends in ``.bin`` (records of `RECORD`) or ``.csv``.
+    up : str
+        Which direction of the file is up, one of `UPS`.
 
     Returns
     -------
     (n, 3) float64
-        Metres in the scanning vehicle's frame, turned about its x axis so that z is up.
+        Metres in the scanning vehicle's frame, turned about its x axis, if need be, so that z is up.
 
     Raises
     ------
@@ -164,8 +168,7 @@ def read_scan(path: Path) -> FloatArray:
 
     Notes
     -----
-    The files' frame is taken as x forward, y right, z down, as vehicles' frames of that group are. Both y and z change
-    their sign, so that nothing is mirrored.
+    Where -z is up, both y and z change their sign, so that nothing is mirrored.
     """
     if path.suffix == ".bin":
         size = path.stat().st_size
@@ -188,10 +191,12 @@ def read_scan(path: Path) -> FloatArray:
     if not len(points) or not (np.abs(points) <= np.finfo(np.float32).max).all():
         what = "a coordinate that is not finite" if len(points) else "no point"
         raise DatasetError(f"{path} must hold points with finite coordinates; it has {what}. Unpack the archive again.")
-    return np.asarray(points * [1.0, -1.0, -1.0])
+    return points if up == "z" else np.asarray(points * [1.0, -1.0, -1.0])
 
 
-def read_clouds(root: Path, n_points: int, *, seed: int = 0, folds: Sequence[int] = range(N_FOLDS)) -> CloudSet:
+def read_clouds(
+    root: Path, n_points: int, up: str, *, seed: int = 0, folds: Sequence[int] = range(N_FOLDS)
+) -> CloudSet:
     """Read the scans of some folds as clouds of equal size.
 
     Parameters
@@ -200,6 +205,8 @@ def read_clouds(root: Path, n_points: int, *, seed: int = 0, folds: Sequence[int
         As in `find_scans`.
     n_points : int
         Points of each cloud; those of a scan repeat only when it has fewer (half of them have fewer than 180).
+    up : str
+        As for `read_scan`.
     seed : int
     folds : sequence of int
 
@@ -216,7 +223,7 @@ def read_clouds(root: Path, n_points: int, *, seed: int = 0, folds: Sequence[int
     scans = [scan for scan in find_scans(root) if scan.fold in folds]
     positions = np.empty((len(scans), n_points, 3), dtype=np.float32)
     for cloud, scan in zip(positions, scans, strict=True):
-        points = read_scan(scan.path)
+        points = read_scan(scan.path, up)
         rng = np.random.default_rng(seed_of(seed, f"sydney/{scan.name}"))
         chosen = points[draw(np.arange(len(points)), n_points, rng)]
         centre, factor = fit(chosen)

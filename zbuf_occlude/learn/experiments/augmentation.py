@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,13 @@ from zbuf_occlude.views import modelnet8
 from zbuf_occlude.visibility import find_method
 
 
+class Scans(NamedTuple):
+    """Where real scans are, and which direction of their files is up."""
+
+    root: Path
+    up: str
+
+
 class AugmentationClouds:
     """The datasets of 4.3 in a study's folder: complete clouds, occluded ones by each method, and real scans.
 
@@ -41,7 +49,7 @@ class AugmentationClouds:
     size : Size
     folder : Path
         The study's.
-    scans : Path, optional
+    scans : Scans, optional
         The Sydney Urban Objects dataset.
     budgets : sequence of str
         Of `BUDGETS`: how long classifiers are trained; those of Table 3B under each, methods under the first.
@@ -57,10 +65,10 @@ class AugmentationClouds:
         meshes: MeshCollection,
         size: Size,
         folder: Path,
-        scans: Path | None = None,
+        scans: Scans | None = None,
         budgets: Sequence[str] = (CLOUDS,),
     ) -> None:
-        self.size, self.folder, self.scans_root, self.budgets = size, folder, scans, tuple(budgets)
+        self.size, self.folder, self.real, self.budgets = size, folder, scans, tuple(budgets)
         self.meshes = first_of_each(seventy_five_each(meshes), size.shares)
         self.missing: dict[str, str] = {}
 
@@ -113,8 +121,8 @@ class AugmentationClouds:
 
     def scans(self, n_points: int) -> CloudSet:
         """Return the clouds of Test 3, all four folds."""
-        assert self.scans_root is not None  # they are only asked for when there are some
-        return read_scans(self.scans_root, n_points)
+        assert self.real is not None  # they are only asked for when there are some
+        return read_scans(self.real.root, n_points, self.real.up)
 
     def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
         """Return the clouds of a split.
@@ -178,7 +186,7 @@ class AugmentationClouds:
     def _tests(self, n_points: int, methods: Iterable[Subject]) -> dict[str, Callable[[], CloudSet]]:
         tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.of, ORIGINAL, "test", n_points)}
         tests |= {name_of_test(method): partial(self.of, GENERATED, "test", n_points, method) for method in methods}
-        if self.scans_root is not None:
+        if self.real is not None:
             tests[SCANS] = partial(self.scans, n_points)
         return tests
 

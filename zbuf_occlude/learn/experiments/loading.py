@@ -22,6 +22,6 @@ def _loaded(folder: Path, made: int, split: str, n_points: int) -> CloudSet:
 
 
 @lru_cache(2)
-def read_scans(root: Path, n_points: int) -> CloudSet:
+def read_scans(root: Path, n_points: int, up: str) -> CloudSet:
     """Return the real scans of Test 3, all four folds."""
-    return sydney.read_clouds(root, n_points)
+    return sydney.read_clouds(root, n_points, up)

@@ -1,7 +1,7 @@
 """The report of a study: study.html (one self-contained file), study.md and plots, from stored results alone."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -20,12 +20,13 @@ from zbuf_occlude.learn.experiments.names import (
     HSR,
     METHODS,
     REALISM,
+    SCANS,
     described,
     printed,
 )
 from zbuf_occlude.learn.experiments.plots import all_plots
 from zbuf_occlude.learn.experiments.realism_tables import table_realism
-from zbuf_occlude.learn.experiments.results import AREAS, Result, read_results, read_study
+from zbuf_occlude.learn.experiments.results import AREAS, PICTURE, Result, read_results, read_study
 from zbuf_occlude.learn.experiments.tables import (
     budgets_of,
     dead_angle,
@@ -43,6 +44,7 @@ CAPTIONS = {
     "areas projected on three planes (Fig. 12; mean over objects, each object's largest 100 %).",
     "augmentation": "Test 1 and Test 2 by training set: bars are means, dots seeds, black lines the paper's numbers "
     "(of 12,000 points).",
+    "scans": "The largest scans of some classes from the side, as they are used: wheels and trunks belong below.",
     "methods": "Trained on the clouds of one method, tested on those of each: bars are means, dots seeds.",
 }
 
@@ -72,13 +74,15 @@ def write_study(folder: Path) -> list[Path]:
     study, results = read_study(folder), read_results(folder)
     if not results:
         raise DatasetError(f"{folder} must hold results; it has none. Run: zbuf-occlude experiment all --out {folder}")
-    areas = read_areas(folder)
+    areas, scans = read_areas(folder), folder / PICTURE
     figures = {name: as_png(figure) for name, figure in all_plots(results, areas).items()}
+    if study.get("scans") and scans.exists():
+        figures[scans.stem] = scans.read_bytes()
     written = []
     for name, png in figures.items():
         written.append(folder / f"{name}.png")
         written[-1].write_bytes(png)
-    first, sections = opening(study, results), list(sections_of(study, results, areas))
+    first, sections = opening(study, results), list(sections_of(study, results, areas, figures))
     page, text = folder / "study.html", folder / "study.md"
     page.write_text(as_html(first, sections, figures), encoding="utf-8")
     text.write_text(as_markdown(first, sections), encoding="utf-8")
@@ -112,6 +116,8 @@ def opening(study: dict[str, Any], results: Sequence[Result]) -> list[str]:
         f"{len(results)} classifiers, {seconds / 60:.0f} minutes of training on {', '.join(devices)}; "
         f"{'; '.join(machines)}. {_guessing(results)} The paper: {paper.CITATION}."
     )
+    if scans := study.get("scans"):
+        facts += f" Real scans: {scans['said']}"
     if failed := study["failed_meshes"]:
         facts += f" {len(failed)} mesh{'es' * (len(failed) > 1)} could not be used: {verbatim(', '.join(failed))}."
     return [*sentences(results), facts]
@@ -123,12 +129,14 @@ def _guessing(results: Sequence[Result]) -> str:
 
 
 def sections_of(
-    study: dict[str, Any], results: Sequence[Result], areas: dict[str, Any] | None
+    study: dict[str, Any], results: Sequence[Result], areas: dict[str, Any] | None, figures: Collection[str]
 ) -> Sequence[Table | str]:
     """Return the tables of the report and the names of its plots, in their order."""
     sections: list[Table | str] = []
     if of(results, AUGMENTATION):
         sections += [table_of_findings(results), "augmentation", table_3b(results)]
+    if SCANS in figures:
+        sections.append(SCANS)
     if of(results, HSR):
         sections += ["methods", table_methods(results, study["missing_methods"])]
     if of(results, ELEVATION):
@@ -245,4 +253,6 @@ def as_markdown(first: Sequence[str], sections: Sequence[Table | str]) -> str:
 
 
 def _heading(name: str) -> str:
-    return {ELEVATION: "Elevation of the camera", AUGMENTATION: "Training sets", HSR: "Methods"}[name]
+    return {ELEVATION: "Elevation of the camera", AUGMENTATION: "Training sets", HSR: "Methods", SCANS: "Real scans"}[
+        name
+    ]

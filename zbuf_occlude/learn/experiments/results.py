@@ -14,8 +14,8 @@ from zbuf_occlude.errors import ArgumentError, DatasetError
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, ELEVATION, HSR, REALISM
 from zbuf_occlude.learn.models import find_model
 
-FOLDER, STUDY, AREAS = "results", "study.json", "areas.json"
-"""In a study's folder: a JSON file for each trial; what the study is; the projected areas that are seen."""
+FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
+"""In a study's folder: a JSON file for each trial; what the study is; projected areas that are seen; real scans."""
 
 _FACTS: dict[str, dict[str, type]] = {
     ELEVATION: {"model": str, "split": str, "seed": int},

@@ -12,10 +12,11 @@ from zbuf_occlude.learn.data import find_objects, is_modelnet10
 from zbuf_occlude.learn.experiments import augmentation, elevation, realism
 from zbuf_occlude.learn.experiments.names import AUGMENTATION, CLOUDS, ELEVATION, REALISM
 from zbuf_occlude.learn.experiments.progress import Progress
-from zbuf_occlude.learn.experiments.results import STUDY, read_study
+from zbuf_occlude.learn.experiments.results import PICTURE, STUDY, read_study
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.experiments.trials import run_trials
 from zbuf_occlude.learn.experiments.voxels import as_voxels
+from zbuf_occlude.learn.sydney_frame import Frame, find_frame, picture_of_scans
 from zbuf_occlude.meshes.collection import MeshCollection
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
@@ -29,6 +30,7 @@ def run_study(
     experiments: Collection[str] = EXPERIMENTS,
     modelnet: Path | None = None,
     scans: Path | None = None,
+    scans_up: str | None = None,
     real: Path | None = None,
     budgets: Sequence[str] = (CLOUDS,),
     voxels: int | None = None,
@@ -48,6 +50,8 @@ def run_study(
         ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes.
     scans : Path, optional
         The Sydney Urban Objects dataset, for Test 3.
+    scans_up : str, optional
+        Which direction of its files is up, one of `sydney.UPS`; by default found from the scans.
     real : Path, optional
         Labelled sweeps of real drives, for a fourth test of `REALISM`.
     budgets : sequence of str
@@ -77,9 +81,11 @@ def run_study(
     Killed at any moment, the same call goes on: clouds by shards, trainings from their last checkpoint, and a result
     is there only when it is whole.
     """
-    progress = progress or Progress()
+    progress, known = progress or Progress(), None
     if scans is not None:
         sydney.check_scans(scans)  # before hours of work, not after
+        frame = Frame(scans_up, {}) if scans_up else find_frame(scans)
+        known = augmentation.Scans(scans, frame.up)
     if real is not None:
         drives.check_drive(real)
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
@@ -90,10 +96,12 @@ def run_study(
     if ELEVATION in experiments:
         parts.append(elevation.ElevationClouds(meshes, size, folder))
     if AUGMENTATION in experiments:
-        parts.append(augmentation.AugmentationClouds(meshes, size, folder, scans, budgets))
+        parts.append(augmentation.AugmentationClouds(meshes, size, folder, known, budgets))
     if REALISM in experiments:
         parts.append(realism.RealismClouds(meshes, size, folder, real))
     study = claim(folder, size, objects)
+    if known is not None:
+        claim_scans(folder, study, known, frame)
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
         study["failed_meshes"] |= part.make(progress.clouds)
@@ -103,6 +111,24 @@ def run_study(
             study["realism"] = part.facts()
         atomic.write_json(folder / STUDY, study)
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
+
+
+def claim_scans(folder: Path, study: dict[str, Any], scans: augmentation.Scans, frame: Frame) -> None:
+    """Note how scans are turned, and draw some; refuse to mix them with others.
+
+    Raises
+    ------
+    DatasetError
+        Test 3 was made with another direction up.
+    """
+    if study.get("scans", frame.document)["up"] != frame.up:
+        raise DatasetError(
+            f"the scans of {folder} must be turned as before ({study['scans']['said']}); now {frame.up} would be up. "
+            "Choose another folder, or the same --sydney-up."
+        )
+    study["scans"] = frame.document
+    atomic.write_json(folder / STUDY, study)
+    atomic.write(folder / PICTURE, lambda file: picture_of_scans(*scans).savefig(file, format="png", dpi=120))
 
 
 def name_of_objects(meshes: MeshCollection) -> str:
