@@ -74,7 +74,7 @@ def test_presets_plan_the_papers_numbers(run: Run, tmp_path: Path, preset: str) 
     if preset == "paper-modelnet40":
         assert "200 meshes x 100 views x 10 variations = 200000 clouds" in outcome.out
     else:
-        assert "600 meshes x 25 views x 1 variation = 15000 clouds" in outcome.out
+        assert "600 meshes x 25 views x 1 variation = 15000 clouds of 12000 points" in outcome.out
         assert "600 meshes x 1 view x 1 variation = 600 clouds" in outcome.out
         assert f"into {tmp_path / 'out' / 'original'}" in outcome.out
     assert not (tmp_path / "out").exists()

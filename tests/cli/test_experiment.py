@@ -104,6 +104,7 @@ def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
             2,
             "--budget must go with augmentation or all",
         ),
+        (("experiment", "all", "--sydney-up", "z", "--out", out), 2, "--sydney-up must go with --sydney"),
         (("experiment", "all", "--epochs", 3, "--out", out), 2, "--epochs must go with elevation or augmentation"),
         (("experiment", "all", "--points", "many", "--out", out), 2, "it must be N or N,N; got 'many'"),
         (("experiment", "all", "--models", "alexnet", "--out", out), 2, "model must be one of voxnet"),

@@ -172,7 +172,12 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
     assert all(result.tests["scans"].predicted == shapes.CLASSES for result in results)
     assert {result.document["seconds"] for result in read_results(folder)} == before
     write_study(folder)
-    assert "Test 3 has 56 clouds" in (folder / "study.md").read_text()
+    text = (folder / "study.md").read_text()
+    assert "Test 3 has 56 clouds" in text
+    assert "Real scans: -z of the files is up, assumed" in text, "these are noise"
+    assert "](scans.png)" in text
+    with pytest.raises(DatasetError, match=r"must be turned as before \(-z of the files is up.*now z would be up"):
+        run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, scans_up="z", workers=1)
 
 
 def test_a_worker_that_is_killed_is_told_in_words(tmp_path: Path) -> None:
