@@ -28,7 +28,7 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.shapes import solids
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.parts import box, pole
-from zbuf_occlude.sensors import Ball, make
+from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scan import default_caster
 
 MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))
@@ -135,10 +135,10 @@ def count(path: Path, every: int, method: str) -> Iterator[Counted]:
                 if given.category not in CLASSES or not BINS[0][0] <= distance < BINS[-1][1]:
                     continue
                 target = Scene.joined([models[i]])
-                ball = Ball(given.centre, float(np.linalg.norm(given.sides)) / 2)
+                bounds = target.mesh.bounds
                 with zo.prepare(target.mesh, method) as alone:
-                    one = [zo.scan(target, sensor, pose, occluder=alone, towards=ball) for pose in poses]
-                many = [zo.scan(scene, sensor, pose, occluder=among, towards=ball) for pose in poses]
+                    one = [zo.scan(target, sensor, pose, occluder=alone, towards=bounds) for pose in poses]
+                many = [zo.scan(scene, sensor, pose, occluder=among, towards=bounds) for pose in poses]
                 many = [scan.select(scan.instances == i) for scan in many]
                 signals = [
                     np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], 1) for s in scans])

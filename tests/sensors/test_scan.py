@@ -9,7 +9,7 @@ import zbuf_occlude as zo
 from tests.scenes import box, stacked
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.sensors import Ball, Scan, look_at, make
+from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors import imperfections as faults_of
 from zbuf_occlude.sensors.scan import pose_of_camera
 
@@ -166,13 +166,35 @@ def test_a_pose_moves_sensor_not_scene() -> None:
     assert pose[2, 2] > 0.9  # z stays up
 
 
-def test_towards_a_ball_changes_nothing_within_it() -> None:
+@pytest.mark.parametrize("numbers", [{"noise": 0}, {"sigma": 0.0, "drop_zero": 0.0}], ids=["rays", "beams"])
+def test_towards_a_box_changes_nothing_within_it(numbers: dict[str, Any]) -> None:
     car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 3.0, 0.0))
-    sensor = make("vlp-32c", noise=0)
-    whole = zo.scan(car, sensor, method="embree")
-    part = zo.scan(car, sensor, method="embree", towards=Ball(car.centre, car.diagonal / 2))
+    sensor, pose = make("vlp-32c", **numbers), look_at([0.0, -1.0, 2.0], [9.0, 9.0, 0.0])
+    with zo.prepare(car, "embree") as alone:
+        whole = zo.scan(car, sensor, pose, occluder=alone)
+        part = zo.scan(car, sensor, pose, occluder=alone, towards=car.bounds)
+        met = zo.scan(car, sensor, pose, occluder=alone, target=alone)
     assert len(whole) > 100
-    assert whole.positions.tobytes() == part.positions.tobytes()
+    for other in (part, met):
+        assert (whole.rings == other.rings).all()
+        assert (whole.columns == other.columns).all()
+        assert np.allclose(whole.positions, other.positions, rtol=0.0, atol=1e-9)
+
+
+def test_of_a_target_all_returns_are_there() -> None:
+    """Of a car behind a post and before a wall: beams that would meet the car alone, and no others."""
+    car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 0.0, 0.0))
+    post, wall = box().transformed(0.4, (5.0, 0.1, 0.0)), box().transformed(30.0, (31.0, 0.0, 0.0))
+    scene = Scene.joined([Placed(mesh, name) for mesh, name in ((car, "car"), (post, "post"), (wall, "wall"))])
+    sensor = make("vlp-32c", sigma=0.0, drop_zero=0.0)
+    with zo.prepare(car, "embree") as alone, zo.prepare(scene.mesh, "embree") as all_of_it:
+        whole = zo.scan(scene, sensor, occluder=all_of_it)
+        part = zo.scan(scene, sensor, occluder=all_of_it, towards=car.bounds, target=alone)
+    mine, of_part = whole.select(whole.instances == 0), part.select(part.instances == 0)
+    assert len(mine) > 100
+    assert np.allclose(mine.positions, of_part.positions, rtol=0.0, atol=1e-9)
+    assert (mine.n_returns == of_part.n_returns).all()
+    assert 0 < len(part) - len(of_part) < len(whole) / 10  # the post, and the wall in beams at the car's edge
 
 
 def test_same_seed_same_scan() -> None:

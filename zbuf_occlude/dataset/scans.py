@@ -22,7 +22,7 @@ ATTRIBUTES = {
 """For each field of a record that has a row per point what it is of a `Scan`."""
 
 CHECKED_VIEWS = 4
-"""Of the scans of each variation this many are checked."""
+"""Of the scans of each variation at most so many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
 
 
 def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -> tuple[list[Kept], Counts, str]:
@@ -60,7 +60,8 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         seeds = partial(_seed, recipe.seed, key, variation)
         places = sensor_places(plan.views_of(key), size, floor, setup, seeds)
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
-        checked = set(rng.choice(len(places), min(CHECKED_VIEWS, len(places)), replace=False).tolist())
+        n_checked = min(CHECKED_VIEWS, -(-plan.n_checked // CHECKED_POINTS), len(places))
+        checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
         found = []
         for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer

@@ -45,6 +45,16 @@ class Placed:
         """World space, (v, 3)."""
         return np.asarray(self.mesh.vertices @ self.pose[:3, :3].T + self.pose[:3, 3])
 
+    @cached_property
+    def centre(self) -> FloatArray:
+        """Of a ball that the mesh lies in, world space, (3,)."""
+        return np.asarray(self.pose[:3, :3] @ self.mesh.centre + self.pose[:3, 3])
+
+    @cached_property
+    def radius(self) -> float:
+        """Of that ball."""
+        return self.mesh.diagonal / 2.0 * float(np.linalg.norm(self.pose[:3, :3], ord=2)) * (1.0 + 1e-9)
+
     @property
     def world_mesh(self) -> Mesh:
         """The mesh in its place."""

@@ -15,10 +15,10 @@ from zbuf_occlude.sensors.files import SUFFIXES, read_sensor
 from zbuf_occlude.sensors.model import Imperfections, Sensor
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import Ball, look_at, scan
+from zbuf_occlude.sensors.scan import look_at, scan
 from zbuf_occlude.sensors.table import ROWS
 
-__all__ = ["SENSORS", "Ball", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
+__all__ = ["SENSORS", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
 
 SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
 """Every sensor of the table by name."""

@@ -1,6 +1,7 @@
 """A target seen by a sensor from its views, in a scene: one scan per view, of which the points asked for are kept."""
 
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -10,13 +11,14 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.scenes.files import placed_of
-from zbuf_occlude.scenes.hiding import METHOD, Target, hidden_share
+from zbuf_occlude.scenes.hiding import METHOD, N_POINTS
 from zbuf_occlude.scenes.kinds import WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import Ball, look_at, pose_of_camera, scan
+from zbuf_occlude.sensors.scan import look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -141,37 +143,62 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
         Its occluder is open until the next one is asked for.
     """
     target, none = Placed(mesh, "target"), np.empty((0, 3))
-    if setup.share is None:  # the same scene for all views
-        alone = Asked(target, places.eyes[0], floor, none, None, pool)
-        placed = setup.kind.arrange(alone, np.random.default_rng(seeds("scene", 0))).placed
-        placed += placed_of([dict(each) for each in setup.objects], floor)
-        scene = Scene.joined(placed)
-        with prepare(scene.mesh, setup.method) as occluder:
-            for number, pose in enumerate(_poses(places, setup)):
-                yield _captured(mesh, scene, occluder, pose, setup, partial(seeds, view=number))
-        return
-    share = (setup.share[0], setup.share[1])
-    measured = Target.of(mesh, seeds("points", 0))
     poses = _poses(places, setup)
-    for number, (eye, shown) in enumerate(zip(places.eyes, measured.showing(places.eyes), strict=True)):
-        asked = Asked(target, eye, floor, measured.points.positions[shown], share, pool)
-        arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
-        near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
-        hidden = _hidden(arranged.placed, near, asked.positions, eye)
-        scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near)
-        with prepare(scene.mesh, setup.method) as occluder:
-            capture = _captured(mesh, scene, occluder, poses[number], setup, partial(seeds, view=number))
-            reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-            yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
+    with prepare(mesh, setup.method) as alone:
+        if setup.share is None:  # the same scene for all views
+            asked = Asked(target, places.eyes[0], floor, none, None, pool)
+            placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
+            placed += placed_of([dict(each) for each in setup.objects], floor)
+            scene = Scene.joined(placed)
+            with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
+                for number, pose in enumerate(poses):
+                    yield _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
+            return
+        share = (setup.share[0], setup.share[1])
+        points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
+        showing = _visible(mesh, alone, points, places.eyes, setup)
+        for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
+            seen = points.select(shown)
+            asked = Asked(target, eye, floor, seen.positions, share, pool)
+            arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
+            near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
+            scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near)
+            with prepare(scene.mesh, setup.method) as occluder:
+                # the target is the first of the scene: its faces have the same numbers
+                left = _visible(scene.mesh, occluder, seen, eye[None], setup)
+                hidden = 1.0 - float(left.mean()) if left.size else 0.0
+                reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, partial(seeds, view=number))
+                yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
 def _captured(
-    mesh: Mesh, scene: Scene, occluder: Occluder, pose: FloatArray, setup: Setup, seeds: ViewSeeds
+    scene: Scene, occluder: Occluder, pose: FloatArray, mesh: Mesh, alone: Occluder, setup: Setup, seeds: ViewSeeds
 ) -> Capture:
-    towards = None if setup.keep == "all" else Ball(np.zeros(3), _reach(mesh, setup))
-    found = scan(scene, setup.made_sensor, pose, seed=seeds("scan"), occluder=occluder, towards=towards)
+    found = scan(
+        scene,
+        setup.made_sensor,
+        pose,
+        seed=seeds("scan"),
+        occluder=occluder,
+        towards=_region(mesh, setup),
+        target=alone if setup.keep == "target" and occluder is not alone else None,
+    )
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box")))
     return Capture(found.select(kept), scene, occluder, pose)
+
+
+def _visible(mesh: Mesh, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
+    """Which points of a mesh each eye sees, by `METHOD`; `occluder` is by the method of the scans."""
+    with nullcontext(occluder) if setup.method == METHOD else prepare(mesh, METHOD) as judge:
+        return judge.visible(points, eyes)
+
+
+def _region(mesh: Mesh, setup: Setup) -> FloatArray | None:
+    """The corners of a box that all points kept lie in; None where there is none."""
+    if setup.keep == "all":
+        return None
+    return mesh.bounds if setup.box is None else _reach(mesh, setup) * np.array([[-1.0], [1.0]]) * np.ones(3)
 
 
 def _poses(places: Views, setup: Setup) -> list[FloatArray]:
@@ -197,22 +224,12 @@ def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> 
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6
     for number, each in enumerate(placed[1:], 1):
-        vertices = each.vertices
-        to_it = (vertices.min(axis=0) + vertices.max(axis=0)) / 2 - eye
-        radius, away = float(np.linalg.norm(np.ptp(vertices, axis=0))) / 2, float(np.linalg.norm(to_it))
+        to_it = each.centre - eye
+        radius, away = each.radius, float(np.linalg.norm(to_it))
         if away > radius:
             angle = np.arccos(np.clip(-to_it @ eye / (away * distance), -1.0, 1.0))
             near[number] = angle <= half_angle + np.arcsin(radius / away)
     return near
-
-
-def _hidden(placed: list[Placed], near: BoolArray, positions: FloatArray, eye: FloatArray) -> float:
-    """The share of positions that the eye sees of the target alone, and that anything else in the scene hides."""
-    others = np.append(False, near[1:])
-    if not len(positions) or not others.any():
-        return 0.0
-    with prepare(Scene.joined(placed, others).mesh, METHOD) as occluder:
-        return hidden_share(positions, eye, occluder)
 
 
 def _kept(found: Scan, mesh: Mesh, setup: Setup, rng: np.random.Generator) -> BoolArray:

@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
@@ -24,13 +24,6 @@ _SPREAD = 0.5
 """How far along both axes a beam's four outer rays go, of its half angle: 0.7 of its radius."""
 
 
-class Ball(NamedTuple):
-    """A ball in the world: what rays outside it do not matter to."""
-
-    centre: FloatArray
-    radius: float
-
-
 def default_caster() -> str:
     """Return the name of the method that casts rays here."""
     able = {row.name for row in METHODS if not row.no_first_hits and not row.missing()}
@@ -45,7 +38,8 @@ def scan(
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
     occluder: Occluder | None = None,
-    towards: Ball | None = None,
+    towards: ArrayLike | None = None,
+    target: Occluder | None = None,
     **options: Any,
 ) -> Scan:
     """Scan a scene.
@@ -65,8 +59,12 @@ def scan(
         Who casts the rays; by default the first of `CASTERS` that can.
     occluder : Occluder, optional
         The scene's mesh made ready already.
-    towards : Ball, optional
-        Only rays that may meet this ball are cast; the rest are taken to return nothing.
+    towards : (2, 3) float, optional
+        Lower and upper corner of a box in the world: only beams that may meet it are cast; the rest are taken to
+        return nothing.
+    target : Occluder, optional
+        A part of the scene made ready by itself: only beams are cast of which a ray would meet it, were it alone. So
+        all its points are there, and few others.
     **options
         The method's own.
 
@@ -92,7 +90,11 @@ def scan(
     rotation, origin = _rigid(pose)
     rays = sensor.rays()
     if towards is not None:
-        rays = rays.select(_may_meet(rays, rotation, origin, towards, sensor.imperfections.divergence))
+        corners = as_vectors(towards, "towards")
+        rays = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
+    if target is not None:
+        met = _beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0
+        rays = rays.select(met.any(axis=1))
     rng = generator(seed)
     if occluder is not None:
         returns = _returns(scene, occluder, rays, rotation, origin, sensor)
@@ -147,26 +149,34 @@ def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
     return rotation, matrix[:3, 3]
 
 
-def _may_meet(rays: Rays, rotation: FloatArray, origin: FloatArray, ball: Ball, divergence: float) -> BoolArray:
-    to_ball = rotation.T @ (ball.centre - origin)
-    distance = float(np.linalg.norm(to_ball))
-    if distance <= ball.radius * 1.001:
-        return np.ones(len(rays), dtype=bool)
-    angle = np.arcsin(ball.radius / distance) + divergence + 1e-6
-    return np.asarray(rays.directions @ (to_ball / distance) >= np.cos(min(angle, np.pi)))
+def _may_meet(
+    rays: Rays, rotation: FloatArray, origin: FloatArray, corners: FloatArray, divergence: float
+) -> NDArray[np.intp]:
+    """Return the rays whose beams may meet a box; first those near the ball around it, which is asked faster."""
+    to_middle, half = corners.mean(axis=0) - origin, np.ptp(corners, axis=0) / 2.0
+    distance, radius = float(np.linalg.norm(to_middle)), float(np.linalg.norm(half))
+    if distance <= radius * 1.001:
+        return np.arange(len(rays))
+    angle = np.arcsin(radius / distance) + divergence + 1e-6
+    near = np.flatnonzero(rays.directions @ (rotation.T @ to_middle / distance) >= np.cos(min(angle, np.pi)))
+    directions = rays.directions[near] @ rotation.T
+    half = half + (divergence + 1e-6) * (distance + radius)  # so far may a beam's edge be from its middle
+    with np.errstate(divide="ignore"):
+        ends = (to_middle + np.stack([-half, half])[:, None]) / np.where(directions == 0.0, 1e-300, directions)
+    entered, left = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+    return np.asarray(near[(entered <= left) & (left >= 0.0)])
 
 
 def _returns(
     scene: Scene, occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, sensor: Sensor
 ) -> Scan:
     """The returns of all beams as they would be without noise."""
-    faults = sensor.imperfections
     directions = rays.directions @ rotation.T
-    wide = faults.divergence > 0.0 and faults.noise > 0.0
-    if wide:
-        face_ids, ranges, n_returns = _echoes(occluder, directions, origin, faults)
+    hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
+    if hits.face_ids.shape[1] > 1:
+        face_ids, ranges, n_returns = _echoes(hits, sensor.imperfections)
     else:
-        face_ids, ranges = occluder.first_hits(origin[None], directions)
+        face_ids, ranges = hits.face_ids[:, 0], hits.distances[:, 0]
         n_returns = np.ones(len(rays), dtype=np.int32)
     met = np.flatnonzero(face_ids >= 0)
     face_ids, ranges, directions = face_ids[met], ranges[met], directions[met]
@@ -198,9 +208,8 @@ class _Echoes(NamedTuple):
     n_returns: Any
 
 
-def _echoes(occluder: Occluder, directions: FloatArray, origin: FloatArray, faults: Imperfections) -> _Echoes:
+def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
     """One return per beam of five rays: near surfaces run together, of what is apart one is kept."""
-    hits = _beams(occluder, directions, origin, _SPREAD * faults.divergence / 2.0)
     order = np.argsort(hits.distances, axis=1, kind="stable")
     ranges = np.take_along_axis(hits.distances, order, axis=1)
     faces = np.take_along_axis(hits.face_ids, order, axis=1)
@@ -228,16 +237,25 @@ def _echoes(occluder: Occluder, directions: FloatArray, origin: FloatArray, faul
     return _Echoes(face_ids.astype(np.int32), mean, n_returns.astype(np.int32))
 
 
-def _beams(occluder: Occluder, directions: FloatArray, origin: FloatArray, spread: float) -> FirstHits:
-    """First hits of each beam's five rays, (n, 5)."""
-    least = np.eye(3)[np.abs(directions).argmin(axis=1)]
-    across = _unit(np.cross(directions, least))
-    upwards = np.cross(directions, across)
-    rays = directions[:, None] + spread * (
-        _CROSS[None, :, :1] * across[:, None] + _CROSS[None, :, 1:] * upwards[:, None]
-    )
-    face_ids, distances = occluder.first_hits(origin[None], rays.reshape(-1, 3))
-    return FirstHits(face_ids.reshape(-1, len(_CROSS)), distances.reshape(-1, len(_CROSS)))
+def _beams(
+    occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: Imperfections
+) -> FirstHits:
+    """First hits of each beam's rays, (n, 5), or (n, 1) without divergence."""
+    by_ring = np.argsort(rays.rings, kind="stable")  # neighbours follow each other: up to twenty times as fast to cast
+    directions = rays.directions[by_ring] @ rotation.T
+    if faults.divergence == 0.0 or faults.noise == 0.0:
+        beams = directions[:, None]
+    else:
+        least = np.eye(3)[np.abs(directions).argmin(axis=1)]
+        across = _unit(np.cross(directions, least))
+        upwards = np.cross(directions, across)
+        spread = _SPREAD * faults.divergence / 2.0
+        beams = directions[:, None] + spread * (
+            _CROSS[None, :, :1] * across[:, None] + _CROSS[None, :, 1:] * upwards[:, None]
+        )
+    face_ids, distances = occluder.first_hits(origin[None], beams.reshape(-1, 3))
+    shape, back = beams.shape[:2], np.argsort(by_ring)
+    return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
