@@ -98,7 +98,7 @@ def test_visible_by_a_sensor(run: Run, car: Path, tmp_path: Path) -> None:
     assert (positions <= mesh.bounds[1] + 1e-6).all()
     for more, words in (
         (("--set-sensor", "noise=0"), "--set-sensor needs a sensor; give --sensor NAME."),
-        (("--sensor", "vlp-16", "--points", 5), "--points must go without a sensor, which decides itself. Leave it out."),
+        (("--sensor", "vlp-16", "--points", 5), "--points must go without a sensor, which decides itself."),
         (("--sensor", "vlp-17"), "sensor must be one of"),
     ):
         refused = run(*given, *more)
