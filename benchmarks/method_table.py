@@ -10,6 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from zbuf_occlude.cli.summary import SOME_FAILED
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.compare.summary import Standing, standings
@@ -57,7 +58,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "comparison"
         command = [sys.executable, "-m", "zbuf_occlude", "compare", *sys.argv[1:], "--out", str(out)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
+            raise SystemExit(code)
         known = {standing.subject: standing for standing in standings(Store(out).rows().values())}
     print("| method | wrong answers | ms a view | take it |\n| --- | ---: | ---: | --- |")
     for name, subjects, when in ROWS:
@@ -68,13 +70,18 @@ def main() -> None:
 
 def wrong(found: list[Standing | None]) -> str:
     """Write shares of wrong answers, once where they are the same."""
-    shares = [f"{100 * one.wrong:.2g}" if one else "-" for one in found]
+    shares = [short(100 * one.wrong) if one else "-" for one in found]
     return " / ".join(shares[:1] if len(set(shares)) == 1 else shares) + " %"
 
 
 def milliseconds(one: Standing | None) -> str:
     """Write the time of a view."""
-    return f"{1e3 * one.seconds:.2g}" if one else "-"
+    return short(1e3 * one.seconds) if one else "-"
+
+
+def short(value: float) -> str:
+    """Write a number with two digits that count."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The numbers of the pages are those of docs/figures.json, and each part that makes them can be run."""
 
+import importlib
 import re
 import shlex
 import sys
@@ -42,6 +43,21 @@ def test_commands_are_of_the_repository(part: parts.Part) -> None:
         assert first in (parts.PYTHON, parts.COMMAND)
         assert first == parts.COMMAND or (ROOT / second).is_file(), command
     assert 0 < part.minutes <= 60
+
+
+def test_commands_are_run_by_this_python_in_folders_of_this_machine(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    run = importlib.import_module("all")
+    (tmp_path / "modelnet" / "bed" / "train").mkdir(parents=True)
+    for name in ("b.off", "a.off"):
+        (tmp_path / "modelnet" / "bed" / "train" / name).touch()
+    monkeypatch.setenv("ZBUF_OCCLUDE_DATA", str(tmp_path))
+    words = run.words_of("python benchmarks/own_surface.py ../shared/data/modelnet/*/train/*.off", Path("out"))
+    assert words[:2] == [sys.executable, "benchmarks/own_surface.py"]
+    assert [Path(word).name for word in words[2:]] == ["a.off", "b.off"]
+    words = run.words_of("zbuf-occlude experiment all --out OUT/study", tmp_path)
+    assert words == [sys.executable, "-m", "zbuf_occlude", "experiment", "all", "--out", f"{tmp_path}/study"]
 
 
 def test_a_number_changed_by_hand_is_noticed() -> None:

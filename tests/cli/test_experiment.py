@@ -19,6 +19,7 @@ from zbuf_occlude.meshes import MeshCollection, shapes
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """`--quick` is still quicker."""
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
+    monkeypatch.setattr("zbuf_occlude.learn.experiments.elevation.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
