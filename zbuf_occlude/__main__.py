@@ -19,6 +19,9 @@ def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
     # children (workers, probes) import from where Python's packages are, never from whatever folder a person is in
     os.environ["PYTHONSAFEPATH"] = "1"
+    # a worker that had to be killed leaves a semaphore of numba's, of which Python's tracker would warn at the very end
+    warnings = [os.environ.get("PYTHONWARNINGS", ""), "ignore::UserWarning:multiprocessing.resource_tracker"]
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
             stream.reconfigure(errors="backslashreplace")

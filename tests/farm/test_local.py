@@ -224,3 +224,14 @@ def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> N
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
     )
     assert child.returncode == 0, child.stderr
+
+
+def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path) -> None:
+    """Of a mesh that takes too long the summary says all there is to say; numba's locks are nobody's business."""
+    options = ["--limit=1", "--method=oracle", "--views=ring:1@0", "--points=50", "--mesh-seconds=0.001", "--workers=1"]
+    command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert "a mesh may take 0.001 seconds; this one took longer" in ended.stderr
+    assert "resource_tracker" not in ended.stderr
+    assert ended.stderr.rstrip().splitlines()[-1].startswith("error: ")
