@@ -1,6 +1,7 @@
 """`scan`: one scan into a file, its picture, and what is typed wrongly."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,3 +105,20 @@ def test_visible_by_a_sensor(run: Run, car: Path, tmp_path: Path) -> None:
         refused = run(*given, *more)
         assert refused.code == 2
         assert words in refused.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--azimuth", "nan"), "nan is not a finite number"),
+        (("--elevation", "inf"), "inf is not"),
+        (("--scene", "ground", "--elevation", 40), "--elevation must go without a ground"),
+        (("--set-sensor", "lasers=3"), "must be made of numbers"),
+    ],
+)
+def test_angles_that_nothing_can_be_done_with(run: Run, tmp_path: Path, arguments: Any, message: str) -> None:
+    out = tmp_path / "scan.ply"
+    mesh = write_off(tmp_path / "car.off", np.eye(3), np.array([[0, 1, 2]]))
+    outcome = run("scan", mesh, *arguments, "--out", out)
+    assert (outcome.code, out.exists()) == (2, False)
+    assert message in outcome.err

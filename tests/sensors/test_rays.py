@@ -174,3 +174,19 @@ def test_numbers_can_be_changed_and_the_table_stays() -> None:
     assert make("vlp-32c").pattern["columns"] == 1800
     assert make("pinhole", f=500.0).pixels == 500.0
     assert Imperfections().sigma == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "message"),
+    [
+        ("vlp-16", {"lasers": 3}, "rays of sensor 'vlp-16' must be made of numbers"),
+        ("vlp-16", {"lasers": [[1, 2, 3]]}, r"lasers must be \(elevation, azimuth offset\) in degrees; got 3 numbers"),
+        ("mid-40", {"frequencies": 3}, "rays of sensor 'mid-40' must be made of numbers"),
+        ("mid-40", {"rate": float("nan")}, "rays of sensor 'mid-40' must be made of numbers"),
+        ("mid-40", {"seconds": float("inf")}, "rays of sensor 'mid-40' must be made of numbers"),
+        ("pinhole", {"fov": "wide"}, "rays of sensor 'pinhole' must be made of numbers"),
+    ],
+)
+def test_numbers_that_are_none(name: str, numbers: dict[str, object], message: str) -> None:
+    with pytest.raises(zo.OptionError, match=message):
+        make(name, **numbers).rays()

@@ -81,7 +81,7 @@ def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]
     return choice
 
 
-def _finite(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+def finite(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
     """Refuse NaN and infinity, of an option of one number or of several."""
     for number in value if isinstance(value, tuple) else (value,):
         if number is not None and not math.isfinite(number):
@@ -156,11 +156,11 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(camera=camera, **others)
 
     options = (
-        click.option("--azimuth", type=float, callback=_finite, help="Degrees from +x towards +y."),
+        click.option("--azimuth", type=float, callback=finite, help="Degrees from +x towards +y."),
         click.option(
             "--elevation",
             type=click.FloatRange(-90, 90),
-            callback=_finite,
+            callback=finite,
             help="Degrees above the xy plane; 90 is +z.",
         ),
         click.option(
@@ -168,21 +168,21 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             type=click.FloatRange(0, min_open=True),
             default=4.0,
             show_default=True,
-            callback=_finite,
+            callback=finite,
             help="From the mesh's centre, in multiples of its longest side.",
         ),
-        click.option("--roll", type=float, default=0.0, callback=_finite, help="Degrees; the top turns to the right."),
+        click.option("--roll", type=float, default=0.0, callback=finite, help="Degrees; the top turns to the right."),
         click.option(
             "--look-at",
             type=(float, float, float),
             metavar="X Y Z",
-            callback=_finite,
+            callback=finite,
             help="In the mesh's coordinates.  [default: centre]",
         ),
         click.option(
             "--fov",
             type=click.FloatRange(0, 180, min_open=True, max_open=True),
-            callback=_finite,
+            callback=finite,
             help="Degrees; what lies outside this square picture is not seen.  [default: everything is in it]",
         ),
         click.option(

@@ -6,10 +6,11 @@ from typing import Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import suffix_of, up_option
+from zbuf_occlude.cli.options import finite, suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.errors import MeshError, OptionError
@@ -37,9 +38,21 @@ COLUMNS = (
 @click.argument("meshes", nargs=-1, required=True, type=click.Path(path_type=Path))
 @scan_options("vlp-32c")
 @click.option(
-    "--azimuth", type=float, default=0.0, show_default=True, help="Of the sensor: degrees from +x towards +y."
+    "--azimuth",
+    type=float,
+    default=0.0,
+    show_default=True,
+    callback=finite,
+    help="Of the sensor: degrees from +x towards +y.",
 )
-@click.option("--elevation", type=click.FloatRange(-90, 90), default=0.0, show_default=True, help="Where no ground is.")
+@click.option(
+    "--elevation",
+    type=click.FloatRange(-90, 90),
+    default=0.0,
+    show_default=True,
+    callback=finite,
+    help="Where no ground is.",
+)
 @click.option("--method", type=click.Choice(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
@@ -74,6 +87,9 @@ def command(
     setup = parse_setup(method or default_caster(), given)
     if setup is None:
         raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
+    typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
+    if typed and setup.height is not None:
+        raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
     capture = scan_once(MeshCollection.from_paths(meshes, up=up), setup, azimuth, elevation, seed)
     found = capture.scan
     table = table_of(found, setup.keep_clean)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.sensors.rays import KINDS, Rays, numbers_of
 
 RETURNS = ("first", "strongest", "last")
@@ -165,7 +165,12 @@ class Sensor:
 
     @cached_property
     def _rays(self) -> Rays:
-        return KINDS[self.kind](**self.pattern)
+        try:
+            return KINDS[self.kind](**self.pattern)
+        except OccludeError:
+            raise
+        except (TypeError, ValueError, ArithmeticError) as error:  # a word for a number, one for several, infinity
+            raise OptionError(f"the rays of sensor {self.name!r} must be made of numbers; {error}.") from None
 
     @cached_property
     def pixels(self) -> float:

@@ -114,10 +114,12 @@ def spinning(
     check_int("columns", columns, 1)
     _not_too_many(columns * len(lasers))
     try:
-        angles = np.radians([[*np.atleast_1d(laser), 0.0][:2] for laser in lasers], dtype=np.float64)
+        angles = np.radians([np.append(laser, 0.0)[: max(2, np.size(laser))] for laser in lasers], dtype=np.float64)
         first, last = np.radians(np.asarray(azimuths, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees, azimuths two; {error}.") from None
+    if len(angles) and angles.shape[1] != 2:
+        raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees; got {angles.shape[1]} numbers each.")
     if not len(angles) or not (np.abs(angles[:, 0]) <= np.pi / 2).all():
         raise OptionError("lasers must have elevations in [-90, 90] degrees, and there must be one at least.")
     turn = first + np.arange(columns) * ((last - first) / columns)
