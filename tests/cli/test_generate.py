@@ -1,6 +1,7 @@
 """`generate` end to end: layout, truth of the clouds, manifest, resuming, failures, errors."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -177,10 +178,16 @@ def test_shards_made_one_by_one_merge_to_the_same_dataset(
     monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")
     monkeypatch.setenv("SLURM_ARRAY_TASK_MIN", "7")
     assert run(*arguments, "--out", out).code == 0
-    merged = run("merge", out)
+    half = run("merge", out)  # the second task's share
+    assert (half.code, half.out) == (0, f"1 of 2 parts of {out} are written\n"), half.err
+    assert "files       1 of 2 parts written" in run("status", out).out
+    merged = run("merge", out, "--shard", "0/2", "--workers", 1)
     assert merged.code == 0, merged.err
+    assert "32 clouds of 8 meshes" in merged.out
     for name in ("ply_data_train0.h5", "ply_data_test0.h5", "plan.json"):
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    verified = run("verify", out, "--shard", "1/2", "--workers", 1)
+    assert (verified.code, "1 files, 16 clouds read" in verified.out) == (0, True), verified.out + verified.err
 
 
 @pytest.mark.parametrize("text", ["3", "2/2", "-1/2", "a/b", "0/0"])
@@ -194,6 +201,8 @@ def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path) -> Non
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
+    assert re.search(r"about \d+ MB; while working at most \d+ MB\n", outcome.out)
+    assert re.search(r"about \S+ processor-hours, give or take \S+: 8 meshes made here took \S+ s each\n", outcome.out)
     assert not (tmp_path / "out").exists()
 
 

@@ -1,8 +1,7 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-import shutil
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
+from zbuf_occlude.cli.dry_run import costs, describe
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
 from zbuf_occlude.cli.options import (
@@ -28,9 +28,8 @@ from zbuf_occlude.cli.options import (
 )
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
-from zbuf_occlude.cli.summary import SOME_FAILED, counted, summary
+from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.auto import AUTO, Choice, gain_of, resolve
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
@@ -145,7 +144,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "--require-gpu", is_flag=True, help="Refuse to render in software, and, with --method auto, not to render."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
-@click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
+@click.option("--dry-run", is_flag=True, help="Say what would be made, and what that would take.")
 @click.pass_context
 def command(
     context: click.Context,
@@ -256,12 +255,14 @@ def command(
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     part = part_of(shard)
     if dry_run:
+        for each in plans:
+            echo(describe(*each))
         try:
             rehearse(plan.recipe, require_gpu)
-            hindrance = ""
+            for one, _ in plans:
+                echo(costs(one))
         except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
-            hindrance = f"\nnot on this machine: {error}"
-        echo("\n".join(describe(*each) for each in plans) + hindrance)
+            echo(f"not on this machine: {error}")
         return
     if not is_plain(plan.recipe):
         rehearse(plan.recipe, require_gpu)
@@ -297,36 +298,3 @@ def faster_exact(plan: Plan, renderer: str) -> str:
         return ""
     gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes)
     return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""
-
-
-def describe(plan: Plan, out: Path) -> str:
-    """Say what a plan would make."""
-    recipe = plan.recipe
-    free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free / 1e6
-    how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
-    how = "complete" if recipe.complete else how
-    if recipe.setup is not None:
-        how = f"scanned by {recipe.setup.made_sensor.name}, rays {how}, scene {recipe.setup.scene}"
-    points = counted(recipe.sample_size, "point") if recipe.sample_size else "all visible points"
-    size = f"about {megabytes(plan):.0f} MB"
-    if not find_format(plan.format).keeps_points:
-        size += ", twice that while working"
-    return (
-        f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
-        f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
-        f"{points} in {counted(len(plan.shards), 'shard')}, "
-        f"{how}\n"
-        f"into {out}: {size} ({free:.0f} MB free)\n"
-        f"fingerprint {plan.fingerprint}"
-    )
-
-
-def megabytes(plan: Plan) -> float:
-    """Estimate the size of a plan's files."""
-    recipe = plan.recipe
-    if not find_format(plan.format).keeps_points:
-        # of unequal clouds, as if each were of the default's size
-        return plan.n_clouds * record_type(replace(recipe, sample_size=recipe.sample_size or 2048)).itemsize / 1e6
-    # an object's area is about twice its longest side's square
-    n_points = recipe.n_points or 2 * (recipe.density or 0.0)
-    return len(plan.meshes) * recipe.variations * n_points * (4.5 + 0.023 * len(plan.views)) / 1e6  # as measured

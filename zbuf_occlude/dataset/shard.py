@@ -161,6 +161,25 @@ def look_at(
     return sidecar, ""
 
 
+def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Store) -> tuple[Counts, str, Origin]:
+    """Make all clouds of a mesh, and put them into a store; return what was counted, the renderer, and its origin.
+
+    Raises
+    ------
+    MeshError, ArgumentError
+        The mesh cannot be used.
+    """
+    entry = plan.meshes[mesh_id]
+    mesh = entry.load()
+    if plan.recipe.setup is None:
+        views = plan.views_of(entry.key)
+        kept, counts, renderer = occlude(mesh, plan.recipe, views, entry.key, gl, store.keep, plan.n_checked)
+    else:
+        kept, counts, renderer = scan_views(mesh, entry.label, plan, entry.key, store.keep)
+    store.add(mesh_id, mesh, kept)
+    return counts, renderer, mesh.origin
+
+
 def run_shard(
     plan: Plan,
     shard: int,
@@ -200,14 +219,7 @@ def run_shard(
         try:
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id].reason)
-            mesh = entry.load()
-            views = plan.views_of(entry.key)
-            if plan.recipe.setup is None:
-                kept, of_mesh, renderer_of_mesh = occlude(
-                    mesh, plan.recipe, views, entry.key, gl, store.keep, plan.n_checked
-                )
-            else:
-                kept, of_mesh, renderer_of_mesh = scan_views(mesh, entry.label, plan, entry.key, store.keep)
+            of_mesh, renderer_of_mesh, origins[entry.key] = make_mesh(plan, mesh_id, gl, store)
         except (MeshError, ArgumentError) as error:  # the options have been tried: it is the mesh's numbers
             failures[entry.key], origins[entry.key] = str(error), entry.origin_of_failure()
             continue
@@ -215,8 +227,7 @@ def run_shard(
             failures[entry.key] = f"the mesh must fit in memory; {entry.key} does not. Simplify it."
             origins[entry.key] = entry.origin_of_failure()
             continue
-        store.add(mesh_id, mesh, kept)
-        counts, renderer, origins[entry.key] = counts + of_mesh, renderer_of_mesh, mesh.origin
+        counts, renderer = counts + of_mesh, renderer_of_mesh
         n_clouds[entry.split] += of_mesh.n_clouds
     data = data_path(plan, out, shard)
     (out / SHARDS).mkdir(exist_ok=True)
