@@ -143,6 +143,15 @@ PARTS = (
         needs=MODELNET,
     ),
     Part(
+        "judge",
+        f"python benchmarks/judge_check.py {MODELNET}/chair/train/chair_0003.off",
+        2,
+        f"python benchmarks/judge_check.py {MODELNET}/chair/train/chair_0003.off --points 100",
+        times=False,
+        needs=MODELNET,
+        text=True,
+    ),
+    Part(
         "grid-errors",
         f"python benchmarks/object_space.py errors {MODELNET}/*/train/*.off",
         2,
@@ -224,5 +233,13 @@ PARTS = (
         "zbuf-occlude experiment elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --out OUT/plain",
         times=False,
         reads="plain/study.md",
+    ),
+    Part(
+        "realism",
+        "zbuf-occlude experiment realism --quick --objects 8 --out OUT/realism",
+        6,
+        "zbuf-occlude experiment realism --quick --objects 5 --seeds 1 --points 64 --out OUT/realism",
+        times=False,
+        reads="realism/study.md",
     ),
 )
