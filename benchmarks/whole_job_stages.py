@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,10 @@ STAGES = (
     ("check", "zbuf_occlude.dataset.pipeline:check"),
     ("gather", "zbuf_occlude.dataset.records:RecordStore.keep"),
     ("write", "zbuf_occlude.dataset.records:RecordStore.write"),
-    ("merge", "zbuf_occlude.dataset.generate:merge"),
+    ("merge", "zbuf_occlude.dataset.parts:write_part"),
+    ("merge", "zbuf_occlude.dataset.parts:write_whole"),
+    ("merge", "zbuf_occlude.dataset.finish:finish"),
+    ("merge", "zbuf_occlude.dataset.generate:merge"),  # of older versions
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 
@@ -68,6 +72,8 @@ def watch(clock: Clock) -> None:
     """Put each stage's function, wherever it is known by a name, behind the clock."""
     for stage, place in STAGES:
         module_name, _, path = place.partition(":")
+        if find_spec(module_name) is None:  # an older version
+            continue
         owner: Any = import_module(module_name)
         *classes, name = path.split(".")
         for one in classes:
