@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,8 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup, document_of
 
 RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
 PLAN = Plan(shapes.collection(n_members=1), RECIPE)
@@ -95,6 +97,16 @@ def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
         generate(other, tmp_path)
     assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == PLAN.fingerprint
     assert generate(other, tmp_path, overwrite=True)["seed"] == 7
+
+
+def test_the_number_of_a_sensor_that_differs_is_named_alone(tmp_path: Path) -> None:
+    setups = [
+        Setup(document_of(make("vlp-16", columns=columns)), range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
+    ]
+    plans = [Plan(PLAN.meshes, replace(RECIPE, scanning=asdict(setup))) for setup in setups]
+    claim(plans[0], tmp_path)
+    with pytest.raises(DatasetError, match=r"in which scanning\.sensor\.pattern\.columns was 60, and is 90\. Choose"):
+        claim(plans[1], tmp_path)
 
 
 def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -335,7 +335,7 @@ def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for key in sorted(then.keys() | now.keys()):
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))
-    elif then != now:
+    elif json.dumps(then) != json.dumps(now):  # a plan that was written down has lists where there were tuples
         yield f"{name} was {then!r:.60}, and is {now!r:.60}"
 
 
