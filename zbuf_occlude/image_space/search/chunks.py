@@ -13,7 +13,7 @@ TIGHT_CLUSTERS = 1024
 
 @njit(_nrt=False)
 def search_chunks(scene, points, view, chunks, space, answer):
-    """Answer for the chunks from one to another; writes False where a point is hidden."""
+    """Answer for the chunks from one to another; writes 0 where a point is hidden."""
     rectangles = space.chunk_rectangles
     error = COORDINATE_ERROR * max(points.farthest, view.reach)
     for first in range(chunks[0], chunks[1], GROUP):

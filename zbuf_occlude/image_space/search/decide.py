@@ -34,7 +34,7 @@ def _faces_block(scene, points, view, i, cluster, faces):
 
 @njit(_nrt=False)
 def hide_near_points(scene, points, view, first, last, answer):
-    """Write False for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
+    """Write 0 for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
     for packet in range(first * CHUNK, last * CHUNK):
         radius = view.near * max(points.reach[packet], view.reach) * 1.01
         apart = ZERO
@@ -45,7 +45,7 @@ def hide_near_points(scene, points, view, first, last, answer):
             continue
         for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
             if _is_near(points, view, i, radius) and _line_is_blocked(scene, points, view, i):
-                answer[points.order[i]] = False
+                answer[points.order[i]] = 0
 
 
 @njit(_nrt=False)

@@ -1,12 +1,13 @@
 """Packets of points: held against the listed clusters, until each point is hidden or no cluster is left."""
 
+import numpy as np
 from numba import njit
 
-from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, PACKET, RIGHT, TOP
+from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, NEAREST, PACKET, RIGHT, TOP
 from zbuf_occlude.image_space.search.hide import classify, hide_by_faces, hide_by_points
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.image_space.search.setup import slot_of
-from zbuf_occlude.lanes import count_lanes, first_lane, load, not_less, splat
+from zbuf_occlude.lanes import count_lanes, first_lane, load3, not_less, splat, spread
 
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""
@@ -20,7 +21,10 @@ def search_packet(scene, points, view, undecided, extent, n, space):
     place in the image.
     """
     found_hidden = 0
-    error = COORDINATE_ERROR * extent.blur * view.reach
+    # more than a coordinate, or its sum with this, can err
+    error, seen = splat(np.float32(1.5) * COORDINATE_ERROR * extent.blur * view.reach), load3(space.image, 0, PACKET)
+    least = seen[0] - error, seen[1] - error
+    most = seen[0] + error, seen[1] + error, seen[2] + error
     for j in range(0, n, CLUSTER):
         found = overlapping(space.listed.rectangles, j, extent)
         if n - j < CLUSTER:
@@ -28,7 +32,7 @@ def search_packet(scene, points, view, undecided, extent, n, space):
         while found:
             entry = j + first_lane(found)
             found &= found - 1
-            within = undecided & _within(space, entry, error)
+            within = undecided & _within(space, entry, least, most)
             if not within:
                 continue
             hidden = _hide(scene, points, view, within, extent, space.listed.clusters[entry], space)
@@ -41,14 +45,18 @@ def search_packet(scene, points, view, undecided, extent, n, space):
 
 
 @njit(_nrt=False, forceinline=True)
-def _within(space, entry, error):
-    """Mask of the points in hand that are in a listed cluster's rectangle, widened by what coordinates may err."""
-    x, y, bounds = load(space.image, 0), load(space.image, PACKET), space.listed.rectangles
+def _within(space, entry, least, most):
+    """Mask of the points in hand that are in a listed cluster's rectangle and not wholly before it.
+
+    `least` and `most` are the points' x / w, y / w and w, less and more what they may err.
+    """
+    bounds, capacity = space.listed.rectangles, space.listed.rectangles.shape[1]
     return (
-        not_less(x, splat(bounds[LEFT, entry] - error))
-        & not_less(splat(bounds[RIGHT, entry] + error), x)
-        & not_less(y, splat(bounds[BOTTOM, entry] - error))
-        & not_less(splat(bounds[TOP, entry] + error), y)
+        not_less(most[0], spread(bounds, LEFT * capacity + entry))
+        & not_less(spread(bounds, RIGHT * capacity + entry), least[0])
+        & not_less(most[1], spread(bounds, BOTTOM * capacity + entry))
+        & not_less(spread(bounds, TOP * capacity + entry), least[1])
+        & not_less(most[2], spread(bounds, NEAREST * capacity + entry))
     )
 
 
@@ -79,4 +87,4 @@ def _promote(listed, entry):
 def write_hidden(points, base, hidden, answer):
     """Enter the hidden points of a packet into the caller's order."""
     for i in range(base, min(base + PACKET, points.n_points)):
-        answer[points.order[i]] &= ~(hidden >> (i - base)) & 1 != 0
+        answer[points.order[i]] &= ~(hidden >> (i - base)) & 1

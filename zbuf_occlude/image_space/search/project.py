@@ -178,8 +178,8 @@ def project_packet(scene, points, packet, view, image):
     ----------
     scene, points, packet, view
         Which packet of which points, seen how.
-    image : (2, 16) float32
-        Receives x / w and y / w.
+    image : (3, 16) float32
+        Receives x / w, y / w and w.
 
     Returns
     -------
@@ -199,6 +199,7 @@ def project_packet(scene, points, packet, view, image):
     u, v = u * inverse, v * inverse
     store(image, 0, u)
     store(image, PACKET, v)
+    store(image, 2 * PACKET, w)
     # what the view does not show must not widen the rectangle
     far, low = splat(ENDLESS), splat(-ENDLESS)
     inverse_max = max(ONE, highest(select(shown, inverse, low)))

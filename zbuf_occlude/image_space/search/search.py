@@ -23,17 +23,17 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
     n_eyes, wanted = len(views.eyes), 4 * n_threads()
     n_groups = -(-len(points.chunk_reach) // GROUP)
     n_blocks = 1 if n_eyes >= wanted else min(n_groups, wanted)
-    answer = np.empty((n_eyes, points.n_points), dtype=bool)
+    answer = np.empty((n_eyes, points.n_points), dtype=np.uint8)
     if n_blocks > 1:
-        answer[:] = True
+        answer[:] = 1
     alone = n_eyes * points.n_points <= PAIRS_ALONE
     together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, answer)
-    return answer
+    return answer.view(bool)
 
 
 @shared
 def _search_views(tasks, scene, points, views, n_blocks, answer):
-    """Take eyes, or blocks of points for an eye, and write False where a point is hidden."""
+    """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
     _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, make_workspace(scene))
 
 
@@ -46,7 +46,7 @@ def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
         first = n_groups * block // n_blocks * GROUP
         last = min(n_groups * (block + 1) // n_blocks * GROUP, n_chunks)
         if n_blocks == 1:
-            answer[k] = True
+            answer[k] = 1
         for frame in range(views.n_frames[k]):
             _search_view(scene, points, view_of(views, k, frame), (first, last), space, answer[k])
         task = take(tasks)

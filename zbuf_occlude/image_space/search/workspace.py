@@ -37,7 +37,7 @@ class Workspace(NamedTuple):
     slot_rectangles: Float32  # (6, n_slots) around the faces set up there
     slot_tags: NDArray[np.int64]  # (n_slots,) of which cluster, in which view
     doubtful: NDArray[np.int64]  # (n_slots,) masks of the faces that float32 must not decide
-    image: Float32  # (2, 16) their x / w and y / w
+    image: Float32  # (3, 16) x / w, y / w and w of the points in hand
 
 
 @njit
@@ -59,7 +59,7 @@ def make_workspace(scene):
         slot_rectangles=np.empty((6, n_slots), dtype=np.float32),
         slot_tags=np.full(n_slots, -1, dtype=np.int64),
         doubtful=np.zeros(n_slots, dtype=np.int64),
-        image=np.zeros((2, PACKET), dtype=np.float32),
+        image=np.zeros((3, PACKET), dtype=np.float32),
     )
 
 
