@@ -116,7 +116,10 @@ def test_docs_show_in_ten_lines_how_to_add_a_sensor(tmp_path: Path) -> None:
         ("kind: [", "must be YAML; "),
         ("[" * 5000, "must be YAML; "),
         ("kind: spinning\ncolumns: 2026-13-45\n", "must be YAML; "),
-        ("kind: spinning\nlasers: [a, b]\ncolumns: 3\n", "lasers must be"),
+        (
+            "kind: spinning\nlasers: [a, b]\ncolumns: 3\n",
+            "lasers must be .* in degrees, azimuths two; could not convert string",
+        ),
         ("kind: spinning\nlasers: [1]\ncolumns: 3\nsigma: -1\n", r"sigma of a sensor must be a number or .*; got -1\."),
         ("kind: pinhole\nwidth: 3\nheight: 3\n", "a pinhole must be given fov or f, and not both"),
     ],

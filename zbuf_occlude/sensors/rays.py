@@ -114,7 +114,8 @@ def spinning(
     check_int("columns", columns, 1)
     _not_too_many(columns * len(lasers))
     try:
-        angles = np.radians([np.append(laser, 0.0)[: max(2, np.size(laser))] for laser in lasers], dtype=np.float64)
+        rows = [np.append(laser, 0.0)[: max(2, np.size(laser))] for laser in lasers]
+        angles = np.radians(np.array(rows, dtype=np.float64))
         first, last = np.radians(np.asarray(azimuths, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees, azimuths two; {error}.") from None
