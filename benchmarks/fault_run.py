@@ -105,13 +105,21 @@ class Victim:
         return False
 
 
-def workers_of(parent: int) -> Iterator[int]:
-    """Spawned Python processes whose parent is this one."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it ended just now
-            mine = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1]) == parent
-            if mine and b"spawn_main" in (folder / "cmdline").read_bytes():
-                yield int(folder.name)
+def workers_of(run: int) -> Iterator[int]:
+    """The workers of a run: processes that its server has forked or, where it has none, that it has spawned itself."""
+    processes = dict(filter(None, map(_parent_and_command, Path("/proc").glob("[0-9]*"))))
+    servers = [pid for pid, (parent, command) in processes.items() if parent == run and b"forkserver" in command]
+    for pid, (parent, command) in processes.items():
+        if parent in servers or (parent == run and b"spawn_main" in command):
+            yield pid
+
+
+def _parent_and_command(folder: Path) -> tuple[int, tuple[int, bytes]] | None:
+    try:
+        parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+        return int(folder.name), (parent, (folder / "cmdline").read_bytes())
+    except OSError:  # it ended just now
+        return None
 
 
 def differences(one: Path, other: Path) -> list[str]:
