@@ -9,10 +9,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.dataset.archives import Archives
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import SHARDS, sha256_of
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.packed import Archives, PackedStore, shard_name
+from zbuf_occlude.dataset.packed_store import PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import RecordStore, Run, are_whole, source_of_records

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from zbuf_occlude.dataset.packed import Archives, shard_name
+from zbuf_occlude.dataset.archives import Archives
+from zbuf_occlude.dataset.packed_store import shard_name
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError

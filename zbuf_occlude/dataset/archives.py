@@ -1,0 +1,182 @@
+"""Packed files read: blocks of points and bits when they are asked for, and the clouds that are drawn of them."""
+
+import json
+import os
+import zipfile
+from collections import OrderedDict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.dataset.clouds import gather_clouds, record_type
+from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.order import order_of
+from zbuf_occlude.dataset.packing import (
+    Grid,
+    unpack_colors,
+    unpack_faces,
+    unpack_mask,
+    unpack_normals,
+    unpack_steps,
+)
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.source import Arranged, Numbers, Source, arranged
+from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.views import Views
+
+OPEN_FILES, KEPT_BLOCKS = 16, 4
+"""Archives held open, and blocks held unpacked, by one reader in one process."""
+
+
+class Block(NamedTuple):
+    """One sampling of one mesh, unpacked.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        All n points, rounded; normals, if they are not kept, are zero.
+    mask : (k, n) bool
+        Which points each view of the plan sees.
+    views : Views
+        World units.
+    """
+
+    points: SurfacePoints
+    mask: BoolArray
+    views: Views
+
+
+class Archives:
+    """The blocks and clouds of some packed files; files are opened when they are needed, in each process anew.
+
+    Parameters
+    ----------
+    plan : Plan
+    paths : list of Path
+        In the order of the plan's shards.
+
+    Raises
+    ------
+    DatasetError
+        A file is missing or damaged.
+    """
+
+    def __init__(self, plan: Plan, paths: list[Path]) -> None:
+        self.plan = plan
+        self._forget()
+        self._facts: dict[int, dict[str, Any]] = {}
+        self._path_of: dict[int, Path] = {}
+        for path in paths:
+            with reading(path):
+                archive = self._archive(path)
+                for name in archive.namelist():
+                    if name.endswith("mesh.json"):
+                        mesh_id = int(name.partition("/")[0])
+                        plan.meshes[mesh_id]  # there is one
+                        self._facts[mesh_id] = json.loads(archive.read(name))
+                        self._path_of[mesh_id] = path
+        self.blocks = [(m, v) for m in sorted(self._facts) for v in range(len(self._facts[m]["n_points"]))]
+        """(mesh_id, variation) of each block, in the order of the plan."""
+        n_views = len(plan.views)
+        self._seeing = [np.setdiff1d(np.arange(n_views), self._facts[m]["blind"][v]) for m, v in self.blocks]
+        self._ends = np.cumsum([0, *map(len, self._seeing)])[1:]
+        self.mesh_ids = np.repeat(np.array([m for m, _ in self.blocks], int), [len(each) for each in self._seeing])
+        """The mesh of each cloud; clouds are numbered in the order of the plan: by mesh, variation, view."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = self.__dict__.copy()
+        for name in ("_open", "_kept"):  # another process opens its own
+            del state[name]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._forget()
+
+    def block(self, index: int) -> Block:
+        """Unpack a block; the last few are kept."""
+        if self._process != os.getpid():  # a file opened before a fork would be read at the other's position
+            self._forget()
+        if index not in self._kept:
+            self._kept[index] = self._unpack(*self.blocks[index])
+            if len(self._kept) > KEPT_BLOCKS:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(index)
+        return self._kept[index]
+
+    def place(self, number: int) -> tuple[int, int]:
+        """Return the block and the view of a cloud's number."""
+        block = int(self.blocks_of(np.asarray(number)))
+        return block, int(self._seeing[block][number - self._ends[block]])  # counted from the block's end: negative
+
+    def blocks_of(self, numbers: Numbers) -> Numbers:
+        """Return the block of each cloud."""
+        return np.searchsorted(self._ends, numbers, side="right")
+
+    def source(self) -> Source:
+        """Return the clouds, and the whole surfaces, as `generate` would draw them."""
+        found = self.arranged()
+        return Source(self.plan, found.order, self.take, self.blocks_of, self.complete, found.sizes)
+
+    def arranged(self) -> Arranged:
+        """Return the numbers of the clouds as they stand in the files that are written of them."""
+        variations = np.repeat([v for _, v in self.blocks], [len(seeing) for seeing in self._seeing])
+        views = np.concatenate([np.empty(0, int), *self._seeing])
+        return arranged(self.plan, *order_of(self.plan).places(self.mesh_ids, variations, views))
+
+    def take(self, numbers: Numbers) -> NDArray[Any]:
+        """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""
+        recipe = self.plan.recipe
+        records = np.empty(len(numbers), record_type(recipe))
+        places = np.array([self.place(number) for number in numbers]).reshape(-1, 2)
+        for index in np.unique(places[:, 0]):
+            rows = np.flatnonzero(places[:, 0] == index)
+            mesh_id, variation = self.blocks[index]
+            entry, block, views = self.plan.meshes[mesh_id], self.block(index), places[rows, 1]
+            mask = np.ones_like(block.mask) if recipe.complete else block.mask
+            found = gather_clouds(block.points, mask, block.views, recipe, entry.key, variation, which=views)
+            found["mesh_id"], found["label"] = mesh_id, self.plan.classes.index(entry.label)
+            records[rows] = found
+        return records
+
+    def complete(self, mesh_id: int, n_points: int) -> Any:
+        """Return a record of `n_points` of an object's whole surface, hidden points too, of its first variation."""
+        recipe = replace(self.plan.recipe, sample_size=n_points, complete=True)
+        entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
+        everything = np.ones_like(block.mask)
+        (record,) = gather_clouds(block.points, everything, block.views, recipe, entry.key + "/complete", 0, which=[0])
+        record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
+        return record
+
+    def _unpack(self, mesh_id: int, variation: int) -> Block:
+        facts, path = self._facts[mesh_id], self._path_of[mesh_id]
+        n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
+        with reading(path):
+            archive = self._archive(path)
+            steps, faces, bits = (archive.read(f"{name}.{kind}") for kind in ("steps", "faces", "visible"))
+            more = {kind: archive.read(f"{name}.{kind}") for kind in self.plan.recipe.attributes}
+        positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(unpack_steps(steps, n_points))
+        normals = unpack_normals(more["normals"], n_points) if "normals" in more else np.zeros_like(positions)
+        colors = unpack_colors(more["colors"], n_points) if "colors" in more else None
+        return Block(
+            SurfacePoints(positions, unpack_faces(faces, n_points), normals, colors),
+            unpack_mask(bits, len(self.plan.views), n_points),
+            self.plan.views_of(self.plan.meshes[mesh_id].key).around(facts["centre"], facts["longest_side"]),
+        )
+
+    def _archive(self, path: Path) -> zipfile.ZipFile:
+        if path not in self._open:
+            self._open[path] = zipfile.ZipFile(path)
+            if len(self._open) > OPEN_FILES:
+                self._open.popitem(last=False)[1].close()
+        self._open.move_to_end(path)
+        return self._open[path]
+
+    def _forget(self) -> None:
+        self._process = os.getpid()
+        self._open: OrderedDict[Path, zipfile.ZipFile] = OrderedDict()
+        self._kept: OrderedDict[int, Block] = OrderedDict()
