@@ -1,9 +1,9 @@
 """What a dataset's administration costs as it grows: plan, resume, status, merge, verify of many tiny meshes.
 
-    python benchmarks/scale.py [N ...] [--clouds-a-mesh 1] [--workers 2] [--json FILE]
+    python benchmarks/scale.py [N ...] [--clouds-a-mesh 1] [--points 16] [--workers 2] [--json FILE]
 
 For each number of meshes (10,000, 30,000 and 100,000 when none is given) that many files of a tetrahedron lie in class
-folders. Their shards are filled with clouds of random numbers, 16 points each: what is measured is all but the making.
+folders. Their shards are filled with clouds of random numbers: what is measured is all but the making.
 
     plan      find the files, deal them to groups and shards, write plan.json
     resume    the same command when all shards are done: look at each, and at each mesh's file
@@ -24,7 +24,7 @@ import time
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,15 +47,23 @@ from zbuf_occlude.meshes.mesh_files import origin_unread
 from zbuf_occlude.origin import Origin
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
-N_CLASSES, SIZE = 40, 16
+N_CLASSES = 40
 MOST: list[float] = []
 """Megabytes that the largest worker had, whenever one was done with a job."""
 CAMERA = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -4], [0, 0, 0, 1]])
 STEPS = ("plan", "resume", "status", "merge", "verify", "again")
 
 
-def plan_of(meshes: Path, n_clouds: int) -> Plan:
-    recipe = Recipe(method="oracle", views=f"ring:{n_clouds}@30", n_points=SIZE, sample_size=SIZE)
+class Made(NamedTuple):
+    """Clouds of each mesh, points of each cloud, and by how many workers files are written and verified."""
+
+    n_clouds: int
+    size: int
+    n_workers: int
+
+
+def plan_of(meshes: Path, made: Made) -> Plan:
+    recipe = Recipe(method="oracle", views=f"ring:{made.n_clouds}@30", n_points=made.size, sample_size=made.size)
     return Plan(MeshCollection.from_paths([meshes]), recipe)
 
 
@@ -75,7 +83,7 @@ def origin_of(entry: MeshEntry, sha256: str) -> Origin:
 def fill(plan: Plan, out: Path) -> None:
     """Write all shards, of random clouds."""
     (out / SHARDS).mkdir(exist_ok=True)
-    rng = np.random.default_rng(0)
+    rng, size = np.random.default_rng(0), plan.recipe.equal_size
     sha256 = plan.meshes[0].load().origin.sha256
     for shard, mesh_ids in enumerate(plan.shards):
         store = RecordStore(plan)
@@ -83,9 +91,9 @@ def fill(plan: Plan, out: Path) -> None:
         n_clouds: dict[str, int] = {}
         for i in mesh_ids:
             records = np.zeros(plan.clouds_a_mesh, kind)
-            records["data"] = rng.uniform(-0.5, 0.5, (len(records), SIZE, 3))
+            records["data"] = rng.uniform(-0.5, 0.5, (len(records), size, 3))
             records["factor"], records["pose"] = 1.0, CAMERA
-            records["view_id"], records["n_visible"] = np.arange(len(records)), SIZE
+            records["view_id"], records["n_visible"] = np.arange(len(records)), size
             store.add(i, None, [records])  # type: ignore[arg-type]  # its mesh is not looked at
             split = plan.meshes[i].split
             n_clouds[split] = n_clouds.get(split, 0) + len(records)
@@ -107,14 +115,14 @@ def watched(task: Task, jobs: list[int], done: Done, n_workers: int) -> None:
     run_jobs(task, jobs, looked, n_workers=n_workers, limits=Limits())
 
 
-def do(step: str, meshes: Path, out: Path, n_clouds: int, n_workers: int) -> None:
-    run = partial(watched, n_workers=n_workers)
+def do(step: str, meshes: Path, out: Path, made: Made) -> None:
+    run = partial(watched, n_workers=made.n_workers)
     if step == "plan":
-        plan = plan_of(meshes, n_clouds)
+        plan = plan_of(meshes, made)
         assert plan.shards
         claim(plan, out)
     elif step == "resume":
-        plan = plan_of(meshes, n_clouds)
+        plan = plan_of(meshes, made)
         claim(plan, out)
         jobs = Jobs(plan, out, range(len(plan.shards)), range(n_parts(plan)), Limits())
         assert min(jobs.first) >= len(plan.shards), "all shards are done"
@@ -131,7 +139,7 @@ def do(step: str, meshes: Path, out: Path, n_clouds: int, n_workers: int) -> Non
     elif step == "verify":
         assert not verify(out, None, run=run).faults
     else:
-        assert generate(plan_of(meshes, n_clouds), out)
+        assert generate(plan_of(meshes, made), out)
 
 
 def measured(queue: Any, *arguments: Any) -> None:
@@ -161,9 +169,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("numbers", nargs="*", type=int, default=[10_000, 30_000, 100_000], metavar="N")
     parser.add_argument("--clouds-a-mesh", type=int, default=1)
+    parser.add_argument("--points", type=int, default=16)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     known = parser.parse_args()
+    made = Made(known.clouds_a_mesh, known.points, known.workers)
     rows: list[dict[str, Any]] = []
     for n in known.numbers:
         with tempfile.TemporaryDirectory() as name:
@@ -171,11 +181,11 @@ def main() -> None:
             lay_out(meshes, n)
             row: dict[str, Any] = {"meshes": n}
             for step in STEPS:
-                row[step] = apart(step, meshes, out, known.clouds_a_mesh, known.workers)
+                row[step] = apart(step, meshes, out, made)
                 if step == "plan":
-                    fill(plan_of(meshes, known.clouds_a_mesh), out)
+                    fill(plan_of(meshes, made), out)
                 elif step == "resume":
-                    do("half", meshes, out, known.clouds_a_mesh, known.workers)
+                    do("half", meshes, out, made)
             row["files"] = len(read_plan(out).parts)
             rows.append(row)
             print(f"{n:,} meshes: " + ", ".join(f"{step} {told(row[step])}" for step in STEPS), flush=True)
