@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
+    Names,
     Records,
     by_object,
     check_pairs,
     complete_cloud,
     names_of,
-    read_each,
-    read_published,
+    read_cloud_files,
     rest_name,
     write_list,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.source import Source
 
 SIZE = 2_048
 
@@ -69,13 +69,12 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the partial clouds."""
-    names = names_of(plan)
 
-    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        objects = [f"{names.taxonomies[i]}/{names.objects[i]}" for i in map(int, rest["mesh_id"])]
-        return read_each((out / f"{split}/partial/{name}.h5" for name in objects), _read_h5, plan)
+    def name_of(split: str, names: Names, record: Any) -> str:
+        mesh_id = int(record["mesh_id"])
+        return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}.h5"
 
-    return read_published(out, plan, files, points)
+    return read_cloud_files(out, plan, files, _read_h5, name_of)
 
 
 def _write_h5(path: Path, positions: NDArray[Any]) -> None:

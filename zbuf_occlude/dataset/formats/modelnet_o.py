@@ -12,14 +12,13 @@ from zbuf_occlude.dataset.formats.published import (
     Names,
     Records,
     names_of,
-    read_each,
-    read_published,
+    read_cloud_files,
     rest_name,
     write_list,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.source import Source
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -50,12 +49,11 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds; as text holds nine digits, they are the very numbers that were written."""
-    names = names_of(plan)
 
-    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_each((out / _name_of(split, names, record, plan) for record in rest), _read_xyz, plan)
+    def name_of(split: str, names: Names, record: Any) -> str:
+        return _name_of(split, names, record, plan)
 
-    return read_published(out, plan, files, points)
+    return read_cloud_files(out, plan, files, _read_xyz, name_of)
 
 
 def _name(split: str, names: Names, mesh_id: int, number: int) -> str:

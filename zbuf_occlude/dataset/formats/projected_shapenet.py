@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Names,
@@ -19,8 +17,7 @@ from zbuf_occlude.dataset.formats.published import (
     check_pairs,
     complete_cloud,
     names_of,
-    read_each,
-    read_published,
+    read_cloud_files,
     rest_name,
     write_list,
     write_rest,
@@ -28,7 +25,7 @@ from zbuf_occlude.dataset.formats.published import (
 from zbuf_occlude.dataset.formats.shapenet55 import FOLDER, N_COMPLETE, complete_name, write_npy
 from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.source import Source
 
 N_VIEWS = 16
 
@@ -74,16 +71,11 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the partial clouds."""
-    names = names_of(plan)
 
-    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_each(
-            (out / _partial(names, int(mesh_id), int(view)) for mesh_id, view in rest[["mesh_id", "view_id"]]),
-            read_pcd,
-            plan,
-        )
+    def name_of(split: str, names: Names, record: Any) -> str:
+        return _partial(names, int(record["mesh_id"]), int(record["view_id"]))
 
-    return read_published(out, plan, files, points)
+    return read_cloud_files(out, plan, files, read_pcd, name_of)
 
 
 def _partial(names: Names, mesh_id: int, view: int) -> str:

@@ -182,6 +182,22 @@ def read_published(
     return Source(plan, order, take)
 
 
+def read_cloud_files(
+    out: Path,
+    plan: Plan,
+    files: dict[str, list[str]],
+    load: Callable[[Path], NDArray[Any]],
+    name_of: Callable[[str, Names, Any], str],
+) -> Source:
+    """Return the clouds of a published layout that has a file for each, named by `name_of` its split and record."""
+    names = names_of(plan)
+
+    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
+        return read_each((out / name_of(split, names, record) for record in rest), load, plan)
+
+    return read_published(out, plan, files, points)
+
+
 def without_points(records: Records, recipe: Recipe) -> Records:
     """Return what records hold beside their points."""
     rest: Records = np.empty(len(records), _rest_type(recipe))

@@ -18,14 +18,13 @@ from zbuf_occlude.dataset.formats.published import (
     by_object,
     check_pairs,
     names_of,
-    read_each,
-    read_published,
+    read_cloud_files,
     rest_name,
     write_list,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.source import Source
 
 FOLDER = "shapenet_pc"
 N_COMPLETE = 8_192
@@ -63,13 +62,11 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the complete clouds."""
-    names = names_of(plan)
 
-    def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        paths = (out / FOLDER / complete_name(names, int(record["mesh_id"])) for record in rest)
-        return read_each(paths, np.load, plan)
+    def name_of(split: str, names: Names, record: Any) -> str:
+        return f"{FOLDER}/{complete_name(names, int(record['mesh_id']))}"
 
-    return read_published(out, plan, files, points)
+    return read_cloud_files(out, plan, files, np.load, name_of)
 
 
 def complete_name(names: Names, mesh_id: int) -> str:
