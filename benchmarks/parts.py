@@ -64,7 +64,7 @@ PARTS = (
     ),
     Part(
         "fresh-meshes-small",
-        f"python benchmarks/fresh_meshes.py {FURNITURE} --limit 60 --points 2048 --eyes 25",
+        f"python benchmarks/fresh_meshes.py {FURNITURE} --points 2048 --eyes 25",
         1,
         f"python benchmarks/fresh_meshes.py {FURNITURE} --limit 10 --points 2048 --eyes 25 --repeats 1",
         needs=FURNITURE,
