@@ -2,11 +2,11 @@
 
     python benchmarks/all.py [NAME ...] [--cheap] [--timings | --no-timings] [--list] [--pages]
 
-Without names all parts run, one after the other, unattended; a part that fails or whose files are not here leaves the
-pages as they were, is named in the end, and the exit code is 1. Parts about time want an idle machine. --cheap: each
-with less to do, for a look at whether it works; the pages are not touched then. --list: names, minutes, when last run.
---pages: only make the blocks of the pages anew, as docs/figures.json has them; tests/test_figures.py holds them to it.
-What a part that was stopped has made lies in build/figures/NAME, and `experiment` goes on with it.
+Parts run in the order of the names, or all, one after the other, unattended; one that fails or whose files are not
+here leaves the pages as they were, is named in the end, and the exit code is 1. Parts about time want an idle machine.
+--cheap: each with less to do, for a look at whether it works; the pages are not touched then. --list: names, minutes,
+when last run. --pages: only make the blocks of the pages anew, as docs/figures.json has them; tests/test_figures.py
+holds them to it. What a part that was stopped has made lies in build/figures/NAME, and `experiment` goes on with it.
 """
 
 import argparse
@@ -36,7 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--pages", action="store_true")
     options = parser.parse_args(arguments)
-    chosen = [part for part in PARTS if part.name in options.names or not options.names]
+    by_name = {part.name: part for part in PARTS}
+    chosen = [by_name[name] for name in options.names] if options.names else list(PARTS)
     chosen = [part for part in chosen if options.timings in (None, part.times)]
     if options.list:
         return listed(chosen)
