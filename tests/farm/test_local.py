@@ -22,6 +22,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path, look_at, run_shard
 from zbuf_occlude.farm import local, supervisor
 from zbuf_occlude.farm.local import run_jobs
+from zbuf_occlude.farm.supervisor import Message
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -93,12 +94,12 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
     killed = []
 
     class Doomed(local.LocalWorker):
-        def __init__(self, *arguments: object) -> None:
-            super().__init__(*arguments)  # type: ignore[arg-type]
-            if len(killed) < 4:
-                killed.append(self.process.pid)
-                # while it starts, or somewhere in its work
-                threading.Timer(0.4 + 0.4 * len(killed), partial(os.kill, self.process.pid, signal.SIGKILL)).start()
+        def listen(self) -> list[Message]:
+            messages = super().listen()
+            if len(killed) < 4 and any(kind == "mesh" for kind, _ in messages):
+                killed.append(self.process.pid)  # it is somewhere in its work
+                self.process.kill()
+            return messages
 
     monkeypatch.setattr(local, "LocalWorker", Doomed)
     run(plan, out)
