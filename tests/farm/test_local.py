@@ -229,7 +229,14 @@ def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> N
 
 def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path) -> None:
     """Of a mesh that takes too long the summary says all there is to say; numba's locks are nobody's business."""
-    options = ["--limit=1", "--method=oracle", "--views=ring:1@0", "--points=50", "--mesh-seconds=0.001", "--workers=1"]
+    options = [
+        "--limit=1",
+        "--method=oracle",
+        "--views=paper100",
+        "--points=50000",
+        "--mesh-seconds=0.001",
+        "--workers=1",
+    ]
     command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 1
