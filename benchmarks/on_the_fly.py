@@ -53,7 +53,7 @@ def main() -> None:
     numba.set_num_threads(1)
     torch.set_num_threads(1)
     for eyes in (1, 8):
-        occlude = OnTheFlyOcclusion(arguments.points, eyes_a_sampling=eyes)
+        occlude = OnTheFlyOcclusion(arguments.points, eyes_per_sampling=eyes)
         occlude(shapes.make("chair", 900))  # compiles
         for name, seconds in (("first", 0.0), ("again", arguments.seconds)):
             n_clouds, wall, cpu = 0, time.perf_counter(), time.process_time()
@@ -62,7 +62,9 @@ def main() -> None:
                     occlude(mesh)
                 n_clouds += len(meshes)
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-            print(f"eyes_a_sampling {eyes}, {name}: {n_clouds / wall:.0f} clouds/s, {n_clouds / cpu:.0f} a CPU second")
+            print(
+                f"eyes_per_sampling {eyes}, {name}: {n_clouds / wall:.0f} clouds/s, {n_clouds / cpu:.0f} a CPU second"
+            )
     data = Occluded(meshes, OnTheFlyOcclusion(arguments.points), 20_000)
     loader = torch.utils.data.DataLoader(data, batch_size=32, num_workers=1, multiprocessing_context="spawn")
     batches = iter(loader)

@@ -90,7 +90,7 @@ def fill(plan: Plan, out: Path) -> None:
         kind = store._kept[0].dtype
         n_clouds: dict[str, int] = {}
         for i in mesh_ids:
-            records = np.zeros(plan.clouds_a_mesh, kind)
+            records = np.zeros(plan.clouds_per_mesh, kind)
             records["data"] = rng.uniform(-0.5, 0.5, (len(records), size, 3))
             records["factor"], records["pose"] = 1.0, CAMERA
             records["view_id"], records["n_visible"] = np.arange(len(records)), size
@@ -173,7 +173,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     known = parser.parse_args()
-    made = Made(known.clouds_a_mesh, known.points, known.workers)
+    made = Made(known.clouds_per_mesh, known.points, known.workers)
     rows: list[dict[str, Any]] = []
     for n in known.numbers:
         with tempfile.TemporaryDirectory() as name:

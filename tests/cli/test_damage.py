@@ -70,7 +70,7 @@ def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str
 def test_a_damaged_shard_is_said_and_made_again(
     run: Run, modelnet: Path, tmp_path: Path, format: str, damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_SHARD", 8)  # four meshes a shard
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 8)  # four meshes a shard
     dataset, common = tmp_path / "clouds", ("generate", modelnet, *SMALL, "--format", format)
     assert run(*common, "--out", tmp_path / "whole").code == 0
     assert run(*common, "--out", dataset, "--shard", "0/2").code == 0

@@ -163,7 +163,7 @@ def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, mode
 def test_shards_made_one_by_one_merge_to_the_same_dataset(
     run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_SHARD", 8)  # two meshes a shard
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 8)  # two meshes a shard
     arguments = ["generate", modelnet, *SMALL]
     assert run(*arguments, "--out", tmp_path / "whole").code == 0
     out = tmp_path / "parts"

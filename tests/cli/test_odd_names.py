@@ -17,7 +17,7 @@ OFF = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2
 CLASSES = (b"<img src=x onerror=alert(1)>", b"a|b\x1b[31m\xff")
 MESHES = {b"x\n| y.off": OFF, b"**b** `c` [l](javascript:1) $e$.off": OFF, b"\xfe<u>.off": b"OFF\n9 9 9\n"}
 SMALL = ("--points", 60, "--method", "oracle")
-COMMANDS_A_TERMINAL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+COMMANDS_PER_TERMINAL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
     ):
         outcome = run(*arguments)
         assert outcome.code == code, outcome.err
-        assert not COMMANDS_A_TERMINAL.search(outcome.out + outcome.err), (outcome.out, outcome.err)
+        assert not COMMANDS_PER_TERMINAL.search(outcome.out + outcome.err), (outcome.out, outcome.err)
         assert "Traceback" not in outcome.err
         if arguments[0] == "status":
             assert f"failed      a|b\\x1b[31m\\xff/\\xfe<u>.off: {printable(str(meshes))}" in outcome.out
@@ -68,9 +68,9 @@ def test_reports_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
     out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out\xfe<u>"))
     outcome = run("compare", meshes, "--out", out, *SMALL, "--views", "ring:2@20", "--judge-points", 20)
     assert outcome.code == 3, outcome.err
-    assert not COMMANDS_A_TERMINAL.search(outcome.out + outcome.err.replace("\r", ""))
+    assert not COMMANDS_PER_TERMINAL.search(outcome.out + outcome.err.replace("\r", ""))
     text = (out / "report.md").read_text(encoding="utf-8")
-    assert not COMMANDS_A_TERMINAL.search(text)
+    assert not COMMANDS_PER_TERMINAL.search(text)
     assert "<" not in text
     assert "&lt;img src=x onerror=alert(1)&gt;/x&#92;n\\| y.off" in text
     assert Elements(out / "report.html").found.isdisjoint({"u", "s", "hostile"})

@@ -54,7 +54,7 @@ def test_rounding_is_no_fault_where_faces_are_small(run: Run, tmp_path: Path, mo
     many = ("--method", "exact", "--views", "fibonacci:50", "--points", 3000, "--sample-size", 1024, "--workers", 1)
     assert run("generate", mesh, "--out", out, *many, "--format", "packed").code == 0
     assert run("convert", out, "--format", "npz", "--out", again).code == 0
-    monkeypatch.setattr("zbuf_occlude.dataset.verify_meshes.POINTS_A_CLOUD", 1024)
+    monkeypatch.setattr("zbuf_occlude.dataset.verify_meshes.POINTS_PER_CLOUD", 1024)
     for folder in (out, again):
         assert "points asked of the oracle: 0.000% are hidden" in run("verify", folder, mesh).out
 

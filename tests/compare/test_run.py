@@ -108,13 +108,13 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
 class Slow(Occluder):
     """Takes a microsecond for each pair, or so many seconds for each view, by a clock of its own."""
 
-    def __init__(self, mesh: Mesh, seconds_a_view: float | None = None) -> None:
+    def __init__(self, mesh: Mesh, seconds_per_view: float | None = None) -> None:
         super().__init__(mesh)
         self.now = 0.0
-        self.seconds_a_view = seconds_a_view
+        self.seconds_per_view = seconds_per_view
 
     def _visible(self, points: SurfacePoints, eyes: np.ndarray) -> np.ndarray:
-        self.now += len(eyes) * (1e-6 * len(points) if self.seconds_a_view is None else self.seconds_a_view)
+        self.now += len(eyes) * (1e-6 * len(points) if self.seconds_per_view is None else self.seconds_per_view)
         return np.ones((len(eyes), len(points)), dtype=bool)
 
 
@@ -134,7 +134,7 @@ def test_a_slow_subject_gets_fewer_views_then_fewer_points(
 
 def test_a_subject_whose_cost_is_the_faces_keeps_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
     question = ask("box", box(), views.paper100(), n_points=20_000, seed=0)
-    slow = Slow(question.mesh, seconds_a_view=0.009)
+    slow = Slow(question.mesh, seconds_per_view=0.009)
     monkeypatch.setattr("time.perf_counter", lambda: slow.now)
     view_ids, n = affordable(slow, question, 0.03)
     assert (len(view_ids), n) == (1, 20_000)

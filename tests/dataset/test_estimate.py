@@ -25,7 +25,7 @@ def plan_of(format: str, n_bad: int = 0) -> Plan:
 
 @pytest.mark.parametrize("format", ["hdf5", "packed", "modelnet-o"])
 def test_bytes_are_those_of_the_files(tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_FILE", 30)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 30)
     plan = plan_of(format)
     found = estimate(plan)
     assert (found.n_meshes, found.n_failed) == (10, 0)

@@ -46,7 +46,7 @@ def equal(a: np.ndarray, b: np.ndarray) -> bool:
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Four clouds of unequal size, two in each file."""
     for module in ("plan", "source", "formats.webdataset"):
-        monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_A_FILE", 2)
+        monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_PER_FILE", 2)
     recipe = Recipe(views="ring:2@10", sample_size=None, scanning=request.param)
     rng = np.random.default_rng(3)
     records = np.zeros(len(SIZES), record_type(recipe))

@@ -13,7 +13,7 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 
 def test_the_papers_last_column_is_the_quotient_of_two_others() -> None:
-    assert [round(row.samples_a_megabyte, 2) for row in PAPER] == [1.04, 65.32, 2.26, 1.35, 0.62, 28.82]
+    assert [round(row.samples_per_megabyte, 2) for row in PAPER] == [1.04, 65.32, 2.26, 1.35, 0.62, 28.82]
 
 
 def test_our_row_counts_clouds_and_every_file_that_is_needed(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
 
 
 def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervisor, "DEATHS_A_MESH", 2)
+    monkeypatch.setattr(supervisor, "DEATHS_PER_MESH", 2)
     plan = plan_of(ball, suicide, ball, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}

@@ -41,9 +41,9 @@ def collection(n_meshes: int) -> MeshCollection:
 def plan() -> Iterator[Plan]:
     """Three groups of 250 clouds; files of 16, shards of 20 clouds."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_FILE", 16)
-        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_SHARD", 20)
-        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_A_GROUP", 250)
+        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 16)
+        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 20)
+        patched.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 250)
         plan = Plan(collection(150), RECIPE)
         assert (len(plan.groups), len(plan.shards)) == (3, 39)
         yield plan

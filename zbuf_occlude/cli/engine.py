@@ -61,7 +61,7 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     if engine == "ray":
-        return partial(ray.run_jobs, n_workers=workers, limits=limits, address=address, gpus_a_worker=gpus)
+        return partial(ray.run_jobs, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
     return partial(local.run_jobs, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 

@@ -271,7 +271,7 @@ def command(
         compile_ahead(plan.recipe)
     failed = False
     for one, folder in plans:
-        mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_a_mesh
+        mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_per_mesh
         began = time.perf_counter()
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():

@@ -7,9 +7,9 @@ from zbuf_occlude.compare.judge import Judge
 from zbuf_occlude.compare.run import Case
 from zbuf_occlude.errors import OccludeError
 
-PAIRS_A_SECOND = 2.5e7
+PAIRS_PER_SECOND = 2.5e7
 """Pairs of line and face that methods which test all of them get through on one core (2 to 4e7, measured)."""
-JUDGED_A_SECOND = 1e8
+JUDGED_PER_SECOND = 1e8
 """The same for the judge, whose lines run side by side."""
 FEWEST_CALLS = 3
 """Of a method that is slow however few points it is given: two to see what it costs, one timed."""
@@ -56,10 +56,10 @@ def forecast(cases: Sequence[Case], judge: Judge, *, budget: float, limit: float
         timed = budget if case.budget is None else case.budget
         for subject in case.subjects:
             pairs = len(question.mesh.vertices) * len(question.mesh.faces) if subject.method in BY_VERTICES else 0
-            needed = FEWEST_CALLS * pairs / PAIRS_A_SECOND
+            needed = FEWEST_CALLS * pairs / PAIRS_PER_SECOND
             if needed > limit:
                 given_up.append(f"{case.label} · {subject.label}")
             seconds += min(limit, OVERHEAD + max(0.5 * timed, needed))
         if case.judged:
-            seconds += judge.n_tests(question) / JUDGED_A_SECOND
+            seconds += judge.n_tests(question) / JUDGED_PER_SECOND
     return Forecast(n_rows, seconds, given_up)

@@ -21,7 +21,7 @@ AUTO = "auto"
 LOOKED_AT = 8
 """Of a collection so many meshes are loaded to see how large they are."""
 
-LARGE, BYTES_A_FACE = 1 << 24, 40.0
+LARGE, BYTES_PER_FACE = 1 << 24, 40.0
 """Of a larger file the number of faces is guessed from its size."""
 
 PATIENCE = 10.0
@@ -146,7 +146,7 @@ def _sizes(entry: MeshEntry, recipe: Recipe) -> tuple[float, float] | None:
     try:
         n_bytes = os.path.getsize(entry.path) if entry.path else 0
         if n_bytes > LARGE:  # a worker loads it, within limits
-            return n_bytes / BYTES_A_FACE, recipe.n_points or recipe.density or 0.0
+            return n_bytes / BYTES_PER_FACE, recipe.n_points or recipe.density or 0.0
         with Limits(seconds=PATIENCE).watch():
             mesh = entry.load()
     except (MeshError, OSError):

@@ -167,7 +167,7 @@ class Jobs:
     def done(self, job: int, result: Any = None) -> list[int]:
         """Take in that a job is done; return those that may be begun now."""
         if job < len(self.plan.shards):
-            self._on_shard(len(self.plan.shards[job]) * self.plan.clouds_a_mesh)
+            self._on_shard(len(self.plan.shards[job]) * self.plan.clouds_per_mesh)
             self.made = time.perf_counter()
             group = self.plan.group_of(job) if self._in_parts else 0
             self._left[group] -= 1
@@ -219,7 +219,7 @@ class Jobs:
             if sidecar is None or fault:
                 missing.add(shard)
             else:
-                self._on_shard(len(self.plan.shards[shard]) * self.plan.clouds_a_mesh)
+                self._on_shard(len(self.plan.shards[shard]) * self.plan.clouds_per_mesh)
         return missing
 
 

@@ -55,11 +55,11 @@ class Order:
         groups, splits = self._group_of[mesh_ids], self._split_of[mesh_ids]
         for group, split in np.unique(np.stack([groups, splits], axis=1), axis=0).tolist():
             mine = (groups == group) & (splits == split)
-            n_clouds = int(self._n_meshes[group, split]) * self._plan.clouds_a_mesh
-            numbers = self._rank_of[mesh_ids[mine]] * self._plan.clouds_a_mesh + samples[mine]
+            n_clouds = int(self._n_meshes[group, split]) * self._plan.clouds_per_mesh
+            numbers = self._rank_of[mesh_ids[mine]] * self._plan.clouds_per_mesh + samples[mine]
             found = _inverse(recipe.seed, SPLITS[split], group, n_clouds)[numbers]
-            parts[mine] = self._first_part[group, SPLITS[split]] + found // plans.CLOUDS_A_FILE
-            places[mine] = found % plans.CLOUDS_A_FILE
+            parts[mine] = self._first_part[group, SPLITS[split]] + found // plans.CLOUDS_PER_FILE
+            places[mine] = found % plans.CLOUDS_PER_FILE
         return parts, places
 
 

@@ -33,11 +33,11 @@ MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 5
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
-CLOUDS_A_FILE = 2048
+CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
-CLOUDS_A_SHARD = 500
+CLOUDS_PER_SHARD = 500
 """A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
-CLOUDS_A_GROUP = 64 * CLOUDS_A_FILE
+CLOUDS_PER_GROUP = 64 * CLOUDS_PER_FILE
 """Clouds are mixed among about so many: of each shard a file then takes a run of eight, long enough to read fast."""
 
 PAIRS_CHECKED = 37_000
@@ -213,14 +213,14 @@ class Plan:
         return self.recipe.make_views(key) if self.recipe.draws_views else self.views
 
     @property
-    def clouds_a_mesh(self) -> int:
+    def clouds_per_mesh(self) -> int:
         """Clouds made of each mesh."""
         return len(self.views) * self.recipe.variations
 
     @property
     def n_clouds(self) -> int:
         """Clouds in the whole dataset when every mesh succeeds and sees something from everywhere."""
-        return len(self.meshes) * self.clouds_a_mesh
+        return len(self.meshes) * self.clouds_per_mesh
 
     @property
     def splits(self) -> list[str]:
@@ -235,7 +235,7 @@ class Plan:
         for group, mesh_ids in enumerate(self.groups):
             n_meshes = Counter(self.meshes[i].split for i in mesh_ids)
             for split in (split for split in SPLITS if n_meshes[split]):
-                for _ in range(-(-n_meshes[split] * self.clouds_a_mesh // CLOUDS_A_FILE)):
+                for _ in range(-(-n_meshes[split] * self.clouds_per_mesh // CLOUDS_PER_FILE)):
                     parts.append(Part(group, split, n_files[split]))
                     n_files[split] += 1
         return parts
@@ -257,7 +257,7 @@ class Plan:
         of each class and split, whatever the order of the meshes.
         """
         n_meshes = len(self.meshes)
-        n_groups = max(1, min(round(self.n_clouds / CLOUDS_A_GROUP), n_meshes))
+        n_groups = max(1, min(round(self.n_clouds / CLOUDS_PER_GROUP), n_meshes))
         hands = np.tile(np.arange(n_groups), (-(-n_meshes // n_groups), 1))
         rng = np.random.default_rng(seed_of(self.recipe.seed, "groups"))
         group_of = rng.permuted(hands, axis=1).ravel()[:n_meshes]
@@ -267,18 +267,18 @@ class Plan:
     @cached_property
     def shards(self) -> list[list[int]]:
         """Mesh indices of each shard, group by group. Does not depend on the number of workers."""
-        step = self.meshes_a_shard
+        step = self.meshes_per_shard
         return [group[i : i + step] for group in self.groups for i in range(0, len(group), step)]
 
     @property
-    def meshes_a_shard(self) -> int:
+    def meshes_per_shard(self) -> int:
         """Meshes of a shard; of the last of a group there may be fewer."""
-        return max(1, CLOUDS_A_SHARD // self.clouds_a_mesh)
+        return max(1, CLOUDS_PER_SHARD // self.clouds_per_mesh)
 
     @cached_property
     def shards_of(self) -> list[range]:
         """The shards of each group."""
-        ends = np.cumsum([0, *(-(-len(group) // self.meshes_a_shard) for group in self.groups)]).tolist()
+        ends = np.cumsum([0, *(-(-len(group) // self.meshes_per_shard) for group in self.groups)]).tolist()
         return [range(begin, end) for begin, end in pairwise(ends)]
 
     def group_of(self, shard: int) -> int:
@@ -301,8 +301,8 @@ class Plan:
             "views": self.views.table.tolist(),
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
-            "clouds_a_shard": CLOUDS_A_SHARD,
-            "clouds_a_group": CLOUDS_A_GROUP,
+            "clouds_per_shard": CLOUDS_PER_SHARD,
+            "clouds_per_group": CLOUDS_PER_GROUP,
             "data_version": DATA_VERSION,
         }
 
@@ -354,8 +354,8 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator
                 yield f"{what} of {key} was {then!r}, and is {now!r}"
     for name, what in (
         ("format", "format"),
-        ("clouds_a_shard", "shards' size"),
-        ("clouds_a_group", "groups' size"),
+        ("clouds_per_shard", "shards' size"),
+        ("clouds_per_group", "groups' size"),
         ("data_version", "data version"),
     ):
         if theirs.get(name) != mine.get(name):

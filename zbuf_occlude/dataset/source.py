@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.plan import CLOUDS_A_FILE, Plan
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.meshes.collection import SPLITS
 
 Numbers = NDArray[np.intp]
@@ -35,7 +35,7 @@ class Source:
         Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
         where neighbours in the order are.
     sizes : mapping of split to list of int
-        How many clouds each file has that is written of them; `CLOUDS_A_FILE` where nothing is said.
+        How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
     """
 
     plan: Plan
@@ -53,12 +53,12 @@ class Source:
     def files(self, split: str) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield the number and the records of each file that a split's clouds are to fill; empty files are left out."""
         numbers = self.order[split]
-        sizes = self.sizes.get(split) or [CLOUDS_A_FILE] * -(-len(numbers) // CLOUDS_A_FILE)
+        sizes = self.sizes.get(split) or [CLOUDS_PER_FILE] * -(-len(numbers) // CLOUDS_PER_FILE)
         for number, (end, size) in enumerate(zip(np.cumsum(sizes).tolist(), sizes, strict=True)):
             if size:
                 yield number, self.take(numbers[end - size : end])
 
-    def batches(self, split: str, size: int = CLOUDS_A_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
+    def batches(self, split: str, size: int = CLOUDS_PER_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
         """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""
         numbers = self.order[split]
         if in_any_order and (blocks := self.blocks_of(numbers)) is not None:

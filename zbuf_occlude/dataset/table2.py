@@ -18,7 +18,7 @@ class Row(NamedTuple):
     megabytes: float
 
     @property
-    def samples_a_megabyte(self) -> float:
+    def samples_per_megabyte(self) -> float:
         """The paper's last column."""
         return self.n_samples / self.megabytes
 
@@ -59,7 +59,7 @@ def cells(row: Row) -> list[str]:
     """Return a row as text, under `HEADINGS`."""
     megabytes = f"{row.megabytes:,.2f}" if row.megabytes < 100 else f"{row.megabytes:,.0f}"
     name, samples, classes = row.name, f"{row.n_samples:,}", str(row.n_classes)
-    return [name, samples, classes, row.type, row.representation, megabytes, f"{row.samples_a_megabyte:,.2f}"]
+    return [name, samples, classes, row.type, row.representation, megabytes, f"{row.samples_per_megabyte:,.2f}"]
 
 
 def as_markdown(rows: list[Row]) -> str:

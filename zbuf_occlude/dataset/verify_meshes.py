@@ -15,7 +15,7 @@ from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
-POINTS_A_CLOUD = 64
+POINTS_PER_CLOUD = 64
 """Of each cloud that is checked so many points are asked of the oracle."""
 ROUNDING = 0.002
 """What rounding the positions may add to the fraction of false visible, beside what lies in the boundary band."""
@@ -37,7 +37,7 @@ def scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: in
     rng = np.random.default_rng(plan.recipe.seed)
     everything = np.concatenate(list(source.order.values()))
     records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_a_mesh)]
+    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]
     n_compared = 0
     for mesh_id in wanted:
         entry, store = remade.meshes[mesh_id], RecordStore(remade)
@@ -78,7 +78,7 @@ def ask_oracle(
             faults.append(str(error))
             continue
         rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
-        some = rng.choice(len(record["data"]), min(POINTS_A_CLOUD, len(record["data"])), replace=False)
+        some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
         positions = record["data"][some] / record["factor"] + record["centre"]
         if plan.recipe.frame == "camera":
             positions = (positions - translation) @ rotation

@@ -26,7 +26,7 @@ def run_jobs(
     n_workers: int | None,
     limits: Limits,
     address: str | None = None,
-    gpus_a_worker: float = 0.0,
+    gpus_per_worker: float = 0.0,
 ) -> None:
     """Do jobs by Ray actors; parameters, errors and promises as in `supervise`, and:
 
@@ -35,10 +35,10 @@ def run_jobs(
     task, jobs, done, limits
         As in `zbuf_occlude.farm.local.run_jobs`. The folder that the task is about must be the same on every node.
     n_workers : int or None
-        Actors; by default as many as the cluster has CPUs, or room for by `gpus_a_worker`.
+        Actors; by default as many as the cluster has CPUs, or room for by `gpus_per_worker`.
     address : str, optional
         Of a running cluster ("auto", "host:port"); by default RAY_ADDRESS's, or a new one on this machine.
-    gpus_a_worker : float
+    gpus_per_worker : float
         Ray's num_gpus for an actor; fractions share a GPU. The actor renders on the EGL device of the GPU it was given.
 
     Raises
@@ -61,8 +61,10 @@ def run_jobs(
             raise UnavailableError(f"a Ray cluster must answer at {address or 'this machine'}: {error}") from None
     try:
         resources = ray.cluster_resources()
-        room = resources.get("GPU", 0) / gpus_a_worker if gpus_a_worker else resources.get("CPU", 1)
-        actor = ray.remote(_Actor).options(num_cpus=0 if gpus_a_worker else 1, num_gpus=gpus_a_worker, max_restarts=0)
+        room = resources.get("GPU", 0) / gpus_per_worker if gpus_per_worker else resources.get("CPU", 1)
+        actor = ray.remote(_Actor).options(
+            num_cpus=0 if gpus_per_worker else 1, num_gpus=gpus_per_worker, max_restarts=0
+        )
         handle = ray.put(task)
         supervise(
             jobs,

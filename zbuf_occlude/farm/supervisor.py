@@ -12,12 +12,12 @@ from zbuf_occlude.limits import GivenUp, Limits
 
 _LOG = logging.getLogger(__name__)
 
-DEATHS_A_MESH = 5
+DEATHS_PER_MESH = 5
 """A mesh at which so many workers have died is given up. It is given more while workers die that are at no mesh, or at
 one that another makes: then something else kills them."""
 BREAKS = 5
 """So many workers in a row may lose, or never get, their GL context before the run gives up."""
-JOBS_A_WORKER = 200
+JOBS_PER_WORKER = 200
 """A worker is replaced after so many jobs: drivers leak."""
 GRACE = 0.5
 """Seconds between two looks at the workers' time and memory."""
@@ -114,7 +114,7 @@ def supervise(
 
     Notes
     -----
-    A worker that dies is replaced and its job done again; a mesh at which `DEATHS_A_MESH` workers died, or that
+    A worker that dies is replaced and its job done again; a mesh at which `DEATHS_PER_MESH` workers died, or that
     exceeds the limits, becomes a failure in the shard's sidecar. What a job writes depends on the plan alone, never on
     the worker that did it, so any number of deaths leaves the same bytes.
     """
@@ -162,7 +162,7 @@ def _look_after(seat: _Seat, book: _Book, done: Callable[[int, Any], Iterable[in
         seat.worker.kill()
         _bury(seat, book, excess, at_once=True)
         return True
-    if seat.n_done >= JOBS_A_WORKER and seat.job is None:
+    if seat.n_done >= JOBS_PER_WORKER and seat.job is None:
         seat.worker.dismiss()
         return True
     return False
@@ -199,7 +199,7 @@ def _acquit(seat: _Seat, book: _Book) -> None:
 
 
 def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> None:
-    """Put a dead worker's job back; blame the mesh it was at, at once or after `DEATHS_A_MESH` deaths or more."""
+    """Put a dead worker's job back; blame the mesh it was at, at once or after `DEATHS_PER_MESH` deaths or more."""
     mesh_id = seat.mesh_id
     if mesh_id is None:
         book.n_innocent += 1
@@ -208,7 +208,7 @@ def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> No
     else:
         book.deaths[mesh_id] += 1
         elsewhere = book.n_innocent - book.innocent_before.setdefault(mesh_id, book.n_innocent)
-        if book.deaths[mesh_id] >= DEATHS_A_MESH + elsewhere:
+        if book.deaths[mesh_id] >= DEATHS_PER_MESH + elsewhere:
             book.lost[mesh_id] = GivenUp(f"{reason} at it, {book.deaths[mesh_id]} times", book.limits)
     if seat.job is not None:
         book.queue.appendleft(seat.job)

@@ -54,7 +54,7 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
         raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
     cameras = reversed_depth(views, _square(frusta))
     with mesh_buffers(gl, positions, faces.reshape(-1, 3).astype(np.int32)) as mesh_on_gpu:
-        depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_an_eye=1)
+        depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
         try:
             tiles = np.zeros(MOST_TILES, dtype=TILE)
             tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)

@@ -32,7 +32,7 @@ class DepthPass:
         Pixels along a tile's side.
     ids : bool
         Whether the atlas keeps the id of the nearest face beside the depth.
-    tiles_an_eye : int
+    tiles_per_eye : int
         1, or `CUBE`.
 
     Notes
@@ -47,18 +47,18 @@ class DepthPass:
         resolution: int,
         *,
         ids: bool,
-        tiles_an_eye: int,
+        tiles_per_eye: int,
     ) -> None:
         self._gl = gl
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
-        eyes = int(np.clip(budget, tiles_an_eye, MOST_TILES)) // tiles_an_eye
+        eyes = int(np.clip(budget, tiles_per_eye, MOST_TILES)) // tiles_per_eye
         self.n_eyes = eyes // GROUP * GROUP if eyes > GROUP else eyes
         """Eyes of a batch."""
         self._program = gl.program(
-            "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_an_eye == CUBE)
+            "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_per_eye == CUBE)
         )
-        self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_an_eye, faces=ids)
-        self._tiles_an_eye = tiles_an_eye
+        self.atlas = Atlas(gl, resolution, self.n_eyes * tiles_per_eye, faces=ids)
+        self._tiles_per_eye = tiles_per_eye
         self._drawn: Any = None
         try:
             self._drawn = buffers.vertex_array(self._program, "vertices", "indices")
@@ -70,7 +70,7 @@ class DepthPass:
         """Draw the mesh into the first tiles, by the matrices bound to uniform block 0."""
         width, height = self.atlas.size
         set_uniforms(self._program, to_ndc=(2.0 / width, 2.0 / height), side=float(self.atlas.resolution))
-        self.atlas.draw(n_tiles, lambda: self._drawn.render(instances=n_tiles), clip=self._tiles_an_eye == CUBE)
+        self.atlas.draw(n_tiles, lambda: self._drawn.render(instances=n_tiles), clip=self._tiles_per_eye == CUBE)
 
     def release(self) -> None:
         """Give the GPU's memory back; calling it again does nothing."""

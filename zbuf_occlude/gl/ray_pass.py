@@ -27,7 +27,7 @@ class PicturedRays(NamedTuple):
 
     Parameters
     ----------
-    tiles_an_eye : int
+    tiles_per_eye : int
         1 for pictures fitted to the mesh, `CUBE` for sides of a cube.
     pictures : Pictures
         Of all origins, only those that a ray passes through.
@@ -39,7 +39,7 @@ class PicturedRays(NamedTuple):
         Where, in pixels from the picture's lower left.
     """
 
-    tiles_an_eye: int
+    tiles_per_eye: int
     pictures: Pictures
     rays: NDArray[np.int64]
     tiles: NDArray[np.int64]
@@ -81,7 +81,7 @@ def _some(pictures: Pictures, which: NDArray[np.int64]) -> Pictures:
 
 
 def _pictured(
-    tiles_an_eye: int,
+    tiles_per_eye: int,
     pictures: Pictures,
     rays: NDArray[np.int64],
     tiles: NDArray[np.int64],
@@ -99,7 +99,7 @@ def _pictured(
     high = np.stack([frusta.right, frusta.top], axis=1)[tiles]
     pixels = (tangents - low) / (high - low) * resolution
     within = ((pixels > 0.0) & (pixels < resolution)).all(axis=1)
-    return PicturedRays(tiles_an_eye, pictures, rays[within], tiles[within], pixels[within])
+    return PicturedRays(tiles_per_eye, pictures, rays[within], tiles[within], pixels[within])
 
 
 def seen_around(gl: GlContext, depth_pass: DepthPass, pictured: PicturedRays) -> IntArray:

@@ -168,17 +168,19 @@ class DepthBuffer(Occluder):
                 part.release()
             self._uploaded = None
 
-    def _answer(self, points: list[UploadedPoints], pictures: Pictures, tiles_an_eye: int, out: BoolArray) -> BoolArray:
+    def _answer(
+        self, points: list[UploadedPoints], pictures: Pictures, tiles_per_eye: int, out: BoolArray
+    ) -> BoolArray:
         """Answer for eyes that all have so many tiles, into (k, n) bool."""
-        depth_pass = self._pass(tiles_an_eye)
-        tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_an_eye)
+        depth_pass = self._pass(tiles_per_eye)
+        tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
         # answers of a batch's groups have a byte per point each
         groups = -(-depth_pass.n_eyes // GROUP) * max(part.n_slots for part in points)
         most = max(1, answer_limit(self._gl) // groups) * depth_pass.n_eyes
         for first in range(0, len(out), most):
             some = slice(first, first + most)
-            these = slice(first * tiles_an_eye, (first + most) * tiles_an_eye)
-            self._answer_some(points, depth_pass, tiles[these], tiles_an_eye, out[some])
+            these = slice(first * tiles_per_eye, (first + most) * tiles_per_eye)
+            self._answer_some(points, depth_pass, tiles[these], tiles_per_eye, out[some])
         return out
 
     def _answer_some(
@@ -186,16 +188,16 @@ class DepthBuffer(Occluder):
         points: list[UploadedPoints],
         depth_pass: DepthPass,
         tiles: NDArray[np.void],
-        tiles_an_eye: int,
+        tiles_per_eye: int,
         out: BoolArray,
     ) -> None:
         """Answer for as many eyes as there is room for answers."""
         batches = _batches(len(out), depth_pass.n_eyes)
         padded = np.zeros((len(batches), MOST_TILES), dtype=TILE)
         for row, batch in zip(padded, batches, strict=True):
-            first, last = batch.first_eye * tiles_an_eye, (batch.first_eye + batch.n_eyes) * tiles_an_eye
+            first, last = batch.first_eye * tiles_per_eye, (batch.first_eye + batch.n_eyes) * tiles_per_eye
             row[: last - first] = tiles[first:last]
-        programs = self._programs(tiles_an_eye, depth_pass)
+        programs = self._programs(tiles_per_eye, depth_pass)
         passes: list[PointPass] = []
         with Buffers(self._gl, tiles=padded) as buffers:
             try:
@@ -210,7 +212,7 @@ class DepthBuffer(Occluder):
                 self._mesh_buffers.bind(corners=4)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
-                    depth_pass.draw(batch.n_eyes * tiles_an_eye)
+                    depth_pass.draw(batch.n_eyes * tiles_per_eye)
                     for each in passes:
                         each.ask(batch)
                 for each in passes:
@@ -227,22 +229,22 @@ class DepthBuffer(Occluder):
         drawn = np.append(np.argsort(self._arrays.places), -1).astype(np.int32)  # faces in the order of drawing; none
         units = directions / lengths[:, None]
         for group in picture_rays(self._unit.to(origins), units, self._arrays.positions, self._resolution):
-            depth_pass = self._pass(group.tiles_an_eye, ids=True)
+            depth_pass = self._pass(group.tiles_per_eye, ids=True)
             candidates[group.rays] = drawn[seen_around(self._gl, depth_pass, group)]
         self._gl.check()
         face_ids, fractions = nearest_of(candidates, self.mesh.corners, origins, directions)
         return FirstHits(face_ids, fractions * lengths)
 
-    def _pass(self, tiles_an_eye: int, ids: bool | None = None) -> DepthPass:
+    def _pass(self, tiles_per_eye: int, ids: bool | None = None) -> DepthPass:
         ids = self._criteria.witness if ids is None else ids
-        if (tiles_an_eye, ids) not in self._passes:
-            self._passes[tiles_an_eye, ids] = DepthPass(
-                self._gl, self._mesh_buffers, self._resolution, ids=ids, tiles_an_eye=tiles_an_eye
+        if (tiles_per_eye, ids) not in self._passes:
+            self._passes[tiles_per_eye, ids] = DepthPass(
+                self._gl, self._mesh_buffers, self._resolution, ids=ids, tiles_per_eye=tiles_per_eye
             )
-        return self._passes[tiles_an_eye, ids]
+        return self._passes[tiles_per_eye, ids]
 
-    def _programs(self, tiles_an_eye: int, depth_pass: DepthPass) -> list[Any]:
-        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_an_eye == CUBE)}
+    def _programs(self, tiles_per_eye: int, depth_pass: DepthPass) -> list[Any]:
+        constants = {"TILES": MOST_TILES, "CUBE": int(tiles_per_eye == CUBE)}
         if self._criteria.witness:
             programs = [
                 self._gl.program("vote.comp", **constants),

@@ -71,7 +71,7 @@ def test_scale_makes_the_longest_side_one() -> None:
 def test_seeded_by_torch() -> None:
     def one() -> Any:
         torch.manual_seed(5)
-        occlude = OnTheFlyOcclusion(64, eyes_a_sampling=2)
+        occlude = OnTheFlyOcclusion(64, eyes_per_sampling=2)
         return torch.stack([occlude(BALL) for _ in range(5)])
 
     assert torch.equal(one(), one())

@@ -26,7 +26,7 @@ def names(plan: Plan) -> Iterator[str]:
     names = names_of(plan)
     yield from map(rest_name, plan.splits)
     for mesh_id, entry in enumerate(plan.meshes):
-        yield from (_name(entry.split, names, mesh_id, number) for number in range(plan.clouds_a_mesh))
+        yield from (_name(entry.split, names, mesh_id, number) for number in range(plan.clouds_per_mesh))
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:

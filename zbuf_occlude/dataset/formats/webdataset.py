@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import point_fields, record_type
-from zbuf_occlude.dataset.plan import CLOUDS_A_FILE, Plan, Recipe
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 TEXTS = 2
@@ -38,7 +38,7 @@ def names(plan: Plan) -> Iterator[str]:
 
 def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
     """Write one shard."""
-    _write_shard(out / _name(split, number), records, number * CLOUDS_A_FILE, plan)
+    _write_shard(out / _name(split, number), records, number * CLOUDS_PER_FILE, plan)
     return [_name(split, number)]
 
 

@@ -25,7 +25,7 @@ from zbuf_occlude.views import PAPER_DISTANCE
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
 
-BYTES_A_FACE = 1000
+BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
 """So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
@@ -47,7 +47,7 @@ class OnTheFlyOcclusion:
     method_options : mapping, optional
     scale : {"cloud", "mesh"}
         As in `zbuf_occlude.dataset.plan.Recipe`.
-    eyes_a_sampling : int
+    eyes_per_sampling : int
         So many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then it is sampled anew.
         1: every cloud has points of its own.
     attributes : sequence of str
@@ -83,11 +83,11 @@ class OnTheFlyOcclusion:
         method: str = "exact",
         method_options: Mapping[str, Any] | None = None,
         scale: str = "cloud",
-        eyes_a_sampling: int = 8,
+        eyes_per_sampling: int = 8,
         attributes: Sequence[str] = (),
         cache_megabytes: float = 500.0,
     ) -> None:
-        for name, value in (("n_points", n_points), ("distance", distance), ("eyes_a_sampling", eyes_a_sampling)):
+        for name, value in (("n_points", n_points), ("distance", distance), ("eyes_per_sampling", eyes_per_sampling)):
             if not value > 0:
                 raise OptionError(f"{name} must be positive; got {value}.")
         if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
@@ -101,7 +101,7 @@ class OnTheFlyOcclusion:
         find_method(method).check_options(dict(method_options or {}))
         self.n_points, self.distance, self.elevations = n_points, distance, elevations
         self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
-        self.eyes_a_sampling, self.cache_megabytes = eyes_a_sampling, cache_megabytes
+        self.eyes_per_sampling, self.cache_megabytes = eyes_per_sampling, cache_megabytes
         self._subjects: OrderedDict[int, _Subject] = OrderedDict()
         self._process = -1
 
@@ -161,7 +161,7 @@ class _Subject:
     def __init__(self, mesh: Mesh, settings: OnTheFlyOcclusion) -> None:
         self.mesh = mesh
         self.occluder = prepare(mesh, settings.method, **settings.method_options)
-        self.megabytes = len(mesh.faces) * BYTES_A_FACE / 1e6
+        self.megabytes = len(mesh.faces) * BYTES_PER_FACE / 1e6
         self._clouds: list[FloatArray] = []
         self._visible_fraction = 0.3
 
@@ -177,7 +177,7 @@ class _Subject:
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         mesh, wanted = self.mesh, settings.n_points
-        n_eyes = settings.eyes_a_sampling
+        n_eyes = settings.eyes_per_sampling
         views = random_views(n_eyes, settings.elevations, settings.distance, int(rng.integers(2**62)))
         eyes = views.around(mesh.centre, mesh.longest_side).eyes
         found: list[list[FloatArray]] = [[] for _ in eyes]

@@ -14,7 +14,7 @@ from zbuf_occlude.sampling import sample_surface
 
 FINEST = 128
 """Voxels a side, at most: the surface of a finer grid has millions of faces."""
-SAMPLES_A_CELL = 30
+SAMPLES_PER_CELL = 30
 """Of a surface that fills a side of the grid; what is thinner than a voxel is still met."""
 
 
@@ -56,7 +56,7 @@ def as_voxels(meshes: MeshCollection, n: int) -> MeshCollection:
 def voxel_surface(load: Callable[[], Mesh], n: int) -> Mesh:
     """Return the surface of the n^3 grid's cells that a mesh's surface meets, its longest side 1."""
     mesh = load().normalized()
-    points = sample_surface(mesh, n_points=SAMPLES_A_CELL * n * n, seed=0)
+    points = sample_surface(mesh, n_points=SAMPLES_PER_CELL * n * n, seed=0)
     surface = cells_as_mesh(OccupancyGrid(mesh.bounds, n, points.positions).occupied).normalized()
     return replace(surface, name=mesh.name, origin=_origin(mesh.origin, n))
 
