@@ -10,6 +10,7 @@ import pytest
 
 from tests.scenes import box, two_plates
 from zbuf_occlude import Mesh, views
+from zbuf_occlude.compare import bench as bench_module
 from zbuf_occlude.compare import run as run_module
 from zbuf_occlude.compare.bench import Bench, SubjectFailed
 from zbuf_occlude.compare.judge import Judge
@@ -100,13 +101,19 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
         with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
-        bench._limit = 0.0
+        bench._limit = 0.0  # it warms up all the same, that is not the row's time
         with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
             bench.measure(Hung(), "oracle", {}, 0.1)  # type: ignore[arg-type]
 
 
+def test_a_method_that_never_warms_up_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_module, "WARM_SECONDS", 0.0)
+    with Bench(limit=60.0) as bench, pytest.raises(SubjectFailed, match="took more than 0 s to warm up and was given"):
+        bench.measure(plates(), "oracle", {}, 0.1)
+
+
 class Slow(Occluder):
-    """Takes a microsecond for each pair, or so many seconds for each view, by a clock of its own."""
+    """Takes a microsecond for each pair, or this many seconds for each view, by a clock of its own."""
 
     def __init__(self, mesh: Mesh, seconds_per_view: float | None = None) -> None:
         super().__init__(mesh)

@@ -4,16 +4,34 @@ import multiprocessing
 import signal
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
-from zbuf_occlude.compare.measure import Measurement, measure
+from zbuf_occlude.compare.measure import Measurement, measure, warm
 from zbuf_occlude.compare.question import Question
 from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.visibility import find_method
 
+WARM_SECONDS = 900.0
+"""What a method may take on a cube: mostly compiling, on a busy machine with nothing compiled."""
+
 
 class SubjectFailed(Exception):  # noqa: N818  (not an error of ours: a result, and a row)
     """A subject raised, died or took too long; the message is the reason."""
+
+
+class _Warm(NamedTuple):
+    """Asks the process to run a method on a cube."""
+
+    method: str
+    options: dict[str, Any]
+
+
+class _Measure(NamedTuple):
+    """Asks it to measure a method on the question that was sent last."""
+
+    method: str
+    options: dict[str, Any]
+    budget: float
 
 
 class Bench:
@@ -22,7 +40,7 @@ class Bench:
     Parameters
     ----------
     limit : float
-        Seconds after which a measurement is given up.
+        Seconds after which a measurement is given up; compiling, which is done once, does not count.
 
     Notes
     -----
@@ -64,15 +82,23 @@ class Bench:
             With the reason.
         """
         pipe = self._open()
+        pipe.send(_Warm(method, options))
+        self._answer(pipe, WARM_SECONDS, "to warm up ")
         if question is not self._question:
             pipe.send(question)
             self._question = question
-        pipe.send((method, options, budget))
+        pipe.send(_Measure(method, options, budget))
+        measurement = self._answer(pipe, self._limit)
+        assert measurement is not None
+        return measurement
+
+    def _answer(self, pipe: Connection, limit: float, what: str = "") -> Measurement | None:
+        """Wait for the process's answer."""
         try:
-            if not pipe.poll(self._limit):
+            if not pipe.poll(limit):
                 self._kill()
-                raise SubjectFailed(f"took more than {self._limit:g} s and was given up")
-            answer: Measurement | str = pipe.recv()
+                raise SubjectFailed(f"took more than {limit:g} s {what}and was given up")
+            answer: Measurement | str | None = pipe.recv()
         except (EOFError, ConnectionResetError):
             self._process.join()
             code = self._process.exitcode
@@ -107,14 +133,16 @@ def serve(pipe: Connection) -> None:
             if isinstance(message, Question):
                 question = message
                 continue
-            method, options, budget = message
-            assert question is not None
             try:
-                if find_method(method).needs_gl and gl is None:
+                if find_method(message.method).needs_gl and gl is None:
                     from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
 
                     gl = GlContext.open()
-                pipe.send(measure(question, method, options, budget, gl))
+                if isinstance(message, _Warm):
+                    pipe.send(warm(message.method, message.options, gl))
+                else:
+                    assert question is not None
+                    pipe.send(measure(question, message.method, message.options, message.budget, gl))
             except OccludeError as error:
                 pipe.send(str(error))
             except Exception as error:  # a subject may fail in any way; that is a row

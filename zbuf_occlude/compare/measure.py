@@ -79,10 +79,9 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
 
     Notes
     -----
-    The method runs on a cube first, so that neither compiling nor importing is timed; then once on a growing part of
-    the question, which says how much of it the budget allows.
+    The method has run on a cube before (`warm`), so that neither compiling nor importing is timed. It runs on a growing
+    part of the question first, which says how much of it the budget allows.
     """
-    warm(method, options, gl)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         before = _resident()
