@@ -37,7 +37,7 @@ from zbuf_occlude.dataset.jobs import n_shards_done
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
-from zbuf_occlude.errors import GlError, UnavailableError
+from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.farm import local
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -255,14 +255,17 @@ def command(
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     part = part_of(shard)
     if dry_run:
-        for each in plans:
-            echo(describe(*each))
+        missing: OccludeError | None = None
         try:
             rehearse(plan.recipe, require_gpu)
-            for one, _ in plans:
-                echo(costs(one))
         except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
-            echo(f"not on this machine: {error}")
+            missing = error
+        for each in plans:
+            echo(describe(*each))
+        for one, _ in plans if missing is None else ():
+            echo(costs(one))
+        if missing is not None:
+            echo(f"not on this machine: {missing}")
         return
     if not is_plain(plan.recipe):
         rehearse(plan.recipe, require_gpu)

@@ -139,7 +139,8 @@ def serve(pipe: Connection) -> None:
 
                     gl = GlContext.open()
                 if isinstance(message, _Warm):
-                    pipe.send(warm(message.method, message.options, gl))
+                    warm(message.method, message.options, gl)
+                    pipe.send(None)
                 else:
                     assert question is not None
                     pipe.send(measure(question, message.method, message.options, message.budget, gl))
