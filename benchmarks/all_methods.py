@@ -83,7 +83,7 @@ def seconds_of(ask: Ask, eyes: FloatArray) -> float:
 
 
 def cell(mesh: Mesh, n_points: int, gl: GlContext, seconds: float, rounds: int, stack: ExitStack) -> dict[str, Any]:
-    """Measure all methods on one mesh with so many points; what they hold goes onto the stack."""
+    """Measure all methods on one mesh with this many points; what they hold goes onto the stack."""
     points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
     eyes = eyes[np.random.default_rng(0).permutation(len(eyes))]
     sample = np.random.default_rng(1).choice(n_points, 50, replace=False)

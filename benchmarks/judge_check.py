@@ -20,7 +20,7 @@ from zbuf_occlude.rational import sees
 from zbuf_occlude.visibility import oracle
 
 MOST_DISPUTES = 300
-"""So many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
+"""This many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
 
 
 def main() -> int:

@@ -48,7 +48,7 @@ WARM_UP, FLAT = 0.1, 0.05
 LEAST_SAMPLES = 50
 """A worker that made fewer shards has no life to speak of."""
 COMPARED = 5
-"""So many of a plan's first and of its last shards are made again."""
+"""This many of a plan's first and of its last shards are made again."""
 
 CALLS = [
     {"label": label, "index": index, "resolution": resolution, "refine": refine, "points": points, "distance": distance}
@@ -99,7 +99,7 @@ def one_process(n_renders: int) -> dict[str, Any]:
 
 
 def plan_of(number: int, n_renders: int) -> Plan:
-    """A plan of so many renders: small built-in shapes over and over, each time with other points."""
+    """A plan of this many renders: small built-in shapes over and over, each time with other points."""
     members = [(label, index) for index in range(8) for label in shapes.CLASSES]
     members = [m for m in members if len(shapes.make(*m).faces) < 3000]
     entries = []

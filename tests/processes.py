@@ -5,7 +5,7 @@ import select
 
 
 def ended(pid: int, seconds: float = 30.0) -> bool:
-    """Whether a process ends within so many seconds; one that nobody reaped has ended too."""
+    """Whether a process ends within this many seconds; one that nobody reaped has ended too."""
     try:
         descriptor = os.pidfd_open(pid)
     except ProcessLookupError:

@@ -124,7 +124,7 @@ def sample_surface(
     ----------
     mesh : Mesh
     n_points : int, optional
-        Exactly so many points: each falls on a face with probability proportional to its area.
+        Exactly this many points: each falls on a face with probability proportional to its area.
     density : float, optional
         Points per unit of area: the paper's Algorithm 1, whose total is random.
         Give exactly one of `n_points` and `density`.

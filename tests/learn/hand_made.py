@@ -42,7 +42,7 @@ DOCUMENT = {
 
 
 def confusion(accuracy: float, n: int = 200, truth: tuple[str, ...] = ("bed", "car")) -> Confusion:
-    """So many clouds, half of each of two classes, of which a share is labelled right."""
+    """This many clouds, half of each of two classes, of which a share is labelled right."""
     right = round(accuracy * n / 2)
     wrong = n // 2 - right
     return Confusion(truth, ("bed", "car"), np.array([[right, wrong], [wrong, right]]))

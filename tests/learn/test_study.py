@@ -38,7 +38,7 @@ class Stop(Exception):  # noqa: N818  (no error: an end)
 
 
 class StopAt(Progress):
-    """Stops when a trial is heard of for so many times, and remembers what it heard."""
+    """Stops when a trial is heard of for this many times, and remembers what it heard."""
 
     def __init__(self, trial: int = 10**9, n_clouds: int = 10**9) -> None:
         self.left, self.n_clouds = trial, n_clouds

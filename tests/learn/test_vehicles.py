@@ -12,7 +12,7 @@ TOTALS = {"4wd": 21, "bus": 16, "car": 88, "truck": 12, "ute": 16, "van": 35}
 
 
 def table(hits: dict[str, int], false_positives: int) -> np.ndarray:
-    """588 scans: of each vehicle class so many labelled car, and so many of the 400 others."""
+    """588 scans: of each vehicle class this many labelled car, and this many of the 400 others."""
     counts = np.zeros((len(sydney.CLASSES), 3), dtype=int)
     for label, total in TOTALS.items():
         row = sydney.CLASSES.index(label)

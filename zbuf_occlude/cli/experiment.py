@@ -70,7 +70,7 @@ ALL = "all"
     "--objects",
     type=int,
     metavar="N",
-    help="Objects of each class; in 4.3 so many to train and, as in the paper, 1/4 as many to validate, 5/8 to test.",
+    help="Objects of each class; in 4.3 this many to train and, as in the paper, 1/4 as many to validate, 5/8 to test.",
 )
 @click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes each of several, 4.2 the last.")
 @click.option(

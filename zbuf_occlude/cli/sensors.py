@@ -13,7 +13,7 @@ from zbuf_occlude.cli.options import suffix_of
 from zbuf_occlude.sensors import Sensor
 
 MOST_SHOWN = 8
-"""Of a number that is a list, so many entries are printed."""
+"""Of a number that is a list, this many entries are printed."""
 
 
 @click.command()

@@ -34,7 +34,7 @@ HELD_OUT = 0.1
     type=click.IntRange(1),
     default=20,
     show_default=True,
-    help="Stop after so many epochs without a better validation.",
+    help="Stop after this many epochs without a better validation.",
 )
 @click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
 @click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Of Adam, at the start.")

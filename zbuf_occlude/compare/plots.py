@@ -47,7 +47,7 @@ def all_plots(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def canvas(width: float, height: float, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure of so many inches and its axes side by side, in the report's style."""
+    """Return a figure of this many inches and its axes side by side, in the report's style."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(1, columns, squeeze=False)[0])

@@ -31,7 +31,7 @@ SCALING = ("exact_hsr", "oracle", *GRIDS, *IMAGE_SPACE, "hidden_point_removal")
 POINT_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
 FACE_SWEEP = (1_000, 3_000, 10_000, 30_000, 100_000)
 SWEEP_SHAPE = ("chair", 2)
-"""The built-in shape whose edges are halved until it has so many faces; its surface stays."""
+"""The built-in shape whose edges are halved until it has this many faces; its surface stays."""
 SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
 """What stays as it is while the other number grows."""
 

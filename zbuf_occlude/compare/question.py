@@ -14,7 +14,7 @@ from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 
 MOST_VIEWS = 15
-"""So many views are asked by default: every 7th of the paper's 100."""
+"""This many views are asked by default: every 7th of the paper's 100."""
 
 
 @dataclass(frozen=True, eq=False)

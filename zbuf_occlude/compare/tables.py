@@ -145,7 +145,7 @@ def all_subjects(ranking: Sequence[Standing]) -> Table:
         [*header, "M points/s", "peak MiB", "meshes", "pairs"],
         rows,
         "Wrong, false visible, false hidden: shares of the judged pairs of view and point outside the boundary band, "
-        "so many as the last column says (a slow method is asked from fewer of the views), "
+        "as many as the last column says (a slow method is asked from fewer of the views), "
         "mean over the meshes. Chamfer: between the method's cloud and the judge's, in longest sides. Times: geometric "
         "means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while preparing and "
         "asking, the largest over the meshes.",

@@ -85,6 +85,6 @@ class MeshTree:
 
 
 def _joined(low: FloatArray, high: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
-    """Return the boxes of so many neighbours each."""
+    """Return the boxes of this many neighbours each."""
     starts = np.arange(0, len(low), step)
     return np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)

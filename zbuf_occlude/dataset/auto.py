@@ -19,7 +19,7 @@ from zbuf_occlude.visibility import find_method
 AUTO = "auto"
 
 LOOKED_AT = 8
-"""Of a collection so many meshes are loaded to see how large they are."""
+"""Of a collection this many meshes are loaded to see how large they are."""
 
 LARGE, BYTES_PER_FACE = 1 << 24, 40.0
 """Of a larger file the number of faces is guessed from its size."""
@@ -31,7 +31,7 @@ DENSE = 20_000
 """Points of a trial where the recipe gives a density."""
 
 FEW_POINTS, MANY_FACES = 2_000, 1_000_000
-"""With at most so many points on at least so many faces Embree answers before `exact` (docs/performance.md)."""
+"""With at most this many points on at least this many faces Embree answers before `exact` (docs/performance.md)."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.visibility import find_method
 
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
-"""So many meshes are made at least and at most, where there are as many; between these, as many as the time allows."""
+"""This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
 
 
 class Estimate(NamedTuple):

@@ -18,7 +18,7 @@ from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 
 SHOWN = 16
-"""The picture is drawn of so many packed files."""
+"""The picture is drawn of this many packed files."""
 
 Found = TypeVar("Found")
 

@@ -26,7 +26,7 @@ PAINTS = [
 VIEWS = 6
 """Columns: clouds of each class."""
 POINTS = 2048
-"""At most so many points of each cloud."""
+"""At most this many points of each cloud."""
 CONSIDERED = 2048
 """Clouds of each split among which those shown are chosen."""
 COLOURS = (

@@ -15,7 +15,7 @@ from zbuf_occlude.errors import DatasetError
 
 BITS = 16
 STEPS = 2**BITS - 1
-"""An object's longest side is so many steps long; positions are rounded to whole steps."""
+"""An object's longest side is this many steps long; positions are rounded to whole steps."""
 
 
 class Grid(NamedTuple):

@@ -36,9 +36,9 @@ DATA_VERSION = 5
 CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
 CLOUDS_PER_SHARD = 500
-"""A shard is cut when it has so many clouds: seconds of work, some tens of megabytes, little to do again."""
+"""A shard is cut when it has this many clouds: seconds of work, some tens of megabytes, little to do again."""
 CLOUDS_PER_GROUP = 64 * CLOUDS_PER_FILE
-"""Clouds are mixed among about so many: of each shard a file then takes a run of eight, long enough to read fast."""
+"""Clouds are mixed among about this many: of each shard a file then takes a run of eight, long enough to read fast."""
 
 PAIRS_CHECKED = 37_000
 """Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than

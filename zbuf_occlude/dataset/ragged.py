@@ -79,7 +79,7 @@ def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:
 
 
 def filled(positions: NDArray[Any], n_points: int) -> NDArray[Any]:
-    """Return the first so many of a cloud's points, whose order is random; of fewer all, and some again."""
+    """Return the first this many of a cloud's points, whose order is random; of fewer all, and some again."""
     return np.asarray(positions[np.arange(n_points) % len(positions)])
 
 

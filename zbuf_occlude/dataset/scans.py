@@ -22,7 +22,7 @@ ATTRIBUTES = {
 """For each field of a record that has a row per point what it is of a `Scan`."""
 
 CHECKED_VIEWS = 4
-"""Of the scans of each variation at most so many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
+"""Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
 
 
 def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -> tuple[list[Kept], Counts, str]:

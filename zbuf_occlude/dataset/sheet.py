@@ -16,7 +16,7 @@ from zbuf_occlude.views import Views
 
 COLUMNS = 8
 CONSIDERED = 256
-"""The clouds shown are chosen among so many."""
+"""The clouds shown are chosen among this many."""
 FIXED = Views(np.radians([35.0]), np.radians([25.0]), np.array([4.0])).eyes[0]
 """The fixed viewpoint, about a cloud whose longest side is 1."""
 TELLING_ANGLE = np.radians(115.0)

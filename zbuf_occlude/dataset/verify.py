@@ -20,7 +20,7 @@ from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import MeshCollection
 
 ASKED_FILES = 64
-"""The clouds held against their meshes are of so many files, chosen at random, where there are more."""
+"""The clouds held against their meshes are of this many files, chosen at random, where there are more."""
 
 
 @dataclass

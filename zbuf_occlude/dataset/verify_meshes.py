@@ -16,11 +16,11 @@ from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 POINTS_PER_CLOUD = 64
-"""Of each cloud that is checked so many points are asked of the oracle."""
+"""Of each cloud that is checked this many points are asked of the oracle."""
 ROUNDING = 0.002
 """What rounding the positions may add to the fraction of false visible, beside what lies in the boundary band."""
 DEVIATIONS = 5.0
-"""A measured fraction may be so many standard deviations above the manifest's."""
+"""A measured fraction may be this many standard deviations above the manifest's."""
 
 
 def scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: int, faults: list[str]) -> int:

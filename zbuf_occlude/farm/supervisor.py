@@ -13,12 +13,12 @@ from zbuf_occlude.limits import GivenUp, Limits
 _LOG = logging.getLogger(__name__)
 
 DEATHS_PER_MESH = 5
-"""A mesh at which so many workers have died is given up. It is given more while workers die that are at no mesh, or at
-one that another makes: then something else kills them."""
+"""A mesh at which this many workers have died is given up. It is given more while workers die that are at no mesh, or
+at one that another makes: then something else kills them."""
 BREAKS = 5
-"""So many workers in a row may lose, or never get, their GL context before the run gives up."""
+"""This many workers in a row may lose, or never get, their GL context before the run gives up."""
 JOBS_PER_WORKER = 200
-"""A worker is replaced after so many jobs: drivers leak."""
+"""A worker is replaced after this many jobs: drivers leak."""
 GRACE = 0.5
 """Seconds between two looks at the workers' time and memory."""
 
@@ -103,7 +103,7 @@ def supervise(
     hire : callable
         Starts a worker for a seat (0 to n_workers - 1).
     wait : callable
-        Returns when one of the workers has something to say, or after so many seconds.
+        Returns when one of the workers has something to say, or after this many seconds.
     n_workers : int
     limits : Limits
 

@@ -28,7 +28,7 @@ class TrainConfig:
     model : str
         Name in the table of models.
     epochs : int
-        At most; the learning rate falls to 0 along half a cosine over so many.
+        At most; the learning rate falls to 0 along half a cosine over this many.
     batch_size : int
         Clouds of a step.
     learning_rate : float

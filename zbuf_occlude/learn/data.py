@@ -118,7 +118,7 @@ class CloudSet:
         return replace(self, positions=self.positions[:, places])
 
     def thinned(self, groups: ArrayLike, most: int, seed: int) -> "CloudSet":
-        """Return at most so many clouds of each group, drawn at random, in their order.
+        """Return at most this many clouds of each group, drawn at random, in their order.
 
         Parameters
         ----------
@@ -240,7 +240,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         A complete dataset of any format.
     split : {"train", "val", "test"}
     n_points : int, optional
-        The first so many points of each cloud, whose order is random; all by default. Must be given of clouds of
+        The first this many points of each cloud, whose order is random; all by default. Must be given of clouds of
         unequal size, of which those with fewer repeat some.
 
     Returns

@@ -18,7 +18,7 @@ _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 
 
 class Run(NamedTuple):
-    """A primitive as a scene shows it: so many copies of its vertices, then as many of its triangles."""
+    """A primitive as a scene shows it: this many copies of its vertices, then as many of its triangles."""
 
     primitive: Json
     n_copies: int

@@ -14,7 +14,7 @@ from zbuf_occlude.visibility.interface import Occluder
 N_POINTS = 60_000
 """On the whole target. Of them a sixth to a third shows, so a share's standard deviation is at most half a percent."""
 N_TRIED = 3_000
-"""Of them so many are asked about while a place is looked for."""
+"""Of them this many are asked about while a place is looked for."""
 METHOD = "exact"
 HALVINGS = 10
 CLOSE = 0.004

@@ -12,7 +12,7 @@ from zbuf_occlude.scenes.parts import box
 from zbuf_occlude.scenes.sizes import Sizes, size_of
 
 MOST_OBJECTS = 24
-"""Of a collection so many are taken, so that a worker loads each once."""
+"""Of a collection this many are taken, so that a worker loads each once."""
 MOST_FACES = 30_000
 """Of one of them."""
 MOST_METRES = {"street": 7.0, "room": 2.2}

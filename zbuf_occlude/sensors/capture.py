@@ -29,7 +29,7 @@ Pool = Callable[[float], tuple[Mesh, str]]
 ViewSeeds = Callable[[str], np.random.SeedSequence]
 """Returns the seed of a draw for one view, by what is drawn."""
 ENLARGED = 1.1
-"""A box that is kept has sides so many times the target's."""
+"""A box that is kept has sides this many times the target's."""
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
 

@@ -149,7 +149,7 @@ class Views:
         return Views(self.azimuth, self.elevation, self.distance * scale, target, self.roll, None, self.windows)
 
     def looking(self, at: ArrayLike | None = None, field_of_view: float | None = None) -> "Views":
-        """Return the views turned to look at a point (3,), and with square pictures of so many radians."""
+        """Return the views turned to look at a point (3,), and with square pictures of this many radians."""
         rotations, windows = self.rotations, self.windows
         if at is not None:
             rotations = view_matrices(self.eyes, np.asarray(at, dtype=np.float64), self.ups)[:, :3, :3]

@@ -45,7 +45,7 @@ def prepare(
     tolerance : float
         A point may be so much deeper than the buffer and is still visible; a fraction of the mesh's diagonal.
     slope_bias : float
-        With ``refine="none"`` added to it: so many times the depth that the point's own plane gains from one pixel to
+        With ``refine="none"`` added to it: this many times the depth that the point's own plane gains from one pixel to
         the next. "witness" needs none: it evaluates that plane at the pixels' centres.
     refine : {"witness", "none"}
         What happens to points near silhouettes and creases; see `DepthBuffer`.
@@ -171,7 +171,7 @@ class DepthBuffer(Occluder):
     def _answer(
         self, points: list[UploadedPoints], pictures: Pictures, tiles_per_eye: int, out: BoolArray
     ) -> BoolArray:
-        """Answer for eyes that all have so many tiles, into (k, n) bool."""
+        """Answer for eyes that all have this many tiles, into (k, n) bool."""
         depth_pass = self._pass(tiles_per_eye)
         tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
         # answers of a batch's groups have a byte per point each

@@ -26,7 +26,7 @@ def depth_test(
     tolerance : float
         A point may be so much deeper than the image and is still visible; world units.
     slope_bias : float
-        Added to it: so many times the depth that the point's own plane gains from one pixel to the next.
+        Added to it: this many times the depth that the point's own plane gains from one pixel to the next.
 
     Returns
     -------

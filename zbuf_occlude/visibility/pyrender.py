@@ -56,7 +56,7 @@ def prepare(
     tolerance : float
         A point may be so much deeper than the image and is still visible; a fraction of the mesh's diagonal.
     slope_bias : float
-        Added to it: so many times the depth that the point's own plane gains from one pixel to the next.
+        Added to it: this many times the depth that the point's own plane gains from one pixel to the next.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class CloudDataset(_Split, Dataset[Sample]):
         A complete dataset of any format: `hdf5`, or `packed` for a fiftieth of the disk.
     split : {"train", "val", "test"}
     n_points : int, optional
-        The first so many points of each cloud, whose order is random; all by default. Of clouds of unequal size those
+        The first this many points of each cloud, whose order is random; all by default. Of clouds of unequal size those
         with fewer repeat some; without it each item has its own size, which `collate_ragged` puts together.
     transform : callable, optional
         Applied to each cloud, (n, 3 or more) float32 tensor to tensor: see `augmentation`.

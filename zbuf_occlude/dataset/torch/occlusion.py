@@ -48,7 +48,7 @@ class OnTheFlyOcclusion:
     scale : {"cloud", "mesh"}
         As in `zbuf_occlude.dataset.plan.Recipe`.
     eyes_per_sampling : int
-        So many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then it is sampled anew.
+        This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
         1: every cloud has points of its own.
     attributes : sequence of str
         "normals", of the faces and turned towards the eye, "colors" in [0, 1]: further columns of each cloud, in this

@@ -192,7 +192,7 @@ class AugmentationClouds:
 
 
 def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
-    """Return the first so many meshes of each class and split."""
+    """Return the first this many meshes of each class and split."""
     left = {(label, split): n for label in meshes.classes for split, n in zip(SPLITS, shares, strict=True)}
     entries = []
     for entry in meshes:

@@ -118,7 +118,7 @@ class ElevationClouds:
         return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
 
     def epochs(self, n_clouds: int) -> int:
-        """Return how often each of so many training clouds is shown: as many in all as with objects held out."""
+        """Return how often each of this many training clouds is shown: as many in all as with objects held out."""
         return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
     def validation(self, split_by: str) -> CloudSet:
@@ -147,7 +147,7 @@ def divided(meshes: MeshCollection) -> MeshCollection:
 
 
 def at_most(views: Views, azimuths: int) -> Views:
-    """Return at most so many views of each elevation, evenly spaced."""
+    """Return at most this many views of each elevation, evenly spaced."""
     levels = degrees(views.elevation)
     chosen: list[int] = []
     for level in np.unique(levels):

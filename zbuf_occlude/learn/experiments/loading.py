@@ -12,7 +12,7 @@ KEPT = 16
 
 
 def loaded(folder: Path, split: str, n_points: int) -> CloudSet:
-    """Return a split of a finished dataset, with so many points of each cloud."""
+    """Return a split of a finished dataset, with this many points of each cloud."""
     return _loaded(folder, (folder / MANIFEST).stat().st_mtime_ns, split, n_points)
 
 

@@ -8,7 +8,7 @@ class Progress:
         """Hear how much there will be to do: clouds to be made and classifiers to be trained and tested."""
 
     def clouds(self, n: int) -> None:
-        """Hear that so many more clouds are done."""
+        """Hear that this many more clouds are done."""
 
     def trial(self, key: str, share: float) -> None:
         """Hear which classifier is being trained, and which share of its training is done; 1: tested too."""

@@ -145,7 +145,7 @@ class Size:
         return max(1, round(self.passes / (len(MODELNET8) * self.shares[0])))
 
     def with_points(self, numbers: Sequence[int]) -> "Size":
-        """Return the size with clouds of so many points; 4.2 takes the last; objects are sampled as densely as before.
+        """Return the size with clouds of this many points; 4.2 takes the last; objects are sampled as densely.
 
         Raises
         ------

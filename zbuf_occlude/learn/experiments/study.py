@@ -57,7 +57,7 @@ def run_study(
     budgets : sequence of str
         As in `AugmentationClouds`; one that is asked for later is added to what is there.
     voxels : int, optional
-        Take each object as the surface of so many voxels a side, as in `as_voxels`.
+        Take each object as the surface of this many voxels a side, as in `as_voxels`.
     progress : Progress, optional
     workers : int, optional
         As in `run_trials`.

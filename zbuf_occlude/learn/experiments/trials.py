@@ -225,7 +225,7 @@ def document_of(
 
 
 def as_many_clouds(passes: int, n_clouds: int) -> int:
-    """Return in how many epochs a set of clouds comes to about so many clouds shown."""
+    """Return in how many epochs a set of clouds comes to about this many clouds shown."""
     return max(1, round(passes / n_clouds))
 
 
@@ -235,5 +235,5 @@ def as_many_epochs(epochs: int, n_clouds: int) -> int:
 
 
 def some(clouds: CloudSet, most: int) -> CloudSet:
-    """Return at most so many of the clouds, drawn at random."""
+    """Return at most this many of the clouds, drawn at random."""
     return clouds.thinned(np.zeros(len(clouds)), most, seed=0)
