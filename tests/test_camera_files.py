@@ -1,0 +1,146 @@
+"""Cameras from files: JSON, CSV, NeRF's transforms.json, COLMAP's text; what is wrong in them, and distortion."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zbuf_occlude import ArgumentError, OptionError, Views, views
+
+# two cameras, OpenCV's way: world to eye space, y down, z forward
+CAMERA_EYES = np.array([[3.0, 0.5, 1.0], [-1.0, 4.0, 2.0]])
+FOCAL, WIDTH, HEIGHT = 500.0, 640.0, 480.0
+
+
+def opencv() -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and translations of cameras that look at (0.1, 0.2, 0.3), upright."""
+    rotations = []
+    for eye in CAMERA_EYES:
+        forward = np.array([0.1, 0.2, 0.3]) - eye
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        rotations.append([right, np.cross(forward, right), forward])
+    return np.array(rotations), -np.einsum("kij,kj->ki", rotations, CAMERA_EYES)
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    w = np.sqrt(max(0.0, 1 + np.trace(rotation))) / 2
+    x, y, z = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
+    return np.array([w, x / (4 * w), y / (4 * w), z / (4 * w)])
+
+
+def write_cameras(folder: Path, form: str) -> str:
+    rotations, translations = opencv()
+    intrinsics = [[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]
+    items = [
+        {"K": intrinsics, "R": r.tolist(), "t": t.tolist(), "width": WIDTH, "height": HEIGHT}
+        for r, t in zip(rotations, translations, strict=True)
+    ]
+    if form == "json":
+        (folder / "c.json").write_text(json.dumps(items))
+        return str(folder / "c.json")
+    if form == "jsonl":
+        (folder / "c.jsonl").write_text("\n".join(map(json.dumps, items)))
+        return str(folder / "c.jsonl")
+    if form == "csv":
+        names = [*(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "t1", "t2", "t3"]
+        names += ["fx", "fy", "cx", "cy", "width", "height"]
+        rows = [
+            [*r.ravel(), *t, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT]
+            for r, t in zip(rotations, translations, strict=True)
+        ]
+        (folder / "c.csv").write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
+        return str(folder / "c.csv")
+    if form == "nerf":
+        frames = []
+        for r, eye in zip(rotations, CAMERA_EYES, strict=True):
+            to_world = np.eye(4)
+            to_world[:3, :3], to_world[:3, 3] = r.T @ np.diag([1, -1, -1]), eye
+            frames.append({"file_path": "x.png", "transform_matrix": to_world.tolist()})
+        angle = 2 * np.arctan(WIDTH / 2 / FOCAL)
+        document = {"camera_angle_x": angle, "w": WIDTH, "h": HEIGHT, "frames": frames}
+        (folder / "transforms.json").write_text(json.dumps(document))
+        return str(folder / "transforms.json")
+    (folder / "cameras.txt").write_text(
+        "# cameras\n1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0\n"
+    )
+    lines = ["# images"]
+    for i, (r, t) in enumerate(zip(rotations, translations, strict=True)):
+        lines += [" ".join(map(str, [i + 1, *quaternion(r), *t, i + 1, "x.png"])), "1 2 3" if i else ""]
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    return str(folder / "images.txt")
+
+
+@pytest.mark.parametrize("form", ["json", "jsonl", "csv", "nerf", "colmap"])
+def test_cameras_from_files(tmp_path: Path, form: str) -> None:
+    made = views.parse(write_cameras(tmp_path, form))
+    assert np.allclose(made.eyes, CAMERA_EYES, atol=1e-9)
+    assert np.allclose(made.around([1, 2, 3], 7.0).eyes, CAMERA_EYES, atol=1e-9), "they stand where they are"
+    points = np.random.default_rng(0).uniform(-3, 3, (500, 3))
+    rotations, translations = opencv()
+    x, y, z = (points @ rotations[1].T + translations[1]).T
+    u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
+    seen = (z > 0) & (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
+    assert 50 < seen.sum() < 450
+    assert (made.shows(points)[1] == seen).all()
+
+
+def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_path: Path) -> None:
+    """OpenCV's identity: at the origin, looking along +z, y down; of a plate in front of it all is in the picture."""
+    path = tmp_path / "a.json"
+    path.write_text(
+        '[{"R": [[1,0,0],[0,1,0],[0,0,1]], "t": [0,0,0], "K": [[50,0,50],[0,50,50],[0,0,1]], '
+        '"width": 100, "height": 100}]'
+    )
+    made = views.parse(str(path))
+    for there in (made, made.around([0.0, 0.0, 0.0], 7.0), made.around([0.0, 3.0, 4.0], 7.0), made.select([0])):
+        assert np.allclose(there.eyes, 0, atol=1e-12)
+        assert np.allclose(there.poses[0], np.diag([1.0, -1.0, -1.0, 1.0]))
+        assert there.shows(np.array([[0.9, -0.9, 1.0], [1.1, 0, 1.0], [0, 0, -1.0]])).tolist() == [[True, False, False]]
+    assert np.array_equal(Views.from_table(made.table).eyes, made.eyes)
+    with pytest.raises(ArgumentError, match="distance must be positive; got 0"):
+        Views([0.0], [0.0], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.json", "{", "must be JSON; it cannot be read"),
+        ("a.json", "[]", "must hold cameras, each with R and t; it cannot be read (it holds none)"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,1]]}]', "it cannot be read (no 't')"),
+        ("a.json", '[{"R": [[2,0,0],[0,1,0],[0,0,1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
+        ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must hold cameras"),
+        ("images.txt", "1 1 0 0\n", "must hold cameras"),
+    ],
+)
+def test_bad_cameras(tmp_path: Path, name: str, content: str, message: str) -> None:
+    (tmp_path / name).write_text(content)
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    with pytest.raises(OptionError, match=re.escape(message)) as caught:
+        views.parse(str(tmp_path / name))
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_distortion_is_refused(tmp_path: Path) -> None:
+    path = write_cameras(tmp_path, "colmap")
+    (tmp_path / "cameras.txt").write_text(
+        "1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0.1\n"
+    )
+    with pytest.raises(OptionError, match="camera 2 is a SIMPLE_RADIAL with distortion; undistort"):
+        views.parse(path)
+
+
+def test_distortion_is_refused_in_transforms_too(tmp_path: Path) -> None:
+    path = tmp_path / "transforms.json"
+    frame = {"transform_matrix": (np.eye(4) + np.diag([4.0], 3)).tolist()}
+    for number, said in ((0.0, ""), (0.2, r"k1 is 0\.2, a distortion; undistort the images first")):
+        path.write_text(json.dumps({"camera_angle_x": 0.7, "k1": number, "p2": 0, "frames": [frame]}))
+        if said:
+            with pytest.raises(OptionError, match=said):
+                views.parse(str(path))
+        else:
+            assert len(views.parse(str(path))) == 1
