@@ -11,6 +11,7 @@ from tests.browser import MISSING, find_browser, open_page
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.gallery import RAINBOW
 
 GIVEN = ("--sensor", "vlp-32c", "--range", "6..12", "--views", "ring:2@0", "--method", "embree", "--limit", "2")
 GIVEN += ("--size", "airplane=5", "--sample-size", "64")
@@ -105,7 +106,12 @@ def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp
         )
         page.screenshot(tmp_path / "page.png")
     assert seen[0] == 1
-    assert seen[1] > 10  # a ramp of ranges
+    ramps = set()  # one of the clouds is shown, its ranges as steps of the ramp from its nearest to its farthest
+    for values in records_of(street)["range"].astype(float):
+        steps = (values - values.min()) / np.ptp(values) * (len(RAINBOW) - 1)
+        ramps.add(len(np.unique(np.round(steps))))
+    assert seen[1] in ramps
+    assert min(ramps) > 1
     assert 1 < seen[2] <= 8
 
 
