@@ -119,13 +119,22 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 250
 
 
-def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path) -> None:
-    plan = plan_of(ball, hang, swell, ball)
-    run(plan, out, Limits(seconds=10, gigabytes=1.2))
-    assert failures(plan, out) == {
-        "m1": "a mesh may take 10 seconds; this one took longer. Raise --mesh-seconds.",
-        "m2": "a mesh may take 1.2 GB of memory; this one took more. Raise --mesh-gigabytes.",
-    }
+@pytest.mark.parametrize(
+    ("load", "limits", "reason"),
+    [
+        (hang, Limits(seconds=4), "a mesh may take 4 seconds; this one took longer. Raise --mesh-seconds."),
+        (
+            swell,
+            Limits(gigabytes=1.2),
+            "a mesh may take 1.2 GB of memory; this one took more. Raise --mesh-gigabytes.",
+        ),
+    ],
+)
+def test_a_mesh_that_hangs_or_swells_is_given_up(out: Path, load: object, limits: Limits, reason: str) -> None:
+    plan = plan_of(ball, load)
+    run(plan, out, limits)
+    assert failures(plan, out) == {"m1": reason}
+    assert set(records(plan, out, 0)["mesh_id"]) == {0}, "the other mesh of its shard is made"
 
 
 def test_a_full_disk_ends_the_run_and_keeps_what_is_done(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,6 +149,13 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_done(out: Path, monkeypatch:
     run(plan, out)
     assert data_path(plan, out, 0).read_bytes() == before
     assert not list(out.rglob("*.part"))
+
+
+def test_what_follows_the_last_mesh_is_told(out: Path) -> None:
+    """Else its seconds, and deaths while the shard is written, would be the last mesh's."""
+    told: list[int | None] = []
+    run_shard(plan_of(ball, ball), 0, out, None, on_mesh=told.append)
+    assert told == [0, 1, None]
 
 
 def test_nothing_half_written_is_taken_for_done(out: Path) -> None:

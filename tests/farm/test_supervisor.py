@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from zbuf_occlude.farm.supervisor import Message, supervise
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.farm.supervisor import DEATHS_PER_JOB, STARTS, Message, supervise
 from zbuf_occlude.limits import GivenUp, Limits
 
 
@@ -119,3 +120,50 @@ def test_a_mesh_is_blamed_only_when_nothing_else_kills(
     assert hired[-1].lost == (
         {0: GivenUp(f"the worker died at it, {fates.count(0)} times", Limits())} if given_up else {}
     )
+
+
+class Writer(Puppet):
+    """Makes the mesh 0 and dies before it has written the job, as often as `deaths` says; or never starts."""
+
+    deaths = 0
+
+    def __init__(self, *, starts: bool = True) -> None:
+        super().__init__(room=starts)
+        if not starts:
+            self.end = "the worker ended with code 1"
+
+    def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
+        assert not lost  # the mesh has been made each time: it is not to blame
+        self.said += [("mesh", 0), ("mesh", None)]
+        if Writer.deaths:
+            Writer.deaths -= 1
+            self.end = "the worker was killed by signal 9"
+        else:
+            self.said.append(("done", (shard, None)))
+
+
+def write(n_deaths: int, monkeypatch: pytest.MonkeyPatch, *, starts: bool = True) -> list[int]:
+    monkeypatch.setattr(Writer, "deaths", n_deaths)
+    done: list[int] = []
+    supervise(
+        [0],
+        lambda job, _: done.append(job),
+        hire=lambda seat: Writer(starts=starts),
+        wait=lambda *_: None,
+        n_workers=1,
+        limits=Limits(),
+    )
+    return done
+
+
+def test_workers_that_die_while_they_write_blame_no_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert write(DEATHS_PER_JOB - 1, monkeypatch) == [0]
+    with pytest.raises(
+        DatasetError, match=rf"{DEATHS_PER_JOB} died at job 0 while at no mesh: .* signal 9\. .*resumes"
+    ):
+        write(DEATHS_PER_JOB, monkeypatch)
+
+
+def test_workers_that_never_start_end_the_run_and_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DatasetError, match=rf"must start; {STARTS} in a row .* ready: the worker ended with code 1\."):
+        write(0, monkeypatch, starts=False)

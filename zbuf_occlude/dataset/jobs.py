@@ -48,7 +48,7 @@ class Task(Protocol):
         job: int,
         gl: Any,
         lost: Mapping[int, GivenUp] = MappingProxyType({}),
-        on_mesh: Callable[[int], None] = lambda mesh_id: None,
+        on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
     ) -> Any:
         """Do a job; what is returned goes back to whoever hired the worker.
 
@@ -87,7 +87,7 @@ class Making:
         job: int,
         gl: Any,
         lost: Mapping[int, GivenUp] = MappingProxyType({}),
-        on_mesh: Callable[[int], None] = lambda mesh_id: None,
+        on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
     ) -> None:
         """Make a shard, or write a part."""
         if job < len(self.plan.shards):

@@ -188,7 +188,7 @@ def run_shard(
     gl: Any,
     *,
     lost: Mapping[int, GivenUp] = MappingProxyType({}),
-    on_mesh: Callable[[int], None] = lambda mesh_id: None,
+    on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
 ) -> Sidecar:
     """Make one shard, write its clouds and then its sidecar; return the sidecar.
 
@@ -203,7 +203,7 @@ def run_shard(
     lost : mapping of mesh index to GivenUp
         Meshes that are given up: each is a failure with its reason, and not tried.
     on_mesh : callable
-        Told the index of each mesh before it is begun.
+        Told the index of each mesh before it is begun, and None before the shard is written.
 
     Notes
     -----
@@ -230,6 +230,7 @@ def run_shard(
             continue
         counts, renderer = counts + of_mesh, renderer_of_mesh
         n_clouds[entry.split] += of_mesh.n_clouds
+    on_mesh(None)
     data = data_path(plan, out, shard)
     (out / SHARDS).mkdir(exist_ok=True)
     runs = store.write(data, shard)

@@ -15,6 +15,11 @@ _LOG = logging.getLogger(__name__)
 DEATHS_PER_MESH = 5
 """A mesh at which this many workers have died is given up. It is given more while workers die that are at no mesh, or
 at one that another makes: then something else kills them."""
+DEATHS_PER_JOB = 20
+"""When this many workers have died at a job while at no mesh (merging, say, or writing), more than died elsewhere since
+the first of them, the run gives up: the next would die too."""
+STARTS = 20
+"""This many workers in a row may end before they are ready before the run gives up."""
 BREAKS = 5
 """This many workers in a row may lose, or never get, their GL context before the run gives up."""
 JOBS_PER_WORKER = 200
@@ -26,9 +31,9 @@ READY_SECONDS = 300.0
 """When no worker is ready for so long, the run gives up: the cluster has no room, or processes do not start."""
 
 Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], Any]
-"""("ready", pid) first, ("mesh", mesh_id) before each mesh, ("done", (job, result)); as the last word before leaving
-("broken", reason) when the GL context was lost or never came, or ("failed", reason) for what no other worker would do
-better."""
+"""("ready", pid) first, ("mesh", mesh_id) before each mesh, None for what follows the last, ("done", (job, result)); as
+the last word before leaving ("broken", reason) when the GL context was lost or never came, or ("failed", reason) for
+what no other worker would do better."""
 
 
 class Worker(Protocol):
@@ -71,6 +76,7 @@ class _Book:
 
     `deaths` are of workers at a mesh that has not been made yet; when it is, they were no fault of its and are counted
     in `n_innocent`, as are those of workers at no mesh. `innocent_before` is that number when a mesh had its first.
+    `deaths_at_job` are of workers at a job but at no mesh, `dead_before_job` all deaths when a job had its first.
     """
 
     queue: deque[int]
@@ -81,6 +87,10 @@ class _Book:
     innocent_before: dict[int, int] = field(default_factory=dict)
     lost: dict[int, GivenUp] = field(default_factory=dict)
     n_broken: int = 0
+    n_stillborn: int = 0
+    deaths_at_job: Counter[int] = field(default_factory=Counter)
+    dead_before_job: dict[int, int] = field(default_factory=dict)
+    n_dead: int = 0
 
 
 def supervise(
@@ -171,13 +181,14 @@ def _look_after(seat: _Seat, book: _Book, done: Callable[[int, Any], Iterable[in
 def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int, Any], Iterable[int] | None]) -> None:
     kind, value = message
     if kind == "ready":
-        seat.ready = True
+        seat.ready, book.n_stillborn = True, 0
     elif kind == "mesh":
         _acquit(seat, book)
         seat.mesh_id, seat.mesh_began = value, time.monotonic()
     elif kind == "done":
         _acquit(seat, book)
         book.n_broken = 0
+        book.deaths_at_job.pop(value[0], None)
         seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
         following = list(done(*value) or ())
         book.queue.extendleft(reversed(following))
@@ -201,6 +212,13 @@ def _acquit(seat: _Seat, book: _Book) -> None:
 def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> None:
     """Put a dead worker's job back; blame the mesh it was at, at once or after `DEATHS_PER_MESH` deaths or more."""
     mesh_id = seat.mesh_id
+    book.n_dead += 1
+    if not seat.ready:
+        book.n_stillborn += 1
+        if book.n_stillborn >= STARTS:
+            raise DatasetError(f"a worker must start; {STARTS} in a row ended before they were ready: {reason}.")
+    if mesh_id is None and seat.job is not None:
+        _blame(seat.job, book, reason)
     if mesh_id is None:
         book.n_innocent += 1
     elif at_once:
@@ -213,6 +231,18 @@ def _bury(seat: _Seat, book: _Book, reason: str, *, at_once: bool = False) -> No
     if seat.job is not None:
         book.queue.appendleft(seat.job)
         _LOG.warning("job %d is done again: %s", seat.job, reason)
+
+
+def _blame(job: int, book: _Book, reason: str) -> None:
+    """Count a death at a job that cannot be the fault of a mesh."""
+    book.deaths_at_job[job] += 1
+    n = book.deaths_at_job[job]
+    elsewhere = book.n_dead - book.dead_before_job.setdefault(job, book.n_dead - 1) - n
+    if n >= DEATHS_PER_JOB + elsewhere:
+        raise DatasetError(
+            f"a job must leave its worker alive; {n} died at job {job} while at no mesh: {reason}. Is there memory "
+            f"enough? What was finished is kept, and the same command resumes."
+        )
 
 
 def _excess(seat: _Seat, limits: Limits) -> str:
