@@ -134,6 +134,47 @@ def test_a_damaged_texture_is_lacking_and_no_error(tmp_path: Path, texture: byte
     assert (points.colors == GREY).all()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("mode", ["transparent palette", "grey floats"])
+def test_textures_of_rare_kinds(tmp_path: Path, mode: str) -> None:
+    buffer, expected = io.BytesIO(), TEXELS
+    if mode == "grey floats":
+        expected = np.repeat(TEXELS[:, :, :1], 3, axis=2)
+        Image.fromarray((expected[:, :, 0] / 255).astype(np.float32)).save(buffer, "TIFF")
+    else:
+        table = Image.fromarray(TEXELS).convert("P", palette=Image.Palette.ADAPTIVE)
+        expected = np.asarray(table.convert("RGB"))
+        table.save(buffer, "PNG", transparency=bytes(range(32)))
+    _, points = sampled(write_quad(tmp_path, "newmtl painted\nmap_Kd texture.png\n", texture=buffer.getvalue()))
+    uv = points.positions[:, :2]
+    np.testing.assert_array_equal(points.colors, expected[3 - (4 * uv[:, 1]).astype(int), (8 * uv[:, 0]).astype(int)])
+
+
+@pytest.mark.parametrize("place", ["looks", "."], ids=["beside the materials", "beside the mesh"])
+def test_textures_lie_beside_their_materials_or_the_mesh(tmp_path: Path, place: str) -> None:
+    """The materials' file begins with a byte order mark."""
+    for folder in ("looks", "looks/pictures", "pictures"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "quad.obj").write_text(QUAD.replace("quad.mtl", "looks\\quad.mtl"))
+    (tmp_path / "looks" / "quad.mtl").write_text("\ufeffnewmtl painted\nmap_Kd pictures\\t.png\n")
+    (tmp_path / place / "pictures" / "t.png").write_bytes(png(TEXELS))
+    mesh, points = sampled(tmp_path / "quad.obj")
+    assert mesh.colors.is_whole
+    np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
+
+
+@pytest.mark.filterwarnings("error")
+def test_colours_that_are_no_numbers_are_black_without_a_warning(tmp_path: Path) -> None:
+    _, points = sampled(write_quad(tmp_path / "a", "newmtl painted\nKd nan 0.2 inf\n"))
+    assert np.unique(points.colors, axis=0).tolist() == [[0, 51, 255]]
+    lines = [f"v {x} {y} 0 nan nan nan" for x, y, _ in SQUARE]
+    (tmp_path / "b.obj").write_text("\n".join([*lines, "f 1 2 3 4"]))
+    assert not sampled(tmp_path / "b.obj")[1].colors.any()
+    material = {"pbrMetallicRoughness": {"baseColorFactor": [float("nan"), 1, 1, 1]}}
+    _, points = sampled(write_gltf(tmp_path / "c.gltf", material))
+    assert np.unique(points.colors, axis=0).tolist() == [[0, 255, 255]]
+
+
 def test_a_texture_of_too_many_texels_is_not_decoded(tmp_path: Path) -> None:
     buffer = io.BytesIO()
     Image.new("1", (12_000, 12_000)).save(buffer, "PNG")
@@ -163,7 +204,7 @@ def test_textures_are_read_from_archives(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
 
 
-@pytest.mark.parametrize("most", [1.0, 255.0])
+@pytest.mark.parametrize("most", [1.0, 1.0000001, 255.0])
 def test_colours_of_vertices_in_obj_are_linear_in_between(tmp_path: Path, most: float) -> None:
     lines = [f"v {x} {y} 0 {x * most} {y * most} {most}" for x, y, _ in SQUARE]
     path = tmp_path / "square.obj"
@@ -184,11 +225,14 @@ def write_ply(path: Path, of_vertices: str, of_faces: str, rows: list[str], face
 CHANNELS = "property {0} red;property {0} green;property {0} blue"
 
 
-@pytest.mark.parametrize(("kind", "most"), [("uchar", 255), ("float", 1), ("ushort", 65535)])
+@pytest.mark.parametrize(
+    ("kind", "most"),
+    [("uchar", 255), ("float", 1), ("ushort", 65535), *((kind, 255) for kind in ("float", "ushort", "int"))],
+)
 def test_colours_of_vertices_in_ply(tmp_path: Path, kind: str, most: int) -> None:
-    rows = [f"{x} {y} 0 {x * most:g} {y * most:g} {most}" for x, y, _ in SQUARE]
+    rows = [f"{x} {y} 0 {x * 0.8 * most:g} {y * most:g} {most}" for x, y, _ in SQUARE]
     _, points = sampled(write_ply(tmp_path / "a.ply", CHANNELS.format(kind), "", rows, ["4 0 1 2 3"]))
-    expected = 255 * np.c_[points.positions[:, :2], np.ones(len(points))]
+    expected = 255 * np.c_[points.positions[:, :2] * [0.8, 1], np.ones(len(points))]
     np.testing.assert_allclose(points.colors, expected, atol=0.51)
 
 
@@ -309,6 +353,14 @@ def test_a_texture_of_gltf_that_is_missing_is_lacking(tmp_path: Path) -> None:
     assert (points.colors == 255).all()
     assert not mesh.colors.is_whole
     assert "texture.png" in mesh.colors.lacking[0]
+
+
+def test_a_texture_of_gltf_that_is_no_base64_is_lacking(tmp_path: Path) -> None:
+    image = {"images": [{"uri": "data:image/png;base64,!"}]}
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [0, 1, 0, 1]}}
+    mesh, points = sampled(write_gltf(tmp_path / "a.gltf", material, extra=image))
+    assert np.unique(points.colors, axis=0).tolist() == [[0, 255, 0]]
+    assert "must be base64" in mesh.colors.lacking[0]
 
 
 def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) -> None:

@@ -107,6 +107,76 @@ def test_skins_stand_as_their_joints_do(raised: float) -> None:
     assert np.allclose(read(document), [CORNERS[:3] + np.array([[0, 0, 0], [0, raised / 2, 0], [0, raised, 0]])])
 
 
+def skinned(
+    weights: Any, *, joints: Any = ((0, 1, 0, 0),) * 3, n_binds: int = 2, shown: Any = (0, 1), more: Any = None
+) -> Document:
+    """A triangle held by two joints, the second of which stands 3 above where it was bound."""
+    built = Builder()
+    attributes = {"POSITION": built.accessor(CORNERS[:3]), "JOINTS_0": built.accessor(np.array(joints, "u1"))}
+    attributes["WEIGHTS_0"] = built.accessor(np.array(weights, "<f4"))
+    if more is not None:
+        attributes["JOINTS_1"] = built.accessor(np.array([[1, 0, 0, 0]] * 3, "u1"))
+        attributes["WEIGHTS_1"] = built.accessor(np.array(more, "<f4"))
+    skin: dict[str, Any] = {"joints": [1, 2]}
+    if n_binds:
+        skin["inverseBindMatrices"] = built.accessor(np.stack([np.eye(4)] * n_binds).astype("<f4"))
+    return built.finished(
+        meshes=[{"primitives": [{"attributes": attributes}]}],
+        skins=[skin],
+        nodes=[{"mesh": 0, "skin": 0}, {"children": [2]}, {"translation": [0, 3, 0]}],
+        scenes=[{"nodes": list(shown)}],
+    )
+
+
+@pytest.mark.parametrize("n_binds", [2, 0])
+def test_a_skin_may_have_eight_weights_a_vertex_and_no_bind_matrices(n_binds: int) -> None:
+    document = skinned(
+        [[1, 0, 0, 0], [0.5, 0, 0, 0], [2e-7, 0, 0, 0]], n_binds=n_binds, more=[[0] * 4, [0.5, 0, 0, 0], [0] * 4]
+    )
+    assert np.allclose(read(document), [CORNERS[:3] + np.array([[0, 0, 0], [0, 1.5, 0], [0, 0, 0]])])
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        (
+            skinned([[1, 0, 0, 0], [1, 0, 0, 0], [1, -0.99999, 0, 0]]),
+            "weights of joints must not be negative; one is -0.99999",
+        ),
+        (
+            skinned([[1, 0, 0, 0]] * 3, n_binds=1),
+            "a skin of 2 joints must have as many inverse bind matrices; it has 1",
+        ),
+        (skinned([[1, 0, 0, 0]] * 3, shown=[0]), "joints of a skin must be nodes of the scene; node 1 is not"),
+    ],
+)
+def test_skins_that_would_pull_a_mesh_apart_are_refused(document: Document, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        read(document)
+
+
+def test_weights_that_rounding_made_negative_are_none() -> None:
+    document = skinned([[1, -1e-4, 0, 0], [1, 0, 0, 0], [-1e-7, 1.0000001e-7, 0, 0]])
+    assert np.allclose(read(document), [CORNERS[:3] + np.array([[0, 0, 0], [0, 0, 0], [0, 3, 0]])])
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
+def test_rotations_of_another_length_turn_all_the_same(length: float) -> None:
+    """And are what trimesh makes of them."""
+    document = as_document(CORNERS[:3])
+    turn = length * np.array([0.36, 0.48, 0, 0.8])
+    document["nodes"] = [{"mesh": 0, "rotation": turn.tolist()}]
+    matrix = trimesh.transformations.quaternion_matrix(np.roll(turn, 1))[:3, :3]
+    assert np.allclose(read(document), [CORNERS[:3] @ matrix.T])
+
+
+def test_a_rotation_of_no_length_is_refused() -> None:
+    document = as_document(CORNERS[:3])
+    document["nodes"] = [{"mesh": 0, "rotation": [0, 0, 0, 0]}]
+    with pytest.raises(MeshError, match="rotation of a node must be a quaternion of length 1; it is of length 0"):
+        read(document)
+
+
 def draco_document() -> Document:
     draco = pytest.importorskip("DracoPy", reason="the package DracoPy is not installed")
     ball = trimesh.creation.icosphere(subdivisions=2)

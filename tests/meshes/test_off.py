@@ -147,6 +147,11 @@ def test_round_trip_is_exact(data: st.DataObject) -> None:
         (f"OFF\n8 6 12\n{BODY.replace('1.5', '1.5.5')}", r"must hold numbers here; it holds '1\.5\.5'"),
         (" ".join(f"OFF 8 5 12 {BODY}".split()), "must end after the 5 faces that it declares.*; 5 numbers are left"),
         (" ".join(f"NOFF 8 6 12 {BODY}".split()), "face|vertices"),
+        (f"OFF\n8 5 12\n{BODY}", "must end after the 8 vertices and 5 faces that it declares; another face follows"),
+        (f"OFF\n8 5 12\n{BODY} 255 0 0", "another face follows"),
+        ("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2\n3 0 2 1", "3 vertices and 2 faces .*another face follows"),
+        # read as one stream, numbers of the first face would be the fifth vertex, and what is left three faces
+        ("OFF\n5 3 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 1\n3 1 2 1\n3 0 2 0", "the 5 vertices .*; it has 12 numbers"),
     ],
 )
 def test_damaged_files_are_refused_in_words(text: str, message: str) -> None:

@@ -1,8 +1,9 @@
 """glTF 2.0 scenes, .gltf or .glb: which mesh is shown where; `gltf_data` reads the numbers."""
 
 import json
+import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +25,8 @@ _REPEATED = 6_000_000
 """Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
 
 _DEEPEST = 200  # levels of nodes
+_ROUNDING = 1e-3
+"""By which the length of a rotation may differ from 1, and weights be below 0: they have a few decimals, or a byte."""
 
 
 class Part(NamedTuple):
@@ -205,8 +208,14 @@ class _Scene:
             indices = np.arange(len(positions))
         joints = weights = None
         if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
-            joints = self._data.joints(attributes["JOINTS_0"], self.count)
-            weights = self._data.floats(attributes["WEIGHTS_0"], "WEIGHTS_0", self.count)
+            sets = [k for k in range(len(attributes)) if f"JOINTS_{k}" in attributes and f"WEIGHTS_{k}" in attributes]
+            joints = np.hstack([self._data.joints(attributes[f"JOINTS_{k}"], self.count) for k in sets])
+            weights = np.hstack([self._data.floats(attributes[f"WEIGHTS_{k}"], "WEIGHTS", self.count) for k in sets])
+            if (weights < -_ROUNDING).any():
+                raise MeshError(
+                    f"the weights of joints must not be negative; one is {weights.min():g}. Export the mesh again."
+                )
+            weights = np.maximum(weights, 0.0)
         return Part(primitive, positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
 
     def _moved(
@@ -219,9 +228,19 @@ class _Scene:
             return moved, np.linalg.det(places[:, :3, :3]) < 0
         skin = self._skins[skin_id]
         ids = list(map(whole, skin["joints"]))
-        posed = np.array([matrices.get(joint, np.eye(4)) for joint in ids])
+        if unplaced := [joint for joint in ids if joint not in matrices]:
+            raise MeshError(
+                f"the joints of a skin must be nodes of the scene; node {unplaced[0]} is not. Export it again."
+            )
+        posed = np.array([matrices[joint] for joint in ids])
         if "inverseBindMatrices" in skin:  # columns first, as all matrices of glTF
-            posed = posed @ self._data.matrices(skin["inverseBindMatrices"], self.count)[: len(ids)].transpose(0, 2, 1)
+            binds = self._data.matrices(skin["inverseBindMatrices"], self.count)
+            if len(binds) < len(ids):
+                raise MeshError(
+                    f"a skin of {len(ids)} joints must have as many inverse bind matrices; it has {len(binds)}. Is the "
+                    "file damaged?"
+                )
+            posed = posed @ binds[: len(ids)].transpose(0, 2, 1)
         total = part.weights.sum(axis=1, keepdims=True)
         weights = np.divide(part.weights, total, out=np.zeros_like(part.weights), where=total > 0)
         blended = np.einsum("vj,vjab->vab", weights, posed[part.joints])
@@ -275,6 +294,16 @@ def _checked(indices: Ints, n_vertices: int) -> Ints:
     return indices
 
 
+def _unit(rotation: Sequence[float]) -> Sequence[float]:
+    """Return a quaternion of length 1; one that is so but for rounding as it is."""
+    length = math.hypot(*rotation)
+    if abs(length - 1.0) < _ROUNDING:
+        return rotation
+    if not length:
+        raise MeshError("the rotation of a node must be a quaternion of length 1; it is of length 0. Export it again.")
+    return [each / length for each in rotation]
+
+
 def _children(node: Json) -> list[int]:
     return list(map(whole, node.get("children", [])))
 
@@ -293,7 +322,7 @@ def _local(node: Json) -> FloatArray | None:
                 )
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    x, y, z, w = _unit(node.get("rotation", (0.0, 0.0, 0.0, 1.0)))
     matrix = np.eye(4)
     matrix[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -108,7 +108,7 @@ def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]
     else:
         texture = (found or {}).get("baseColorTexture")
         factor = (found or {}).get("baseColorFactor", WHITE.factor)
-    red, green, blue = (min(max(float(each), 0.0), 1.0) for each in factor[:3])
+    red, green, blue = np.clip(np.nan_to_num([float(each) for each in factor[:3]]), 0.0, 1.0).tolist()
     return texture, (red, green, blue)
 
 
@@ -134,7 +134,8 @@ def _image(
 def _transformed(uv: FloatArray, turn: Json) -> FloatArray:
     """Move texture coordinates (n, 2) as KHR_texture_transform says; then v upwards, as everywhere here."""
     angle = float(turn.get("rotation", 0.0))
-    scaled = uv * np.array(turn.get("scale", (1.0, 1.0)), dtype=np.float64)
-    c, s = math.cos(angle), math.sin(angle)
-    turned = scaled @ np.array([[c, -s], [s, c]]) + np.array(turn.get("offset", (0.0, 0.0)), dtype=np.float64)
+    with np.errstate(all="ignore"):  # what is no number then is no place in the texture
+        scaled = uv * np.array(turn.get("scale", (1.0, 1.0)), dtype=np.float64)
+        c, s = math.cos(angle), math.sin(angle)
+        turned = scaled @ np.array([[c, -s], [s, c]]) + np.array(turn.get("offset", (0.0, 0.0)), dtype=np.float64)
     return np.stack([turned[:, 0], 1.0 - turned[:, 1]], axis=1)

@@ -23,7 +23,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _FLOATS = (5120, 5121, 5122, 5123, 5126)
 _UNSIGNED = (5121, 5123, 5125)
 _VECTORS = {
-    **{"POSITION": ("VEC3",), "WEIGHTS_0": ("VEC4",), "TRANSLATION": ("VEC3",), "ROTATION": ("VEC4",)},
+    **{"POSITION": ("VEC3",), "WEIGHTS": ("VEC4",), "TRANSLATION": ("VEC3",), "ROTATION": ("VEC4",)},
     **{"SCALE": ("VEC3",), "COLOR_0": ("VEC3", "VEC4"), "TEXCOORD": ("VEC2",)},
 }
 
@@ -70,7 +70,7 @@ class Data:
 
     def joints(self, accessor_id: Any, count: Count) -> Ints:
         """Return the four joints of each vertex, (n, 4)."""
-        accessor = self._accessor(accessor_id, "JOINTS_0", ("VEC4",), _UNSIGNED)
+        accessor = self._accessor(accessor_id, "JOINTS", ("VEC4",), _UNSIGNED)
         return self._values(accessor_id, accessor, count).astype(np.int64)
 
     def matrices(self, accessor_id: Any, count: Count) -> FloatArray:
@@ -104,7 +104,10 @@ class Data:
             return bytes(self._bytes(view, 0, whole(view["byteLength"])))
         uri = str(image["uri"])
         if uri.startswith("data:"):
-            return base64.b64decode(uri.partition(";base64,")[2], validate=True)
+            try:
+                return base64.b64decode(uri.partition(";base64,")[2], validate=True)
+            except ValueError as error:
+                raise MeshError(f"an image in a data URI must be base64; this one is not ({error}).") from None
         return read(unquote(uri))
 
     def _accessor(self, accessor_id: Any, role: str, types: tuple[str, ...], components: tuple[int, ...]) -> Json:

@@ -74,7 +74,9 @@ class Textures:
 
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is ours
+                warnings.simplefilter(
+                    "ignore"
+                )  # of Pillow's limit, ours is lower; of transparency, which does not count
                 return self._pixels(Image.open(BytesIO(content), formats=_FORMATS))
         except (MeshError, MemoryError):
             raise
@@ -88,8 +90,20 @@ class Textures:
             raise MeshError(f"the textures of a mesh must have at most {MOST_TEXELS:,} texels; it has more.")
         if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
             levels = (np.asarray(image).astype(np.int64) >> 8).astype(np.uint8)
-            return np.repeat(levels[:, :, None], 3, axis=2)
-        return np.asarray(image.convert("RGB"))
+        elif image.mode == "F":
+            levels = np.round(255.0 * in_unit_range(np.asarray(image))).astype(np.uint8)
+        else:
+            return np.asarray(image.convert("RGB"))
+        return np.repeat(levels[:, :, None], 3, axis=2)
+
+
+def in_unit_range(colors: Any) -> FloatArray:
+    """Return red, green and blue as numbers in [0, 1], what is none as 0.
+
+    Those that hold more than 2, which neither rounding nor most lights make of 1, are taken to count to 255.
+    """
+    found = np.nan_to_num(np.asarray(colors, dtype=np.float64), posinf=1.0, neginf=0.0)
+    return np.clip(found / 255.0 if (found > 2.0).any() else found, 0.0, 1.0)
 
 
 def read_named(name: str, folder: Path, read: Read) -> bytes:

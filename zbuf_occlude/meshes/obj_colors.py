@@ -1,5 +1,6 @@
 """Colours of Wavefront OBJ: numbers after the coordinates, and materials (.mtl) with their textures."""
 
+import posixpath
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +10,7 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes.looks import Look, Read, Textures, read_named
+from zbuf_occlude.meshes.looks import Look, Read, Textures, in_unit_range, read_named
 from zbuf_occlude.meshes.obj import joined
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import Keywords, Lines, unix_lines
@@ -26,6 +27,7 @@ class _Paint(NamedTuple):
 
     color: tuple[float, float, float] | None = None
     texture: str = ""
+    folder: str = ""  # of the .mtl file, where its textures lie
     wrap: str = REPEAT
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
@@ -100,7 +102,7 @@ def _add(
     """Add a material's rows; return the one with its texture and the one for polygons without coordinates."""
     texture = None
     if paint.texture:
-        texture = textures.get(paint.texture, lambda: read_named(paint.texture, folder, read))
+        texture = textures.get(posixpath.join(paint.folder, paint.texture), lambda: _read_texture(paint, folder, read))
     plain = 0
     if paint.color is not None:
         materials.append(Material(paint.color))
@@ -112,6 +114,14 @@ def _add(
     materials.append(Material(factor, texture, (paint.wrap, paint.wrap)))
     places.append(paint)
     return len(materials) - 1, plain
+
+
+def _read_texture(paint: _Paint, folder: Path, read: Read) -> bytes:
+    """Return the content of a texture: named from the .mtl file's folder, or else, as some do, from the mesh's."""
+    try:
+        return read_named(posixpath.join(paint.folder, paint.texture), folder, read)
+    except MeshError:
+        return read_named(paint.texture, folder, read)
 
 
 def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
@@ -128,41 +138,48 @@ def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
     ids = np.where(ids < 0, ids + before + 1, ids)
     if ids.size and not (ids.min() >= 0 and ids.max() < len(table)):
         raise MeshError(
-            f"faces must refer to the {len(table) - 1} vt lines of an OBJ file; one refers to {ids.max():.15g}. "
-            "Is it damaged?"
+            f"faces must refer to the {len(table) - 1} vt lines of an OBJ file; one does not. Is it damaged?"
         )
     return np.asarray(table[ids.astype(np.int64)])
 
 
 def _colors_of_vertices(lines: Lines) -> FloatArray:
-    """Return the colours of all vertices (v, 3): numbers after the coordinates, in [0, 1] or, some, in 0..255."""
+    """Return the colours of all vertices (v, 3): numbers after the coordinates."""
     is_vertex = lines.kinds == _V
     has_color = lines.counts[is_vertex] >= 6
     first = lines.first[is_vertex][has_color, None] + np.arange(3, 6)
     colors = np.full((len(has_color), 3), GREY / 255)
     found = lines.numbers()[first]
-    colors[has_color] = found / 255.0 if np.nanmax(found) > 1.0 else found
-    return np.nan_to_num(np.clip(colors, 0.0, 1.0))
+    colors[has_color] = in_unit_range(found)
+    return colors
 
 
 def _read_materials(name: str, folder: Path, read: Read) -> dict[str, _Paint]:
     """Read the .mtl file, or files, that an mtllib line names."""
     try:
-        texts = [read_named(name, folder, read)]
+        texts = {name: read_named(name, folder, read)}
     except MeshError:
         if len(name.split()) < 2:
             raise
-        texts = [read_named(each, folder, read) for each in name.split()]
+        texts = {each: read_named(each, folder, read) for each in name.split()}
+    paints: dict[str, _Paint] = {}
+    for each, text in texts.items():
+        paints |= _materials_of(text.decode("utf-8-sig", "replace"), posixpath.dirname(each.replace("\\", "/")))
+    return paints
+
+
+def _materials_of(text: str, folder: str) -> dict[str, _Paint]:
+    """Read the materials of one .mtl file, which lies in this folder, from the mesh's on."""
     paints: dict[str, _Paint] = {}
     current = None
-    for line in b"\n".join(texts).decode("utf-8", "replace").splitlines():
+    for line in text.splitlines():
         word, _, rest = line.replace("\t", " ").strip().partition(" ")
         rest = rest.strip()
         if word == "newmtl":
-            current, paints[rest] = rest, _Paint()
+            current, paints[rest] = rest, _Paint(folder=folder)
         elif current is not None and word == "Kd":
             try:
-                values = [min(max(float(each), 0.0), 1.0) for each in rest.split()[:3]]
+                values = np.clip(np.nan_to_num([float(each) for each in rest.split()[:3]]), 0.0, 1.0).tolist()
             except ValueError:
                 continue  # "spectral", "xyz"
             red, green, blue = (values * 3)[:3] if values else WHITE.factor

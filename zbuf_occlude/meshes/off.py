@@ -42,9 +42,9 @@ def read_off(data: bytes) -> Polygons:
     coordinates of a vertex or the indices of a face, which are ignored. Not read: binary files and other dimensions.
 
     A file whose lines are its records, as almost all are, is read by lines, which is how the numbers after a face
-    can be told from the next face; what follows the last record is ignored. Any other file is read as one stream of
-    numbers, in which a face has nothing after its indices. Nothing is allocated by what the counts say before they
-    were compared with the numbers that the file holds.
+    can be told from the next face; what follows the last record is ignored, but for another face: then the counts are
+    wrong. Any other file is read as one stream of numbers, in which a face has nothing after its indices. Nothing is
+    allocated by what the counts say before they were compared with the numbers that the file holds.
     """
     check_text(data)
     start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
@@ -67,7 +67,15 @@ def read_off(data: bytes) -> Polygons:
             f"but only {lines.n_numbers:,} numbers follow. Is it damaged or cut short?"
         )
     polygons = _by_lines(lines, n_vertices, n_faces)
-    return polygons if polygons is not None else _as_stream(lines.numbers(), n_vertices, n_faces, 3 + extras)
+    if polygons is not None:
+        return polygons
+    n_before = _numbers_before_lines_of_faces(lines, n_faces)
+    if n_before not in (None, n_vertices * (3 + extras)):
+        raise MeshError(
+            f"an OFF file must have the {n_vertices:,} vertices that it declares, of {3 + extras} numbers each, before "
+            f"its faces; it has {n_before:,} numbers there. Is it damaged?"
+        )
+    return _as_stream(lines.numbers(), n_vertices, n_faces, 3 + extras)
 
 
 def _counts(data: bytes, start: int) -> tuple[int, int, int]:
@@ -101,9 +109,33 @@ def _by_lines(lines: Lines, n_vertices: int, n_faces: int) -> Polygons | None:
     declared = numbers[first]
     if not ((declared >= 0) & (declared < lines.counts[n_vertices:n_lines]) & (declared == np.floor(declared))).all():
         return None
+    if len(lines) > n_lines and _is_face(lines, n_lines):
+        raise MeshError(
+            f"an OFF file must end after the {n_vertices:,} vertices and {n_faces:,} faces that it declares; another "
+            "face follows. Is it damaged?"
+        )
     counts = declared.astype(np.int64)
     vertices = numbers[lines.first[:n_vertices, None] + np.arange(3)]
     return Polygons(vertices, numbers[runs(first + 1, counts)], counts)
+
+
+def _is_face(lines: Lines, line: int) -> bool:
+    """Whether a line may be a face of three corners or more."""
+    try:
+        first = lines.numbers(line + 1)[lines.first[line]]
+    except MeshError:
+        return False  # words
+    return bool(3 <= first < lines.counts[line] and first == first // 1)
+
+
+def _numbers_before_lines_of_faces(lines: Lines, n_faces: int) -> int | None:
+    """How many numbers stand before the last lines of a file, where those are its faces, each whole; else None."""
+    n_before = len(lines) - n_faces
+    if n_before < 0 or not n_faces:
+        return None
+    first = lines.first[n_before:]
+    are_faces = (lines.numbers()[first] == lines.counts[n_before:] - 1).all()
+    return int(first[0]) if are_faces else None
 
 
 def _as_stream(numbers: FloatArray, n_vertices: int, n_faces: int, width: int) -> Polygons:

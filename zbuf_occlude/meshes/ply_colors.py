@@ -8,7 +8,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.colors import PLAIN, WHITE, Material
-from zbuf_occlude.meshes.looks import Look, Read, Textures, read_named
+from zbuf_occlude.meshes.looks import Look, Read, Textures, in_unit_range, read_named
 from zbuf_occlude.meshes.ply import Columns, Element, read_elements, read_header
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import as_doubles
@@ -32,7 +32,8 @@ def read_ply_look(data: bytes, polygons: Polygons, folder: Path, read: Read) -> 
     -------
     Look
         A texture ("comment TextureFile") where vertices have coordinates in it, else the colours of vertices, else
-        those of faces, else grey. Integers count to the largest of their type, floats to 1.
+        those of faces, else grey. Integers count to the largest of their type, or to 255 where none is above; floats to
+        1, or to 255 (`in_unit_range`).
 
     Raises
     ------
@@ -71,10 +72,11 @@ def _colors(element: Element, columns: Columns) -> FloatArray | None:
     channels = _channels(element)
     if channels is None or not all(name in columns.scalars for name in channels):
         return None
-    kinds = {column.name: column.dtype for column in element.properties}
-    found = []
-    for name in channels:
-        kind: np.dtype[Any] = kinds[name]
-        most = np.iinfo(kind).max if kind.kind in "iu" else 1
-        found.append(as_doubles(columns.scalars[name]) / most)
-    return np.nan_to_num(np.clip(np.stack(found, axis=1), 0.0, 1.0))
+    found = np.stack([as_doubles(columns.scalars[name]) for name in channels], axis=1)
+    kinds: list[np.dtype[Any]] = [column.dtype for column in element.properties if column.name in channels]
+    if all(kind.kind in "iu" for kind in kinds):
+        most = max(np.iinfo(kind).max for kind in kinds)
+        if most > 255 and not (found > 255).any():
+            most = 255  # bytes, whatever room they have
+        found = found / most
+    return in_unit_range(found)
