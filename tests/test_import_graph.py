@@ -12,7 +12,7 @@ FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names beside it
-    {"errors": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
+    {"errors": set(), "kernels": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
     {
         "arrays": set(),
         "checks": set(),
@@ -22,7 +22,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
         "vectors": set(),
         "versions": set(),
     },
-    {"cleaning": set(), "colors": set()},
+    {"cleaning": set(), "colors": set(), "extents": set()},
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
     {"sampling": set(), "views": set(), "meshes": set()},

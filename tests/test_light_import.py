@@ -82,6 +82,16 @@ def test_nothing_heavy_is_loaded(program: str) -> None:
     assert heavy_after(program) == []
 
 
+def test_a_command_that_has_workers_compute_leaves_numba_to_them() -> None:
+    program = (
+        "import sys, zbuf_occlude.cli.generate\n"
+        "from zbuf_occlude.visibility import find_method\n"
+        "assert 'contact' in find_method('exact').options()\n"
+        "sys.stdout.write(str('numba' in sys.modules))"
+    )
+    assert run(program) == "False"
+
+
 def test_help_loads_nothing_heavy_but_click() -> None:
     program = "import sys; sys.argv = ['zbuf-occlude', '--help']\nfrom zbuf_occlude.__main__ import main\n"
     assert heavy_after(program + "try:\n    main()\nexcept SystemExit: pass")[-1:] == ["click"]

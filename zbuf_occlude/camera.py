@@ -9,12 +9,10 @@ all leading axes are a batch of cameras. Eye depth is the distance along the axi
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.threads import threaded
 
 WIDEST = 1.5
 """A single frustum may open so far to either side (tangent; 56 degrees); beyond, cube faces use their pixels better."""
@@ -131,8 +129,10 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
     frusta : Frusta
         The near and far planes are 1e-3 nearer and farther than the points.
     """
+    from zbuf_occlude.extents import extents  # late: cameras are described where nothing is computed
+
     views = np.asarray(views, dtype=np.float64)
-    bounds = _extents(views, np.ascontiguousarray(positions, dtype=np.float64))
+    bounds = extents(views, np.ascontiguousarray(positions, dtype=np.float64))
     nearest, farthest, low, high = bounds[:, 0], bounds[:, 1], bounds[:, 2:4], bounds[:, 4:6]
     in_front = nearest > 0
     # a flat mesh seen edge on has no width; give it some, relative to its other side
@@ -141,33 +141,6 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
     low, high = middle - opening * (0.5 + margin), middle + opening * (0.5 + margin)
     fits = in_front & (np.maximum(-low, high) <= WIDEST).all(axis=1)
     return fits, Frusta(low[:, 0], high[:, 0], low[:, 1], high[:, 1], nearest * (1 - 1e-3), farthest * (1 + 1e-3))
-
-
-@threaded
-def _extents(views: FloatArray, positions: FloatArray) -> FloatArray:
-    """Least and largest depth, least tangents, largest tangents of points for each camera; (k, 6).
-
-    The tangents mean nothing where a point is not in front.
-    """
-    bounds = np.empty((len(views), 6))
-    for k in prange(len(views)):
-        view = views[k]
-        nearest, farthest = np.inf, -np.inf
-        left, right, bottom, top = np.inf, -np.inf, np.inf, -np.inf
-        for i in range(len(positions)):
-            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
-            depth = -(view[2, 0] * x + view[2, 1] * y + view[2, 2] * z + view[2, 3])
-            nearest, farthest = min(nearest, depth), max(farthest, depth)
-            if depth > 0.0:
-                inverse = 1.0 / depth
-                across = (view[0, 0] * x + view[0, 1] * y + view[0, 2] * z + view[0, 3]) * inverse
-                upward = (view[1, 0] * x + view[1, 1] * y + view[1, 2] * z + view[1, 3]) * inverse
-                left, right = min(left, across), max(right, across)
-                bottom, top = min(bottom, upward), max(top, upward)
-        if nearest <= 0.0:
-            left = right = bottom = top = 0.0
-        bounds[k] = nearest, farthest, left, bottom, right, top
-    return bounds
 
 
 def cube_frusta(n: int, near: float, far: float, margin: float = 0.0) -> Frusta:

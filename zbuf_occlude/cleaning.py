@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.kernels import njit
 
 
 def faulty_faces(vertices: FloatArray, faces: IntArray, no_area: float) -> tuple[BoolArray, BoolArray]:

@@ -6,8 +6,7 @@ the two formulations check each other.
 
 import math
 
-from numba import njit
-
+from zbuf_occlude.kernels import njit
 from zbuf_occlude.vectors import cross, dot, minus
 
 
@@ -24,7 +23,7 @@ def of_one_sign(u, v, w):
     return ((u >= 0.0) & (v >= 0.0) & (w >= 0.0)) | ((u <= 0.0) & (v <= 0.0) & (w <= 0.0))
 
 
-@njit
+@njit()
 def blocks(eye, point, a, b, c, contact):
     """Whether the closed triangle abc meets the open segment (eye, point) farther than `contact` from the point.
 
@@ -63,7 +62,7 @@ def blocks(eye, point, a, b, c, contact):
     return height * math.sqrt(dot(d, d)) > contact * slope and height < slope
 
 
-@njit
+@njit()
 def meeting(origin, direction, a, b, c):
     """Where the closed triangle abc meets the open ray from an origin.
 

@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
 from zbuf_occlude.colors import Bytes, barycentric
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.kernels import njit
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.seeds import generator
 

@@ -1,6 +1,6 @@
 """Vectors of three numbers inside compiled functions: tuples or arrays in, tuples out."""
 
-from numba import njit
+from zbuf_occlude.kernels import njit
 
 
 @njit(inline="always")

@@ -229,12 +229,14 @@ def _tell(number: int) -> Mesh:
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
 def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
     program = (
-        "import os, sys, numba, zbuf_occlude.farm.warm\n"
+        "import gc, os, sys, zbuf_occlude.farm.warm, numba\n"
         "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
         "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
         "try: numba.threading_layer()\n"
         "except ValueError: pass\n"
         "else: raise AssertionError('OpenMP')\n"
+        "assert gc.isenabled() and gc.get_freeze_count() > 100_000, 'garbage'\n"
+        "assert 'scipy' not in sys.modules, 'hidden from numba only, and only from its import'\n"
     )
     environment = {**os.environ, **local._SERVER_ENVIRONMENT}
     child = subprocess.run(

@@ -1,9 +1,9 @@
 """Stacked sheets: how much of a surface has another face nearer than a method can tell from it."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
+from zbuf_occlude.kernels import njit
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import of_one_sign, volumes
 from zbuf_occlude.sampling import SurfacePoints

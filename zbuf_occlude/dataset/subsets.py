@@ -1,7 +1,8 @@
 """Random subsets of the points that a view sees, and where they come to lie in their cloud, in compiled passes."""
 
 import numpy as np
-from numba import njit
+
+from zbuf_occlude.kernels import njit
 
 ALL = -1
 """As a size: every visible point."""

@@ -9,8 +9,6 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-import numba
-
 from zbuf_occlude.dataset.jobs import Task
 from zbuf_occlude.errors import GlError, OccludeError
 
@@ -31,6 +29,8 @@ def serve(
 
     A forked one ends with the server that it was forked from, which ends with the supervisor's process.
     """
+    import numba  # late: the supervisor's process computes nothing
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor decides what an interrupt means
     die_with_parent(os.getppid())
     variables = {name: value for name, value in environment.items() if name not in FIXED}

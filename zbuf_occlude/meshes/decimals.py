@@ -1,8 +1,9 @@
 """Decimal numbers in bytes of text, to float64, correctly rounded: the compiled kernel that the text readers share."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from zbuf_occlude.kernels import njit
 
 _SMALLEST, _LARGEST = -342, 308
 """Powers of ten beyond which every number of 19 digits is 0 or infinite."""
@@ -42,7 +43,7 @@ def _product(a, b):
     return high, (middle << np.uint64(32)) | (low & _LOW)
 
 
-@njit
+@njit()
 def nearest_double(digits, exponent):
     """Round ``digits * 10**exponent`` to the nearest float64, ties to even.
 
@@ -97,7 +98,7 @@ def nearest_double(digits, exponent):
     return (np.uint64(power) << np.uint64(52)) | (mantissa & np.uint64(0xFFFFFFFFFFFFF)), True
 
 
-@njit
+@njit()
 def read_decimal(text, i, bits, values, place):
     """Read a number at a place in a text.
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import mapbox_earcut
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.kernels import njit
 from zbuf_occlude.vectors import cross, dot, minus
 
 Ints = NDArray[np.int64]

@@ -4,11 +4,11 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.kernels import njit
 from zbuf_occlude.meshes.decimals import read_decimal
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"

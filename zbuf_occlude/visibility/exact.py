@@ -2,7 +2,6 @@
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.image_space import Engine
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
@@ -18,6 +17,8 @@ class Exact(Occluder):
     """Packets of points against clusters of faces, both projected; float32 where its sign is certain, float64 else."""
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
+        from zbuf_occlude.image_space import Engine  # late: its options are looked at where nothing is computed
+
         super().__init__(mesh)
         self._engine = Engine(mesh, contact * mesh.diagonal)
 

@@ -1,0 +1,34 @@
+"""Functions that are compiled when they are called: by Python, or by others that are compiled."""
+
+from numba import njit as njit_of_numba
+from numba.core.dispatcher import Dispatcher
+
+from zbuf_occlude.kernels import njit
+
+
+@njit(inline="always")
+def twice(number):
+    """Two of it."""
+    return number + number
+
+
+@njit()
+def four_times(number):
+    return twice(twice(number))
+
+
+@njit_of_numba
+def eight_times(number):
+    return twice(four_times(number))
+
+
+def test_kernels_call_kernels_and_numbas_own_call_them() -> None:
+    assert eight_times(3) == 24
+    assert four_times(3.5) == 14.0
+    assert len(four_times.signatures) == 2  # one for whole numbers, compiled with `eight_times`, one for others
+
+
+def test_a_kernel_is_compiled_with_its_options_and_keeps_its_words() -> None:
+    assert isinstance(twice._compiled, Dispatcher)
+    assert twice.targetoptions["inline"] == "always"
+    assert (twice.__name__, twice.__doc__) == ("twice", "Two of it.")

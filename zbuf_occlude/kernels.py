@@ -1,0 +1,37 @@
+"""Functions that numba compiles, where whoever imports them may never call one: numba takes 0.3 s to import.
+
+In modules that are not imported but to compute, `numba.njit` itself will do.
+"""
+
+from collections.abc import Callable
+from functools import cached_property, update_wrapper
+from typing import Any
+
+
+class Kernel:
+    """A function that is compiled when it is called first, or named in another that is."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._function, self._options = function, options
+
+    @cached_property
+    def _compiled(self) -> Any:
+        from numba import njit  # late: see above
+
+        return njit(**self._options)(self._function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Answer by what was compiled."""
+        return self._compiled(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Be to numba, in functions that name this one, what it has compiled."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._compiled, name)
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
+    """Compile a function as `numba.njit` does with these options, but not before it is needed."""
+    return lambda function: Kernel(function, options)
