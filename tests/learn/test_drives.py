@@ -9,6 +9,9 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
 
+import pyarrow
+from pyarrow import feather
+
 from tests.learn.drives import THINGS, points_in, write_argoverse, write_kitti
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.drives import check_drive, crops, layout_of, read_clouds
@@ -111,6 +114,22 @@ def other_columns(root: Path) -> None:
     path.write_bytes((root / "val/log-1/annotations.feather").read_bytes())
 
 
+def endless_label(root: Path) -> None:
+    (root / "training/label_2/000007.txt").write_text("Car 0 0 0 1 2 3 4 inf 1 1 0 0 0 inf\n")
+
+
+def words_for_numbers(root: Path) -> None:
+    path = next((root / "val/log-1/sensors/lidar").iterdir())
+    feather.write_feather(pyarrow.table({name: ["far"] for name in "xyz"}), path)
+
+
+def box_of_no_numbers(root: Path) -> None:
+    path = root / "val/log-1/annotations.feather"
+    table = feather.read_table(path)
+    nothing = pyarrow.array([None] * len(table), pyarrow.float64())
+    feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", nothing), path)
+
+
 def no_sweep(root: Path) -> None:
     next((root / "val/log-1/sensors/lidar").iterdir()).unlink()
 
@@ -128,6 +147,9 @@ def no_sweep(root: Path) -> None:
         (write_argoverse, odd_name, "must be called TIMESTAMP.feather"),
         (write_argoverse, other_columns, "must have the columns x, y, z; it lacks one"),
         (write_argoverse, no_sweep, "or has no sweep"),
+        (write_kitti, endless_label, "from the 9th on numbers; line 1 is 'Car 0 0 0 1 2 3 4 inf"),
+        (write_argoverse, words_for_numbers, "cannot be read .could not convert string to float: 'far'"),
+        (write_argoverse, box_of_no_numbers, "annotations.feather must be numbers; that of row 0 has others"),
     ],
 )
 def test_what_is_wrong_is_said(

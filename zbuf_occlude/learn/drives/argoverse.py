@@ -32,6 +32,7 @@ LEFT_OUT = frozenset(
     }
 )  # fmt: skip
 """Neither clearly a car nor clearly none."""
+_NO_NUMBERS = ("timestamp_ns", "category")
 _BOX = ("length_m", "width_m", "height_m", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
 
 
@@ -59,14 +60,16 @@ def read(path: Path) -> Sweep:
     log = path.parents[2]
     annotations = _annotations(log / ANNOTATIONS)
     columns = _table(path, ("x", "y", "z"))
-    points = np.stack([columns[name] for name in "xyz"], axis=1).astype(np.float64)
+    points = np.stack([columns[name] for name in "xyz"], axis=1)
     try:
         time = int(path.stem)
     except ValueError:
         raise DatasetError(f"a sweep must be called TIMESTAMP.feather, nanoseconds; {path} is not.") from None
     boxes = []
     for row in np.flatnonzero(annotations["timestamp_ns"] == time):
-        numbers = np.array([float(annotations[name][row]) for name in _BOX])
+        numbers = np.array([annotations[name][row] for name in _BOX])
+        if not np.isfinite(numbers).all():
+            raise DatasetError(f"boxes in {log / ANNOTATIONS} must be numbers; that of row {row} has others.")
         boxes.append(
             Box(str(annotations["category"][row]), numbers[7:], _rotation(numbers[3:7], log / ANNOTATIONS), numbers[:3])
         )
@@ -89,10 +92,11 @@ def _table(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         ) from None
     try:
         table = feather.read_table(path)
-        return {name: table[name].to_numpy() for name in names}
+        columns = {name: table[name].to_numpy() for name in names}
+        return {name: np.asarray(values, None if name in _NO_NUMBERS else float) for name, values in columns.items()}
     except KeyError as error:
         raise DatasetError(f"{path} must have the columns {', '.join(names)}; it lacks one ({error}).") from None
-    except (ArrowException, OSError, ValueError) as error:
+    except (ArrowException, OSError, ValueError, TypeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). Copy it again.") from None
 

@@ -66,7 +66,9 @@ def _boxes(path: Path, to_points: FloatArray) -> list[Box]:
         if not fields or fields[0] == "DontCare":
             continue
         try:
-            height, width, length, x, y, z, turned = map(float, fields[8:_N_FIELDS])
+            height, width, length, x, y, z, turned = np.array(fields[8:_N_FIELDS], dtype=np.float64)
+            if not np.isfinite([height, width, length, x, y, z, turned]).all():
+                raise ValueError
         except ValueError:
             raise DatasetError(
                 f"{path} must have {_N_FIELDS} fields per line, from the 9th on numbers; line {number} is {line!r:.60}."
@@ -94,7 +96,8 @@ def _to_camera(path: Path) -> FloatArray:
             found[name][:3, : values.shape[1]] = values
     if missing := [name for name in shapes if name not in found]:
         raise DatasetError(f"{path} must have {' and '.join(missing)}; it has not. Take the object benchmark's calib.")
-    matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
+    with np.errstate(all="ignore"):  # judged by what comes out
+        matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 0.5:
         raise DatasetError(f"R0_rect and Tr_velo_to_cam in {path} must be rotations; they are not. Unpack it again.")
     return matrix
