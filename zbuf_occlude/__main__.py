@@ -23,6 +23,8 @@ def main() -> None:
     # a worker that had to be killed leaves a semaphore of numba's, of which Python's tracker would warn at the very end
     warnings = [os.environ.get("PYTHONWARNINGS", ""), "ignore::UserWarning:multiprocessing.resource_tracker"]
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, warnings))
+    # threads of NumPy's OpenBLAS, which nothing here has work for, would turn idly for a tenth of a second
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
             stream.reconfigure(errors="backslashreplace")

@@ -11,7 +11,7 @@ import numpy as np
 
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.jobs import MOST_AT_ONCE
+from zbuf_occlude.dataset.jobs import n_at_once
 from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import make_mesh, new_store
@@ -116,4 +116,4 @@ def _on_disk(plan: Plan, n_bytes: float) -> tuple[float, float]:
     if not row.in_parts:
         return files, files + n_bytes
     n = n_parts(plan)
-    return files, files * (1 + max(1, n // MOST_AT_ONCE) / n)
+    return files, files * (1 + n_at_once(n) / n)

@@ -30,7 +30,8 @@ from zbuf_occlude.visibility import find_method
 _LOG = logging.getLogger(__name__)
 
 MOST_AT_ONCE = 5
-"""At most a fifth of a dataset's parts are written at a time: what is in both shards and files stays below that."""
+"""At most a fifth of a dataset's parts are written at a time: what is in both shards and files stays below that. (Of
+fewer parts two: so small a dataset takes little room.)"""
 
 Done = Callable[[int, Any], Iterable[int]]
 """Told a job that is done, and its result; returns the jobs that may be begun now."""
@@ -184,7 +185,7 @@ class Jobs:
 
     def _released(self) -> list[int]:
         jobs = []
-        while self._held and self._n_open < max(1, n_parts(self.plan) // MOST_AT_ONCE):
+        while self._held and self._n_open < n_at_once(n_parts(self.plan)):
             jobs.append(len(self.plan.shards) + self._held.popleft())
             self._n_open += 1
         return jobs
@@ -221,6 +222,11 @@ class Jobs:
             else:
                 self._on_shard(len(self.plan.shards[shard]) * self.plan.clouds_per_mesh)
         return missing
+
+
+def n_at_once(n_parts: int) -> int:
+    """Return how many of this many parts may be written at a time."""
+    return n_parts // MOST_AT_ONCE or min(2, n_parts)
 
 
 def n_shards_done(plan: Plan, out: Path) -> int:
