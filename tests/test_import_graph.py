@@ -16,9 +16,11 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {
         "arrays": set(),
         "checks": set(),
+        "garbage": set(),
         "limits": set(),
         "origin": set(),
         "seeds": set(),
+        "shelf": set(),
         "vectors": set(),
         "versions": set(),
     },

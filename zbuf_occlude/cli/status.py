@@ -65,15 +65,20 @@ def gather(folder: Path) -> dict[str, Any]:
             "shards_to_make_again": {},
             "worker_seconds_left": 0.0,
         }
-    looked = list(look_at_shards(plan, folder))
-    sidecars = [sidecar for sidecar, _ in looked if sidecar is not None]
-    seconds = sum(sidecar.seconds for sidecar in sidecars)
-    n_left = len(plan.shards) - len(sidecars)
+    n_done, n_clouds, seconds = 0, 0, 0.0
+    failures: dict[str, str] = {}
+    again: dict[int, str] = {}
+    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, folder)):  # none is kept: they name every mesh
+        if sidecar is not None:
+            n_done, n_clouds, seconds = n_done + 1, n_clouds + sidecar.counts.n_clouds, seconds + sidecar.seconds
+            failures |= sidecar.failures
+        elif fault:
+            again[shard] = fault
     return report | {
-        "shards_done": len(sidecars),
+        "shards_done": n_done,
         "parts_written": n_parts_written(plan, folder),
-        "clouds": sum(sidecar.counts.n_clouds for sidecar in sidecars),
-        "failures": {key: why for sidecar in sidecars for key, why in sidecar.failures.items()},
-        "shards_to_make_again": {shard: fault for shard, (_, fault) in enumerate(looked) if fault},
-        "worker_seconds_left": n_left * seconds / len(sidecars) if sidecars else None,
+        "clouds": n_clouds,
+        "failures": failures,
+        "shards_to_make_again": again,
+        "worker_seconds_left": (len(plan.shards) - n_done) * seconds / n_done if n_done else None,
     }

@@ -24,6 +24,7 @@ from zbuf_occlude.dataset.parts import (
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar, look_at, run_shard
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.visibility import find_method
 
@@ -201,6 +202,7 @@ class Jobs:
                 mark_path(self.out, part).unlink()
         return written
 
+    @nothing_to_collect()
     def _find_missing(self, shards: Iterable[int]) -> set[int]:
         missing = set()
         n_runs = [runs_left(self.plan, group, self._written) for group in range(len(self.plan.groups))]

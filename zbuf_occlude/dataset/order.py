@@ -32,17 +32,15 @@ class Order:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         n_meshes, n_groups = len(plan.meshes), len(plan.groups)
-        self._split_of = np.fromiter((SPLITS.index(entry.split) for entry in plan.meshes), int, n_meshes)
-        self._group_of: Indices = np.empty(n_meshes, int)
-        self._rank_of: Indices = np.empty(n_meshes, int)
+        self._group_of = np.empty(n_meshes, np.int32)
+        self._rank_of = np.empty(n_meshes, np.int32)
         self._n_meshes = np.zeros((n_groups, len(SPLITS)), int)
         for group, mesh_ids in enumerate(plan.groups):
             self._group_of[mesh_ids] = group
             for split in range(len(SPLITS)):
-                mine = np.asarray(mesh_ids)[self._split_of[mesh_ids] == split]
+                mine = mesh_ids[plan.split_of[mesh_ids] == split]
                 self._rank_of[mine] = np.arange(len(mine))
                 self._n_meshes[group, split] = len(mine)
-        self._first_part = {(part.group, part.split): i for i, part in reversed(list(enumerate(plan.parts)))}
 
     def places(
         self, mesh_ids: NDArray[Any], variations: NDArray[Any], view_ids: NDArray[Any]
@@ -52,13 +50,13 @@ class Order:
         places: Indices = np.empty(len(mesh_ids), int)
         recipe, n_views = self._plan.recipe, len(self._plan.views)
         samples = np.asarray(variations, int) * n_views + view_ids
-        groups, splits = self._group_of[mesh_ids], self._split_of[mesh_ids]
+        groups, splits = self._group_of[mesh_ids], self._plan.split_of[mesh_ids]
         for group, split in np.unique(np.stack([groups, splits], axis=1), axis=0).tolist():
             mine = (groups == group) & (splits == split)
             n_clouds = int(self._n_meshes[group, split]) * self._plan.clouds_per_mesh
-            numbers = self._rank_of[mesh_ids[mine]] * self._plan.clouds_per_mesh + samples[mine]
+            numbers = self._rank_of[mesh_ids[mine]].astype(int) * self._plan.clouds_per_mesh + samples[mine]
             found = _inverse(recipe.seed, SPLITS[split], group, n_clouds)[numbers]
-            parts[mine] = self._first_part[group, SPLITS[split]] + found // plans.CLOUDS_PER_FILE
+            parts[mine] = self._plan.parts.first(group, split) + found // plans.CLOUDS_PER_FILE
             places[mine] = found % plans.CLOUDS_PER_FILE
         return parts, places
 

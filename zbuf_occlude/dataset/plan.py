@@ -2,18 +2,17 @@
 
 import hashlib
 import json
-from bisect import bisect_left, bisect_right
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from importlib.util import find_spec
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.dataset.dealing import MeshIds, Parts, Shards, dealt
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
@@ -170,14 +169,6 @@ class Recipe:
         return None if self.scanning is None else Setup(**self.scanning)
 
 
-class Part(NamedTuple):
-    """What is written at once: of a split, the file of this number, with clouds of this group."""
-
-    group: int
-    split: str
-    number: int
-
-
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Meshes x views x variations, dealt to groups, which are cut into shards.
@@ -203,6 +194,11 @@ class Plan:
         if self.views is None:
             object.__setattr__(self, "views", self.recipe.make_views())
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what workers are sent: arrays that they share, and no document, which would name every mesh anew."""
+        sent = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups")
+        return {name: getattr(self, name) for name in sent}
+
     @cached_property
     def classes(self) -> list[str]:
         """Names of the classes; the index in here is the label of a cloud."""
@@ -222,27 +218,25 @@ class Plan:
         """Clouds in the whole dataset when every mesh succeeds and sees something from everywhere."""
         return len(self.meshes) * self.clouds_per_mesh
 
+    @cached_property
+    def split_of(self) -> NDArray[np.uint8]:
+        """The split of each mesh, its index in `SPLITS`."""
+        return np.fromiter((SPLITS.index(entry.split) for entry in self.meshes), np.uint8, len(self.meshes))
+
     @property
     def splits(self) -> list[str]:
         """The splits that have meshes."""
-        return [split for split in SPLITS if any(entry.split == split for entry in self.meshes)]
+        return [SPLITS[split] for split in np.unique(self.split_of)]
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> Parts:
         """The files of formats that put many clouds into one, group by group."""
-        n_files: Counter[str] = Counter()
-        parts = []
-        for group, mesh_ids in enumerate(self.groups):
-            n_meshes = Counter(self.meshes[i].split for i in mesh_ids)
-            for split in (split for split in SPLITS if n_meshes[split]):
-                for _ in range(-(-n_meshes[split] * self.clouds_per_mesh // CLOUDS_PER_FILE)):
-                    parts.append(Part(group, split, n_files[split]))
-                    n_files[split] += 1
-        return parts
+        n_meshes = np.array([np.bincount(self.split_of[ids], minlength=len(SPLITS)) for ids in self.groups])
+        return Parts(-(-n_meshes * self.clouds_per_mesh // CLOUDS_PER_FILE))
 
     def parts_of(self, group: int) -> range:
         """Return the parts that the clouds of a group go into."""
-        return range(*(bisect_left(self.parts, g, key=lambda part: part.group) for g in (group, group + 1)))
+        return self.parts.of_group(group)
 
     @property
     def n_checked(self) -> int:
@@ -250,40 +244,24 @@ class Plan:
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
     @cached_property
-    def groups(self) -> list[list[int]]:
-        """Mesh indices of each group, ascending: the clouds of a group are mixed, and written into files of its own.
-
-        Of as many neighbouring meshes as there are groups, each group is dealt one, at random: all have the same share
-        of each class and split, whatever the order of the meshes.
-        """
-        n_meshes = len(self.meshes)
-        n_groups = max(1, min(round(self.n_clouds / CLOUDS_PER_GROUP), n_meshes))
-        hands = np.tile(np.arange(n_groups), (-(-n_meshes // n_groups), 1))
-        rng = np.random.default_rng(seed_of(self.recipe.seed, "groups"))
-        group_of = rng.permuted(hands, axis=1).ravel()[:n_meshes]
-        ends = np.cumsum(np.bincount(group_of, minlength=n_groups))[:-1]
-        return [part.tolist() for part in np.split(np.argsort(group_of, kind="stable"), ends)]
+    def groups(self) -> list[MeshIds]:
+        """Mesh indices of each group, ascending: the clouds of a group are mixed, and written into files of its own."""
+        n_groups = max(1, min(round(self.n_clouds / CLOUDS_PER_GROUP), len(self.meshes)))
+        return dealt(len(self.meshes), n_groups, seed_of(self.recipe.seed, "groups"))
 
     @cached_property
-    def shards(self) -> list[list[int]]:
+    def shards(self) -> Shards:
         """Mesh indices of each shard, group by group. Does not depend on the number of workers."""
-        step = self.meshes_per_shard
-        return [group[i : i + step] for group in self.groups for i in range(0, len(group), step)]
-
-    @property
-    def meshes_per_shard(self) -> int:
-        """Meshes of a shard; of the last of a group there may be fewer."""
-        return max(1, CLOUDS_PER_SHARD // self.clouds_per_mesh)
+        return Shards(self.groups, max(1, CLOUDS_PER_SHARD // self.clouds_per_mesh))
 
     @cached_property
     def shards_of(self) -> list[range]:
         """The shards of each group."""
-        ends = np.cumsum([0, *(-(-len(group) // self.meshes_per_shard) for group in self.groups)]).tolist()
-        return [range(begin, end) for begin, end in pairwise(ends)]
+        return self.shards.of_groups
 
     def group_of(self, shard: int) -> int:
         """Return the group that a shard's meshes are of."""
-        return bisect_right(self.shards_of, shard, key=lambda shards: shards.start) - 1
+        return self.shards.group_of(shard)
 
     @cached_property
     def pool(self) -> Pool:

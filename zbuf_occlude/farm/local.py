@@ -9,6 +9,7 @@ from multiprocessing import connection, forkserver
 from typing import Any
 
 from zbuf_occlude.dataset.jobs import Done, Task
+from zbuf_occlude.farm.sent import Sent
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import serve
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
@@ -18,10 +19,11 @@ def run_jobs(task: Task, jobs: list[int], done: Done, *, n_workers: int, limits:
     """Do jobs in processes on this machine; parameters, errors and promises as in `supervise`."""
     start_server()
     devices = gl_devices(task)
+    sent = Sent(task)
     supervise(
         jobs,
         done,
-        hire=lambda seat: LocalWorker(task, n_workers, devices[seat % len(devices)]),
+        hire=lambda seat: LocalWorker(sent, n_workers, devices[seat % len(devices)]),
         wait=_wait,
         n_workers=n_workers,
         limits=limits,
@@ -52,13 +54,13 @@ def start_server() -> None:
 class LocalWorker:
     """A process that runs `serve` at the other end of a pipe."""
 
-    def __init__(self, task: Task, n_workers: int, device_index: int | None) -> None:
+    def __init__(self, sent: Sent, n_workers: int, device_index: int | None) -> None:
         start_server()  # it may have been killed
         context: Any = multiprocessing.get_context("forkserver" if _FORKS else "spawn")
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
         environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
-        arguments = (theirs, task, device_index, n_threads, environment)
+        arguments = (theirs, sent, device_index, n_threads, environment)
         self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
         self.process.start()
         theirs.close()

@@ -11,6 +11,7 @@ from typing import Any
 
 from zbuf_occlude.dataset.jobs import Task
 from zbuf_occlude.errors import GlError, OccludeError
+from zbuf_occlude.farm.sent import Sent
 
 _PR_SET_PDEATHSIG = 1
 
@@ -20,7 +21,7 @@ FIXED = ("NUMBA_NUM_THREADS",)
 
 def serve(
     connection: Connection,
-    task: Task,
+    sent: Sent,
     device_index: int | None,
     n_threads: int,
     environment: Mapping[str, str],
@@ -38,7 +39,7 @@ def serve(
     os.environ.clear()  # the server's, perhaps of another run
     os.environ.update(variables)
     numba.set_num_threads(min(n_threads, numba.config.NUMBA_NUM_THREADS))
-    work(connection, task, device_index)
+    work(connection, sent.unpacked(), device_index)
 
 
 def work(connection: Connection, task: Task, device_index: int | None) -> None:

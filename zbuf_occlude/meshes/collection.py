@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
+from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
@@ -18,6 +19,7 @@ from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
 from zbuf_occlude.origin import UNKNOWN, Origin
+from zbuf_occlude.shelf import Shelf
 
 SPLITS = ("train", "val", "test")
 
@@ -85,13 +87,18 @@ class MeshCollection(Sequence[MeshEntry]):
     """
 
     def __init__(self, entries: Iterable[MeshEntry], remarks: Iterable[str] = ()) -> None:
-        self._entries = tuple(entries)
+        self._entries: Sequence[MeshEntry] = tuple(entries)
         self.remarks = tuple(remarks)
         keys: set[str] = set()
         for entry in self._entries:
             if entry.key in keys:
                 raise ArgumentError(f"keys of a collection must differ; two entries are {entry.key!r}. Rename one.")
             keys.add(entry.key)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process gets: entries made when they are asked for, so that it need not hold all."""
+        entries = self._entries if isinstance(self._entries, Shelf) else Shelf(self._entries)
+        return {"_entries": entries, "remarks": self.remarks}
 
     def __repr__(self) -> str:
         return f"MeshCollection({len(self)} meshes, {len(self.classes)} classes)"
@@ -113,6 +120,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return sorted({entry.label for entry in self}, key=_natural)
 
     @classmethod
+    @nothing_to_collect()
     def from_paths(
         cls,
         paths: Paths,
