@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.dataset.archives import Archives
 from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.source import Numbers
 from zbuf_occlude.errors import DatasetError
 
@@ -104,7 +104,7 @@ class PackedDataset(Sequence[PackedCloud]):
         if split is not None:
             check_word("split", split, files)
         names = sorted({name for names in files.values() for name in names})
-        self.archives = Archives(plan, [Path(folder) / name for name in names])
+        self.archives = PackedFiles(plan, [Path(folder) / name for name in names])
         splits = np.array([entry.split for entry in plan.meshes])[self.archives.mesh_ids]
         self.numbers: Numbers = np.flatnonzero(splits == split) if split else np.arange(len(splits))
 

@@ -23,7 +23,7 @@ DATA binary
 
 
 def write_pcd(path: Path, record: Any) -> None:
-    """Write the points of a record, and their normals and colours where it has them, making the folders above.
+    """Write the points of a record, and their normals and colours where it has them.
 
     A colour is one number, as PCL has it: the bits 0xRRGGBB as a float.
     """
@@ -37,7 +37,6 @@ def write_pcd(path: Path, record: Any) -> None:
     table = np.concatenate(columns, axis=1)
     repeated = {key: " ".join(word * len(names)) for key, word in (("sizes", "4"), ("types", "F"), ("counts", "1"))}
     header = _HEADER.format(n=len(table), names=" ".join(names), **repeated)
-    path.parent.mkdir(parents=True, exist_ok=True)
     atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()))
 
 

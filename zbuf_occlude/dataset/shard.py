@@ -9,10 +9,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset.archives import Archives
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import SHARDS, sha256_of
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.packed_store import PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
@@ -111,7 +111,9 @@ def new_store(plan: Plan) -> Store:
 
 def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
     """Return the clouds of finished shards, in the order in which their files are to hold them."""
-    return Archives(plan, paths).source() if find_format(plan.format).keeps_points else source_of_records(plan, paths)
+    return (
+        PackedFiles(plan, paths).source() if find_format(plan.format).keeps_points else source_of_records(plan, paths)
+    )
 
 
 def data_path(plan: Plan, out: Path, shard: int) -> Path:

@@ -2,7 +2,8 @@
 
 SPLIT/partial/TAXONOMY/OBJECT.h5    data (2048, 3) float32
 SPLIT/gt/TAXONOMY/OBJECT.h5         data (2048, 3) float32
-SPLIT.list                          TAXONOMY/OBJECT, one per line
+SPLIT.list                          TAXONOMY/OBJECT, one per line, as TopNet's loaders read it
+Completion3D.json                   the same as PCN.json, as those of GRNet and PoinTr do
 """
 
 from collections.abc import Iterator
@@ -14,21 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.formats.published import (
-    Names,
-    Records,
-    by_object,
-    check_pairs,
-    complete_cloud,
-    names_of,
-    read_cloud_files,
-    rest_name,
-    write_list,
-    write_rest,
-)
+from zbuf_occlude.dataset.formats.pairs import Pairs, write_index
+from zbuf_occlude.dataset.formats.published import Names, check_pairs, names_of
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.meshes.collection import SPLITS
 
+INDEX = "Completion3D.json"
 SIZE = 2_048
 
 
@@ -39,53 +32,48 @@ def check(plan: Plan) -> None:
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
-    names = names_of(plan)
-    yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.list"))
-    for mesh_id, entry in enumerate(plan.meshes):
-        place = f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}.h5"
-        yield from (f"{entry.split}/{kind}/{place}" for kind in ("partial", "gt"))
+    yield from (INDEX, *(f"{split}.list" for split in plan.splits))
+    yield from PAIRS.names(plan)
 
 
 def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a pair of files per object."""
-    names, files = names_of(source.plan), {}
-    for split in source.order:
-        listed: list[str] = []
-
-        def pairs(split: str = split, listed: list[str] = listed) -> Iterator[Records]:
-            for records in by_object(source, split):
-                mesh_id = int(records["mesh_id"][0])
-                listed.append(f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}")
-                _write_h5(out / f"{split}/partial/{listed[-1]}.h5", records["data"][0])
-                _write_h5(out / f"{split}/gt/{listed[-1]}.h5", complete_cloud(source, records, SIZE)["data"])
-                yield records
-
-        rest = write_rest(out, split, pairs(), source.plan.recipe)
-        atomic.write_lines(out / f"{split}.list", listed)
-        written = [f"{split}/{kind}/{name}.h5" for name in listed for kind in ("partial", "gt")]
-        files[split] = [rest, write_list(out, split, written), f"{split}.list"]
-    return files
+    """Write a pair of files per object, the lists and the index of them."""
+    files, mesh_ids = PAIRS.write(source, out)
+    names = names_of(source.plan)
+    for split in files:
+        atomic.write_lines(out / f"{split}.list", [_place(names, mesh_id) for mesh_id in mesh_ids[split]])
+    write_index(out / INDEX, source.plan, mesh_ids)
+    return {split: [*of_split, f"{split}.list", INDEX] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the partial clouds."""
-
-    def name_of(split: str, names: Names, record: Any) -> str:
-        mesh_id = int(record["mesh_id"])
-        return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}.h5"
-
-    return read_cloud_files(out, plan, files, _read_h5, name_of)
+    return PAIRS.read(out, plan, files)
 
 
-def _write_h5(path: Path, positions: NDArray[Any]) -> None:
+def _place(names: Names, mesh_id: int) -> str:
+    return f"{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}"
+
+
+def _complete(split: str, names: Names, mesh_id: int) -> str:
+    return f"{split}/gt/{_place(names, mesh_id)}.h5"
+
+
+def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
+    return f"{split}/partial/{_place(names, mesh_id)}.h5"
+
+
+def _write_h5(path: Path, record: Any) -> None:
     def fill(file: Any) -> None:
         with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", data=positions.astype(np.float32), track_times=False)
+            h5.create_dataset("data", data=record["data"].astype(np.float32), track_times=False)
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     atomic.write(path, fill)
 
 
 def _read_h5(path: Path) -> NDArray[Any]:
     with h5py.File(path) as h5:
         return np.asarray(h5["data"][:])
+
+
+PAIRS = Pairs(SIZE, dict.fromkeys(SPLITS, 1), _complete, _partial, _write_h5, _write_h5, _read_h5)

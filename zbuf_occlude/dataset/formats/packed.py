@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from zbuf_occlude.dataset.archives import Archives
+from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.packed_store import shard_name
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
@@ -40,4 +40,4 @@ def files_of(plan: Plan) -> dict[str, list[str]]:
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds as `generate` would draw them, in the order in which it would write them."""
     all_names = sorted({name for of_split in files.values() for name in of_split})
-    return Archives(plan, [out / name for name in all_names]).source()
+    return PackedFiles(plan, [out / name for name in all_names]).source()

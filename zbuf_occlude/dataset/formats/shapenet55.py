@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
@@ -51,7 +50,8 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
         def objects(split: str = split, listed: list[str] = listed) -> Iterator[Records]:
             for clouds in by_object(source, split):
                 listed.append(complete_name(names, int(clouds["mesh_id"][0])))
-                write_npy(out / FOLDER / listed[-1], clouds["data"][0])
+                (out / FOLDER).mkdir(exist_ok=True)
+                write_npy(out / FOLDER / listed[-1], clouds[0])
                 yield clouds[:1]
 
         rest = write_rest(out, split, objects(), source.plan.recipe)
@@ -74,7 +74,6 @@ def complete_name(names: Names, mesh_id: int) -> str:
     return f"{names.taxonomies[mesh_id]}-{names.objects[mesh_id]}.npy"
 
 
-def write_npy(path: Path, positions: NDArray[Any]) -> None:
-    """Write a cloud (n, 3) as float32."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    atomic.write(path, lambda file: np.save(file, positions.astype(np.float32)))
+def write_npy(path: Path, record: Any) -> None:
+    """Write a record's points (n, 3) as float32."""
+    atomic.write(path, lambda file: np.save(file, record["data"].astype(np.float32)))

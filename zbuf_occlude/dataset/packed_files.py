@@ -29,7 +29,7 @@ from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 OPEN_FILES, KEPT_BLOCKS = 16, 4
-"""Archives held open, and blocks held unpacked, by one reader in one process."""
+"""Files held open, and blocks held unpacked, by one reader in one process."""
 
 
 class Block(NamedTuple):
@@ -50,7 +50,7 @@ class Block(NamedTuple):
     views: Views
 
 
-class Archives:
+class PackedFiles:
     """The blocks and clouds of some packed files; files are opened when they are needed, in each process anew.
 
     Parameters
