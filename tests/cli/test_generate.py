@@ -36,6 +36,8 @@ def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     for name in ("manifest.json", "contact_sheet.png", "ply_data_test0.h5 and 1 more (train: 1, test: 1)"):
         assert str(out / name) in outcome.out
     assert "generate: 100%" in outcome.err
+    assert "0 of 2 parts written" in outcome.err, "while clouds are made"
+    assert "2 of 2 parts written" in outcome.err, "no wait without a word"
 
     data, label = pointnet_load(out, "train")
     assert (data.shape, data.dtype) == ((16, 64, 3), np.dtype("f4"))

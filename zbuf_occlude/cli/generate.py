@@ -1,6 +1,7 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.jobs import n_shards_done
+from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
@@ -279,7 +281,14 @@ def command(
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
             document = generate(
-                one, folder, run=run, overwrite=overwrite, part=part, limits=limits, progress=bar.update
+                one,
+                folder,
+                run=run,
+                overwrite=overwrite,
+                part=part,
+                limits=limits,
+                progress=bar.update,
+                written=beside(bar, n_parts(one) if part == (0, 1) else 0),
             )
         if document:
             echo(summary(document, folder))
@@ -291,6 +300,19 @@ def command(
             echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
     if failed:
         raise SystemExit(SOME_FAILED)
+
+
+def beside(bar: Any, n: int) -> Callable[[int], None]:
+    """Return what says beside a bar of clouds how many of the n parts of the files are written, when it is told."""
+    total = 0
+
+    def say(parts: int) -> None:
+        nonlocal total
+        total += parts
+        if n:
+            bar.set_postfix_str(f"{total} of {n} parts written")
+
+    return say
 
 
 def faster_exact(plan: Plan, renderer: str) -> str:

@@ -28,6 +28,7 @@ def generate(
     part: tuple[int, int] = (0, 1),
     limits: Limits | None = None,
     progress: Callable[[int], None] = lambda clouds: None,
+    written: Callable[[int], None] = lambda parts: None,
 ) -> dict[str, Any]:
     """Make the dataset of a plan in a folder.
 
@@ -46,6 +47,8 @@ def generate(
         Those that the engine keeps: a mesh given up within narrower ones is tried again.
     progress : callable
         Told the number of clouds planned in a shard when the shard is done.
+    written : callable
+        Told how many more parts of the final files are written: at the beginning those of before, then each.
 
     Returns
     -------
@@ -77,7 +80,9 @@ def generate(
     try:
         alone = part == (0, 1)
         shards = range(part[0], len(plan.shards), part[1])
-        jobs = Jobs(plan, out, shards, range(n_parts(plan) if alone else 0), limits, on_shard=progress)
+        parts = range(n_parts(plan) if alone else 0)
+        jobs = Jobs(plan, out, shards, parts, limits, on_shard=progress, on_part=written)
+        written(jobs.n_written)
         do(jobs, run or run_here)
         if not alone:
             return {}

@@ -166,6 +166,11 @@ class Jobs:
         self.first = [*self._released(), *sorted(missing)]
         self.task = Making(plan, out, bool(missing) and find_method(plan.recipe.method).needs_gl)
 
+    @property
+    def n_written(self) -> int:
+        """Parts that were written before."""
+        return len(self._written)
+
     def done(self, job: int, result: Any = None) -> list[int]:
         """Take in that a job is done; return those that may be begun now."""
         if job < len(self.plan.shards):
