@@ -1,6 +1,7 @@
-"""Kernels with threads: the same answers in a process forked from one that has used them."""
+"""Kernels with threads: all by one mechanism, with the same answers in a process forked from one that has used them."""
 
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,25 +15,24 @@ from tests.scenes import sphere
 from zbuf_occlude import threads
 
 FORK = """
-import multiprocessing, numba, sys
-import zbuf_occlude as zo
+import multiprocessing, sys
 from tests.test_threads import answer
+from zbuf_occlude import threads
 before = answer(sys.argv[1])
-layer = numba.threading_layer()
+assert threads._pool is not None
 with multiprocessing.get_context("fork").Pool(1) as pool:
-    after, forked = pool.apply_async(answer, [sys.argv[1], True]).get(timeout=240)
+    after = pool.apply_async(answer, [sys.argv[1]]).get(timeout=240)
 assert (before == after).all()
-assert forked == (layer == "omp"), (forked, layer)
 """
 
 
-def answer(method: str, with_state: bool = False) -> object:
+def answer(method: str) -> np.ndarray:
     mesh = sphere(12)
     points = zo.sample_surface(mesh, n_points=500, seed=0)
     with zo.prepare(mesh, method) as occluder:
         mask = occluder.visible(points, zo.views.paper100().eyes[:9])
     assert 0.2 < mask.mean() < 0.5
-    return (mask, threads._forked) if with_state else mask
+    return mask
 
 
 @pytest.mark.parametrize("method", ["exact", "oracle", "exact_hsr", "occupancy_grid"])
@@ -45,26 +45,20 @@ def test_a_fork_of_a_process_that_has_used_threads_answers_the_same(method: str)
     assert child.returncode == 0, child.stderr
 
 
-def test_the_twin_is_kept_apart_from_its_sibling_in_numbas_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    from zbuf_occlude.visibility.oracle import _nearest
-
-    def hits() -> np.ndarray:
-        with zo.prepare(sphere(8), "oracle") as occluder:
-            return occluder.first_hits([[3.0, 0.5, 0.2]], [[-1.0, -0.1, 0.0], [-1.0, 0.9, 0.0]]).face_ids
-
-    assert _nearest.__doc__ is not None
-    monkeypatch.setattr(threads, "_forked", True)
-    forked = hits()
-    monkeypatch.undo()
-    assert np.array_equal(forked, hits())
-    bases = {kernel._cache._impl.filename_base for kernel in (_nearest._parallel, _nearest._serial)}
-    assert len(bases) == 2
-
-
-def test_every_kernel_with_threads_has_a_twin() -> None:
+def test_numbas_own_threads_are_used_nowhere() -> None:
+    """They wait actively, and GNU OpenMP's end a process that was forked from one that had used them."""
     package = Path(threads.__file__).parent
-    sources = {path.name: path.read_text() for path in package.rglob("*.py")}
-    assert [name for name, source in sources.items() if "parallel=True" in source] == ["threads.py"]
+    for path in package.rglob("*.py"):
+        assert not re.search(r"\bprange\b|parallel=True", path.read_text()), path
+
+
+@pytest.mark.parametrize(("n", "size"), [(0, 4), (1, 4), (4, 4), (10, 4), (3, 1)])
+def test_blocks_are_taken_until_none_is_left(n: int, size: int) -> None:
+    tasks, taken = np.zeros(1, dtype=np.int64), []
+    for _ in range(threads.n_blocks(n, size) + 2):
+        first, last = threads.take_block(tasks, n, size)
+        taken += range(first, last)
+    assert taken == list(range(n))
 
 
 def test_two_threads_ask_one_occluder_and_two_at_the_same_time() -> None:
@@ -83,4 +77,4 @@ def test_a_helper_that_never_begins_is_not_waited_for(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(threads, "_helpers", Busy)
     monkeypatch.setattr(threads, "n_threads", lambda: 8)
-    assert np.asarray(answer("exact")).any()
+    assert answer("exact").any()

@@ -1,20 +1,30 @@
 """How far points reach to either side, as cameras see them: what frusta are fitted to."""
 
 import numpy as np
-from numba import prange
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import n_blocks, shared, take, together
+
+PAIRS_PER_TASK = 20_000
+"""Pairs of camera and point that are worth waking a thread for."""
 
 
-@threaded
 def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
     """Least and largest depth, least tangents, largest tangents of points for each camera; (k, 6).
 
     The tangents mean nothing where a point is not in front.
     """
     bounds = np.empty((len(views), 6))
-    for k in prange(len(views)):
+    n_tasks = min(len(views), n_blocks(len(views) * len(positions), PAIRS_PER_TASK))
+    together(_measure, n_tasks, views, positions, bounds)
+    return bounds
+
+
+@shared
+def _measure(tasks, views, positions, bounds):
+    """Take camera after camera."""
+    k = take(tasks)
+    while k < len(views):
         view = views[k]
         nearest, farthest = np.inf, -np.inf
         left, right, bottom, top = np.inf, -np.inf, np.inf, -np.inf
@@ -30,5 +40,6 @@ def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
                 bottom, top = min(bottom, upward), max(top, upward)
         if nearest <= 0.0:
             left = right = bottom = top = 0.0
-        bounds[k] = nearest, farthest, left, bottom, right, top
-    return bounds
+        row = bounds[k]
+        row[0], row[1], row[2], row[3], row[4], row[5] = nearest, farthest, left, bottom, right, top
+        k = take(tasks)

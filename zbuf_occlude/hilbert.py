@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.threads import shared, take, together
+from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 CODE_BITS = 10
 """Bits per axis of a place along the curve: what is consecutive has to be near, not in perfect order."""
@@ -32,7 +32,7 @@ def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
     # with the index in the low bits, sorting the keys is all: several times as fast as argsort
     keys = np.empty(len(positions), dtype=np.uint64)
-    together(_keys, -(-len(positions) // BLOCK), positions, tuple(low), scale, index_bits, keys)
+    together(_keys, n_blocks(len(positions), BLOCK), positions, tuple(low), scale, index_bits, keys)
     keys.sort()
     return (keys & np.uint64((1 << index_bits) - 1)).astype(np.int64)
 
@@ -41,16 +41,16 @@ def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
 def _keys(tasks, positions, low, scale, index_bits, keys):
     """Place along the curve, and index, of each position."""
     x, y, z = low
-    block = take(tasks)
-    while block * BLOCK < len(positions):
-        for i in range(block * BLOCK, min((block + 1) * BLOCK, len(positions))):
+    first, last = take_block(tasks, len(positions), BLOCK)
+    while first < last:
+        for i in range(first, last):
             code = hilbert_code(
                 np.int64((positions[i, 0] - x) * scale),
                 np.int64((positions[i, 1] - y) * scale),
                 np.int64((positions[i, 2] - z) * scale),
             )
             keys[i] = (np.uint64(code) << np.uint64(index_bits)) | np.uint64(i)
-        block = take(tasks)
+        first, last = take_block(tasks, len(positions), BLOCK)
 
 
 @njit(_nrt=False)

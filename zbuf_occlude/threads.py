@@ -1,10 +1,9 @@
-"""Kernels with threads: tasks that several threads take in turn, and loops that numba spreads over them."""
+"""Kernels with threads: tasks that several threads take in turn."""
 
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from types import FunctionType
+from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -14,7 +13,8 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 shared = njit(nogil=True, cache=True)
-"""Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` until none is left."""
+"""Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
+task is left."""
 
 
 @intrinsic
@@ -26,6 +26,18 @@ def take(typing_context, tasks):
         return builder.atomic_rmw("add", counter, ir.Constant(ir.IntType(64), 1), "monotonic")
 
     return types.int64(tasks), codegen
+
+
+@njit(_nrt=False)
+def take_block(tasks, n, size):
+    """Return the first and the last but one of the next `size` of n things, the two being equal when none is left."""
+    first = min(take(tasks) * size, n)
+    return first, min(first + size, n)
+
+
+def n_blocks(n: int, size: int) -> int:
+    """Return how many blocks of `size` n things are, for `together`."""
+    return -(-n // size)
 
 
 def n_threads() -> int:
@@ -83,46 +95,10 @@ def _helpers() -> ThreadPoolExecutor:
     return _pool
 
 
-class threaded:  # noqa: N801  (a decorator, like njit)
-    """Compile a function with ``parallel=True``; where it is called in a forked process, a serial twin too.
-
-    numba's threads on Linux are GNU OpenMP's, which ends a process that was forked from one that had used them, as the
-    workers of PyTorch's DataLoader are. There the twin answers. (With one thread both take the same time.)
-
-    Only Python can call it, not another compiled function.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.__doc__, self.__wrapped__ = function.__doc__, function
-        self._parallel = njit(parallel=True, cache=True)(function)
-        self._serial: Any = None
-
-    def __call__(self, *arguments: Any) -> Any:
-        """Answer by one of the two."""
-        if not _forked:
-            return self._parallel(*arguments)
-        if self._serial is None:
-            self._serial = njit(cache=True)(_renamed(self.__wrapped__))
-        return self._serial(*arguments)
+def _forget_helpers() -> None:
+    """Forget, in a forked process, the threads that have stayed behind."""
+    global _pool
+    _pool = None
 
 
-def _renamed(function: Any) -> FunctionType:
-    """The same function by another name, as numba's cache on disk tells functions apart by name and line alone."""
-    name = f"{function.__name__}_serial"
-    twin = FunctionType(function.__code__, function.__globals__, name, function.__defaults__)
-    twin.__qualname__, twin.__module__, twin.__annotations__ = name, function.__module__, function.__annotations__
-    return twin
-
-
-_forked = False
-"""Whether this process, or one that it descends from, was forked from one that had used GNU OpenMP through numba."""
-
-
-def _notice_fork() -> None:
-    global _forked, _pool
-    _pool = None  # its threads have stayed behind
-    with suppress(ValueError):  # no kernel has run
-        _forked = _forked or numba.threading_layer() == "omp"
-
-
-os.register_at_fork(after_in_child=_notice_fork)
+os.register_at_fork(after_in_child=_forget_helpers)

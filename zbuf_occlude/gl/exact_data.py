@@ -4,18 +4,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import hilbert_order
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 WIDTH = 8
 """Children of an inner box."""
 
 LEAF = 8
 """Faces of a cluster."""
+
+BLOCK = 256
+"""Packets that a thread fills at a time."""
 
 NONE = np.uint32(0xFFFFFFFF)
 
@@ -128,46 +130,51 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     points = np.empty((len(order), 4), dtype=np.uint32)
     packets = np.zeros((n_packets, 8), dtype=np.float32)
     offsets, world = points.view(np.float32), exact_points.view(np.float64).reshape(-1, 4)
-    _pack(positions, order, size, unit.centre, unit.scale, offsets, world, packets)
+    together(
+        _pack,
+        n_blocks(n_packets, BLOCK),
+        positions,
+        order,
+        size,
+        unit.centre,
+        unit.scale,
+        offsets,
+        world,
+        packets,
+    )
     points[:, 3] = own_places[order].astype(np.uint32)
     exact_points["order"] = order
     exact_points["order"][n:] = NONE
     return PointArrays(n_packets, points, exact_points, packets)
 
 
-@threaded
-def _pack(
-    positions: FloatArray,
-    order: NDArray[np.int64],
-    size: int,
-    unit_centre: FloatArray,
-    scale: float,
-    offsets: NDArray[np.float32],
-    world: FloatArray,
-    packets: NDArray[np.float32],
-) -> None:
+@shared
+def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, packets):
     """Fill in the geometry of packets: offsets and world get a column more than three, which is left alone."""
-    for packet in prange(len(packets)):
-        first = packet * size
-        largest = 0.0
-        for axis in range(3):
-            low, high = np.inf, -np.inf
-            for i in range(first, first + size):
-                world[i, axis] = positions[order[i], axis]
-                local = (world[i, axis] - unit_centre[axis]) * scale
-                low, high = min(low, local), max(high, local)
-            packets[packet, axis] = (low + high) / 2.0
-            # a hair more than it is, for the rounding to float32
-            centre = np.float64(packets[packet, axis])
-            packets[packet, 4 + axis] = max(high - centre, centre - low) * (1.0 + 1e-6)
-        for i in range(first, first + size):
-            squared = 0.0
+    begin, end = take_block(tasks, len(packets), BLOCK)
+    while begin < end:
+        for packet in range(begin, end):
+            first = packet * size
+            largest = 0.0
             for axis in range(3):
-                offset = (world[i, axis] - unit_centre[axis]) * scale - np.float64(packets[packet, axis])
-                offsets[i, axis] = offset
-                squared += offset * offset
-            largest = max(largest, squared)
-        packets[packet, 3] = np.sqrt(largest) * (1.0 + 1e-6)
+                low, high = np.inf, -np.inf
+                for i in range(first, first + size):
+                    world[i, axis] = positions[order[i], axis]
+                    local = (world[i, axis] - unit_centre[axis]) * scale
+                    low, high = min(low, local), max(high, local)
+                packets[packet, axis] = (low + high) / 2.0
+                # a hair more than it is, for the rounding to float32
+                centre = np.float64(packets[packet, axis])
+                packets[packet, 4 + axis] = max(high - centre, centre - low) * (1.0 + 1e-6)
+            for i in range(first, first + size):
+                squared = 0.0
+                for axis in range(3):
+                    offset = (world[i, axis] - unit_centre[axis]) * scale - np.float64(packets[packet, axis])
+                    offsets[i, axis] = offset
+                    squared += offset * offset
+                largest = max(largest, squared)
+            packets[packet, 3] = np.sqrt(largest) * (1.0 + 1e-6)
+        begin, end = take_block(tasks, len(packets), BLOCK)
 
 
 def arrange_eyes(eyes: FloatArray, unit: Unit) -> NDArray[Any]:

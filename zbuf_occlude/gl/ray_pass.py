@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
@@ -14,10 +13,13 @@ from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
 from zbuf_occlude.gl.point_pass import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
 from zbuf_occlude.predicates import meeting
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 WINDOW = 16
 """Pixels looked at per ray, 4 x 4."""
+
+BLOCK = 1024
+"""Rays that a thread holds against their candidates at a time."""
 
 _LANES = 64  # invocations of a work group
 
@@ -131,7 +133,6 @@ def _gather(gl: GlContext, program: Any, lowest: NDArray[np.int32], seen: IntArr
         buffers.read_into("seen", seen)
 
 
-@threaded
 def nearest_of(
     candidates: IntArray, corners: FloatArray, origins: FloatArray, directions: FloatArray
 ) -> tuple[IntArray, FloatArray]:
@@ -154,13 +155,23 @@ def nearest_of(
     """
     face_ids = np.full(len(origins), -1, dtype=np.int32)
     fractions = np.full(len(origins), np.inf)
-    for i in prange(len(origins)):
-        for j in range(candidates.shape[1]):
-            face = candidates[i, j]
-            if face < 0 or face == face_ids[i]:
-                continue
-            f = corners[face]
-            at = meeting(origins[i], directions[i], f[0], f[1], f[2])
-            if at < fractions[i] or (at == fractions[i] and at < np.inf and face < face_ids[i]):
-                face_ids[i], fractions[i] = face, at
+    n_tasks = n_blocks(len(origins), BLOCK)
+    together(_choose, n_tasks, candidates, corners, origins, directions, face_ids, fractions)
     return face_ids, fractions
+
+
+@shared
+def _choose(tasks, candidates, corners, origins, directions, face_ids, fractions):
+    """Take some rays after others."""
+    first, last = take_block(tasks, len(origins), BLOCK)
+    while first < last:
+        for i in range(first, last):
+            for j in range(candidates.shape[1]):
+                face = candidates[i, j]
+                if face < 0 or face == face_ids[i]:
+                    continue
+                f = corners[face]
+                at = meeting(origins[i], directions[i], f[0], f[1], f[2])
+                if at < fractions[i] or (at == fractions[i] and at < np.inf and face < face_ids[i]):
+                    face_ids[i], fractions[i] = face, at
+        first, last = take_block(tasks, len(origins), BLOCK)

@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import shared, take, together
 
 NO_DISTANCES = np.empty(0)
 """Stands for "exclude no face"."""
@@ -54,7 +54,10 @@ def hidden_points(
     O(n f) time, less for what stops early; no memory beyond the answer. All cores share the points, as in `oracle`.
     Faces are taken in the mesh's order: neither sorted nor kept from one point to the next.
     """
-    return _search(
+    hidden, n_tests = np.zeros(len(positions), dtype=np.bool_), np.zeros(len(positions), dtype=np.int64)
+    together(
+        _search,
+        len(positions),
         faces.planes,
         faces.sides,
         faces.edges,
@@ -64,17 +67,18 @@ def hidden_points(
         eye - faces.origin,
         contact,
         distances,
+        hidden,
+        n_tests,
     )
+    return hidden, int(n_tests.sum())
 
 
-@threaded
-def _search(  # type: ignore[no-untyped-def]
-    planes, sides, edges, face_labels, positions, labels, eye, contact, distances
-):
-    hidden = np.zeros(len(positions), dtype=np.bool_)
-    n_tests = np.zeros(len(positions), dtype=np.int64)
+@shared
+def _search(tasks, planes, sides, edges, face_labels, positions, labels, eye, contact, distances, hidden, n_tests):
+    """Take point after point."""
     cull = len(distances) > 0
-    for i in prange(len(positions)):
+    i = take(tasks)
+    while i < len(positions):
         p = (positions[i, 0], positions[i, 1], positions[i, 2])
         u = (eye[0] - p[0], eye[1] - p[1], eye[2] - p[2])
         length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
@@ -90,7 +94,7 @@ def _search(  # type: ignore[no-untyped-def]
                 hidden[i] = True
                 break
         n_tests[i] = tests
-    return hidden, n_tests.sum()
+        i = take(tasks)
 
 
 @njit

@@ -1,13 +1,14 @@
 """Hidden surface removal with an occupancy grid (paper 3.6, third suggestion)."""
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.threads import threaded
+from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""
@@ -17,6 +18,9 @@ RUN = 3
 
 SNAP = 2.0**20
 """Positions are rounded to this part of a cell, so that rounding errors of a scale do not decide ties."""
+
+BLOCK = 256
+"""Walks that a thread does at a time."""
 
 
 class OccupancyGrid:
@@ -101,16 +105,27 @@ class OccupancyGrid:
         return np.asarray(np.round((positions - self._lowest) / self._cell * SNAP) / SNAP)
 
 
-@threaded
-def _walk_all(occupied, starts, eye, touching, run):  # type: ignore[no-untyped-def]
+def _walk_all(
+    occupied: BoolArray, starts: NDArray[np.floating[Any]], eye: FloatArray, touching: int, run: int
+) -> BoolArray:
+    """Whether each walk from one of the starts, (c, 3), to an eye is blocked, (c,); all in cells."""
     blocked = np.zeros(len(starts), dtype=np.bool_)
-    for i in prange(len(starts)):
-        blocked[i] = _walk(occupied, starts[i], eye, touching, run)
+    together(_walk_blocks, n_blocks(len(starts), BLOCK), occupied, starts, eye, touching, run, blocked)
     return blocked
 
 
+@shared
+def _walk_blocks(tasks, occupied, starts, eye, touching, run, blocked):
+    """Take some walks after others."""
+    first, last = take_block(tasks, len(starts), BLOCK)
+    while first < last:
+        for i in range(first, last):
+            blocked[i] = _walk(occupied, starts[i], eye, touching, run)
+        first, last = take_block(tasks, len(starts), BLOCK)
+
+
 @njit
-def _walk(occupied, start, eye, touching, run):  # type: ignore[no-untyped-def]
+def _walk(occupied, start, eye, touching, run):
     """Walk from `start` to `eye` (in cells) and say whether an occupied cell is met beyond the start's own surface."""
     n = len(occupied)
     begin, end = 0.0, 1.0  # the part of the line within the grid

@@ -3,14 +3,14 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import blocks, meeting, of_one_sign, volumes
 from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.threads import shared, take, threaded, together
+from zbuf_occlude.threads import shared, take, together
 from zbuf_occlude.vectors import minus
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
@@ -221,14 +221,21 @@ def _passes_any(run, eye, point):
     return n > 0
 
 
-@threaded
 def _nearest(
     corners: FloatArray, origins: FloatArray, directions: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Of each ray the face met first, how many times its direction away, and the same of the next face."""
     n = len(directions)
     first, nearest, second = np.full(n, -1, dtype=np.int32), np.full(n, math.inf), np.full(n, math.inf)
-    for i in prange(n):
+    together(_meet, n, corners, origins, directions, first, nearest, second)
+    return first, nearest, second
+
+
+@shared
+def _meet(tasks, corners, origins, directions, first, nearest, second):
+    """Take ray after ray, and hold it against every face."""
+    i = take(tasks)
+    while i < len(directions):
         origin = (origins[i, 0], origins[i, 1], origins[i, 2])
         direction = (directions[i, 0], directions[i, 1], directions[i, 2])
         for face in range(len(corners)):
@@ -239,4 +246,4 @@ def _nearest(
                 first[i], nearest[i], second[i] = face, found, nearest[i]
             elif found < second[i]:
                 second[i] = found
-    return first, nearest, second
+        i = take(tasks)

@@ -7,7 +7,7 @@ from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.threads import shared, take, together
+from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 LONG = 0.125
 """Faces longer than this fraction of the mesh's longest side are grouped among themselves."""
@@ -49,8 +49,8 @@ def make_clusters(mesh: Mesh) -> IntArray:
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     boxes, keys = np.empty((n_faces, 6)), np.empty(n_faces, dtype=np.uint64)
-    n_blocks = -(-n_faces // BLOCK_FACES)
-    together(_measure_faces, n_blocks, mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys)
+    n_tasks = n_blocks(n_faces, BLOCK_FACES)
+    together(_measure_faces, n_tasks, mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys)
     keys.sort()
     order = (keys & np.uint64((1 << index_bits) - 1)).astype(np.int32)
     n_short = int(np.searchsorted(keys, np.uint64(1 << 63)))
@@ -61,7 +61,7 @@ def make_clusters(mesh: Mesh) -> IntArray:
     flat, n_long_rows = face_ids.reshape(-1), -(-len(long) // CLUSTER) * CLUSTER
     flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)] = long, short
     for faces in (flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)]):
-        together(_halve_runs, -(-len(faces) // RUN_FACES), boxes, faces)
+        together(_halve_runs, n_blocks(len(faces), RUN_FACES), boxes, faces)
     return face_ids
 
 
@@ -69,9 +69,9 @@ def make_clusters(mesh: Mesh) -> IntArray:
 def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
     """Box each face, and give it the key that sorts it: long or not, its centre's place along the curve, its number."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
-    block = take(tasks)
-    while block * BLOCK_FACES < len(corners):
-        for face in range(block * BLOCK_FACES, min((block + 1) * BLOCK_FACES, len(corners))):
+    first, last = take_block(tasks, len(corners), BLOCK_FACES)
+    while first < last:
+        for face in range(first, last):
             a, b, c = corners[face]
             extent = 0.0
             for axis in range(3):
@@ -87,7 +87,7 @@ def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
             keys[face] = (is_long << np.uint64(63)) | (np.uint64(code) << np.uint64(index_bits)) | np.uint64(face)
             if not _blocks_anything(a, b, c):
                 keys[face] = NEVER
-        block = take(tasks)
+        first, last = take_block(tasks, len(corners), BLOCK_FACES)
 
 
 @njit(_nrt=False)
@@ -101,10 +101,10 @@ def _blocks_anything(a, b, c):
 @shared
 def _halve_runs(tasks, boxes, faces):
     """Order the faces of each run by clusters, only the last of which may be smaller than the others."""
-    run = take(tasks)
-    while run * RUN_FACES < len(faces):
-        _halve(boxes, faces[run * RUN_FACES : (run + 1) * RUN_FACES])
-        run = take(tasks)
+    first, last = take_block(tasks, len(faces), RUN_FACES)
+    while first < last:
+        _halve(boxes, faces[first:last])
+        first, last = take_block(tasks, len(faces), RUN_FACES)
 
 
 @njit
