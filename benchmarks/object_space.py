@@ -5,9 +5,9 @@
     python benchmarks/object_space.py errors MESH [MESH ...]  # the grid's and the vertices' error against `exact`
     python benchmarks/object_space.py growth                  # fitted exponents over points, faces and cells
 
-Without a mesh, built-in cars of the paper's 13,164 and 18,014 faces. Views are every 20th of the paper's 100. Times
-are processor seconds of one core, which other programs on the machine disturb least: medians of rounds in which the
-methods take turns; the first, which compiles, is thrown away. Ratios are what counts.
+Without a mesh and --faces, built-in cars of the paper's 13,164 and 18,014 faces. Views are every 20th of the paper's
+100. Times are processor seconds of one core, which other programs on the machine disturb least: medians of rounds in
+which the methods take turns; the first, which compiles, is thrown away. Ratios are what counts.
 """
 
 import argparse
@@ -32,19 +32,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["culling", "grid", "errors", "growth"])
     parser.add_argument("meshes", nargs="*")
-    parser.add_argument("--faces", nargs="+", type=int, default=[13_164, 18_014], help="of the built-in cars")
+    parser.add_argument("--faces", nargs="+", type=int, help="of built-in cars, as well as the meshes")
     arguments = parser.parse_args()
     numba.set_num_threads(1)
     if arguments.what == "growth":
         return growth()
     meshes = [load_mesh(path).normalized() for path in arguments.meshes]
-    if not meshes:
-        meshes = [benchmark_mesh(n, "car").normalized() for n in arguments.faces]
+    faces = arguments.faces or ([] if meshes else [13_164, 18_014])
+    meshes += [benchmark_mesh(n, "car").normalized() for n in faces]
     return {"culling": culling, "grid": grid, "errors": errors}[arguments.what](meshes)
 
 
 def seconds_per_view(questions: Sequence[Question], rounds: int = ROUNDS) -> list[float]:
-    """Median seconds a view of each question, asked in turns."""
+    """Median seconds per view of each question, asked in turns."""
     times: list[list[float]] = [[] for _ in questions]
     for turn in range(rounds + 1):
         for (occluder, points), taken in zip(questions, times, strict=True):
@@ -56,42 +56,44 @@ def seconds_per_view(questions: Sequence[Question], rounds: int = ROUNDS) -> lis
 
 
 def culling(meshes: list[zo.Mesh]) -> None:
-    """Time, tests and wrongly kept points of both suggestions, by vertices and by points."""
-    print("| mesh | method | ms a view | time saved | tests a view | tests saved | answers changed |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    """Time, tests and answers changed of both suggestions, by vertices and by points."""
+    print("| mesh, what is tested | suggestion, samples | time saved | tests saved | answers changed |")
+    print("| --- | --- | ---: | ---: | ---: |")
+    samples = (1_000, 10_000, 100_000)
     for mesh in meshes:
         points = zo.sample_surface(mesh, n_points=min(5_000, 2 * len(mesh.faces)), seed=0)
-        samples = (1_000, 10_000, 100_000)
-        for plain, culled in (
-            (
-                zo.prepare(mesh, "vertex_hsr"),
-                [zo.prepare(mesh, "vertex_hsr_culled", suggestion=1)]
-                + [zo.prepare(mesh, "vertex_hsr_culled", suggestion=2, n_samples=n) for n in samples],
-            ),
-            (
-                zo.prepare(mesh, "exact_hsr"),
-                [zo.prepare(mesh, "exact_hsr", cull="first")]
-                + [zo.prepare(mesh, "exact_hsr", cull="second", n_samples=n) for n in samples],
-            ),
+        by_vertices = [
+            zo.prepare(mesh, "vertex_hsr"),
+            zo.prepare(mesh, "vertex_hsr_culled", suggestion=1),
+            *(zo.prepare(mesh, "vertex_hsr_culled", suggestion=2, n_samples=n) for n in samples),
+        ]
+        by_points = [
+            zo.prepare(mesh, "exact_hsr"),
+            zo.prepare(mesh, "exact_hsr", cull="first"),
+            *(zo.prepare(mesh, "exact_hsr", cull="second", n_samples=n) for n in samples),
+        ]
+        for what, occluders in (
+            (f"{len(mesh.vertices):,} vertices", by_vertices),
+            (f"{len(points):,} points (`exact_hsr`)", by_points),
         ):
-            occluders = [plain, *culled]
             times = seconds_per_view([(occluder, points) for occluder in occluders])
             answers = [occluder.visible(points, EYES) for occluder in occluders]
             tests = [float(np.mean(occluder.n_tests)) for occluder in occluders]  # type: ignore[attr-defined]
-            kind = "vertices" if type(plain).__name__.startswith("Vertex") else f"{len(points):,} points"
-            labels = ["all", "first", *(f"second, {n:,} samples" for n in samples)]
-            for label, taken, n_tests, answer in zip(labels, times, tests, answers, strict=True):
+            first = f"{mesh.name}, {len(mesh.faces):,} faces, {what}"
+            labels = ["first", *(f"second, {n:,}" for n in samples)]
+            for label, taken, n_tests, answer in zip(labels, times[1:], tests[1:], answers[1:], strict=True):
                 print(
-                    f"| {mesh.name} ({len(mesh.faces):,}) | {kind}: {label} | {1e3 * taken:.1f} | "
-                    f"{100 * (1 - taken / times[0]):.1f} % | {n_tests:.3g} | {100 * (1 - n_tests / tests[0]):.1f} % | "
-                    f"{(answer != answers[0]).mean():.2e} |"
+                    f"| {first} | {label} | {100 * (1 - taken / times[0]):.0f} % | "
+                    f"{100 * (1 - n_tests / tests[0]):.1f} % | {(answer != answers[0]).mean():.1e} |",
+                    flush=True,
                 )
+                first = ""
 
 
 def grid(meshes: list[zo.Mesh]) -> None:
     """Time of exact HSR and of grids for the paper's numbers of points, and the grids' error."""
-    print("| mesh | points | exact HSR, ms a view | n | ms a view | reduction | with preparing | error |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    print("| mesh | points | exact HSR, ms per view | n | grid, ms per view | reduction | with preparing | error |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
     for mesh in meshes:
         for n_points in (1_000, 10_000, 50_000):
             points = zo.sample_surface(mesh, n_points=n_points, seed=0)
@@ -109,41 +111,41 @@ def grid(meshes: list[zo.Mesh]) -> None:
                 error = (occluder.visible(points, EYES) != truth).mean()
                 print(
                     f"| {mesh.name} | {n_points:,} | {1e3 * slow:.1f} | {n} | {1e3 * taken:.2f} | "
-                    f"{100 * (1 - taken / slow):.2f} % | {100 * (1 - (taken + made) / slow):.1f} % | {error:.3f} |"
+                    f"{100 * (1 - taken / slow):.2f} % | {100 * (1 - (taken + made) / slow):.1f} % | {error:.3f} |",
+                    flush=True,
                 )
 
 
 def errors(meshes: list[zo.Mesh]) -> None:
-    """False visible and false hidden of the approximate methods."""
-    subjects: list[tuple[str, dict[str, object]]] = [
-        *(("occupancy_grid", {"n": n}) for n in (16, 32, 64)),
-        ("occupancy_grid", {"n": 128, "n_samples": 400_000}),
-        *(("vertex_hsr", {"divide": divide}) for divide in (1.0, 1e-3, 1e-4)),
-        ("hidden_point_removal", {}),
-        ("hidden_point_removal", {"radius": 100.0}),
-    ]
-    print("| mesh | method | agreement | false visible | false hidden |")
-    print("| --- | --- | --- | --- | --- |")
-    found: dict[str, list[list[float]]] = {}
-    for mesh in meshes:
-        points = zo.sample_surface(mesh, n_points=5_000, seed=0)
-        truth = zo.prepare(mesh, "exact").visible(points, EYES)
-        for method, options in subjects:
-            with zo.prepare(mesh, method, **options) as occluder:
-                answer = occluder.visible(points, EYES)
-            label = f"{method} {' '.join(f'{k}={v:g}' for k, v in options.items())}"  # type: ignore[str-bytes-safe]
-            rates = [(answer == truth).mean(), (answer & ~truth).mean(), (~answer & truth).mean()]
-            found.setdefault(label, []).append(rates)
-            print(f"| {mesh.name} | {label} | " + " | ".join(f"{rate:.3f}" for rate in rates) + " |")
-    if len(meshes) > 1:
-        for label, rows in found.items():
-            print(f"| mean | {label} | " + " | ".join(f"{rate:.3f}" for rate in np.mean(rows, axis=0)) + " |")
+    """False visible and false hidden of the approximate methods, means over the meshes."""
+    vertices = {"as it is": {"divide": 1.0}} | {f"`divide={d:g}`": {"divide": d} for d in (1e-3, 1e-4)}
+    grids: dict[str, dict[str, float]] = {f"n = {n}": {"n": n} for n in (16, 32, 64)}
+    tables: dict[str, list[tuple[str, str, dict[str, float]]]] = {
+        "vertex_hsr": [(label, "vertex_hsr", options) for label, options in vertices.items()],
+        "occupancy_grid": [
+            *((label, "occupancy_grid", options) for label, options in grids.items()),
+            ("n = 128, 400,000 samples", "occupancy_grid", {"n": 128, "n_samples": 400_000}),
+            ("`hidden_point_removal`", "hidden_point_removal", {}),
+            ("the same, `radius=100`, as in Open3D's tutorial", "hidden_point_removal", {"radius": 100.0}),
+        ],
+    }
+    samples = [zo.sample_surface(mesh, n_points=5_000, seed=0) for mesh in meshes]
+    truths = [zo.prepare(mesh, "exact").visible(points, EYES) for mesh, points in zip(meshes, samples, strict=True)]
+    for heading, rows in tables.items():
+        print(f"\n## {heading}\n\n| | agreement | false visible | false hidden |\n| --- | ---: | ---: | ---: |")
+        for label, method, options in rows:
+            rates = []
+            for mesh, points, truth in zip(meshes, samples, truths, strict=True):
+                with zo.prepare(mesh, method, **options) as occluder:
+                    answer = occluder.visible(points, EYES)
+                rates.append([(answer == truth).mean(), (answer & ~truth).mean(), (~answer & truth).mean()])
+            print(f"| {label} | " + " | ".join(f"{rate:.3f}" for rate in np.mean(rates, axis=0)) + " |", flush=True)
 
 
 def growth() -> None:
     """Fit exponents: time over one number while the others stay."""
-    print("| method | over | numbers | ms a view | exponent |")
-    print("| --- | --- | --- | --- | --- |")
+    print("| method | over | numbers | ms per view | exponent |")
+    print("| --- | --- | --- | --- | ---: |")
     mesh = benchmark_mesh(4_000, "chair").normalized()
     counts = (2_000, 4_000, 8_000, 16_000)
     samples = [zo.sample_surface(mesh, n_points=n, seed=0) for n in counts]

@@ -160,6 +160,13 @@ PARTS = (
         needs=MODELNET,
     ),
     Part(
+        "culling",
+        f"python benchmarks/object_space.py culling {MODELNET}/chair/train/chair_0003.off",
+        1,
+        "python benchmarks/object_space.py culling --faces 340",
+        needs=MODELNET,
+    ),
+    Part(
         "grid-time",
         "python benchmarks/object_space.py grid",
         3,
@@ -177,6 +184,18 @@ PARTS = (
         2,
         "python benchmarks/modelnet_o.py",
         text=True,
+    ),
+    Part(
+        "preset-costs",
+        "python benchmarks/dataset_costs.py presets",
+        2,
+        "python benchmarks/dataset_costs.py presets --limit 2",
+    ),
+    Part(
+        "scan-costs",
+        "python benchmarks/dataset_costs.py scans",
+        1,
+        "python benchmarks/dataset_costs.py scans --limit 2",
     ),
     Part(
         "on-the-fly",

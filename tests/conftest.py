@@ -13,6 +13,10 @@ from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
 
 GL = pytest.StashKey[GlContext]()
 
+os.environ["OMP_NUM_THREADS"] = "1"
+"""For torch and BLAS, here and in children, before they are imported: there are as many test processes as cores, and
+threads of OpenMP wait actively for one that has none. torch's sums depend on their number in the last bits."""
+
 settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("unhurried")
 
@@ -22,6 +26,36 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "gl" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.gl)
+
+
+LEFT_OUT = pytest.StashKey[list[str]]()
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    """Remember the long tests that are not run, for the summary."""
+    config = items[0].config
+    names = [item.nodeid for item in items if item.get_closest_marker("long")]
+    config.stash[LEFT_OUT] = config.stash.get(LEFT_OUT, []) + names
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Hand them on from a process of pytest-xdist to the one that writes the summary."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left out"] = session.config.stash.get(LEFT_OUT, [])
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take them from there; each process has collected the same."""
+    node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left out", [])
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say what was left out, beside what was skipped."""
+    if names := config.stash.get(LEFT_OUT, []):
+        terminalreporter.write_line(f"LEFT OUT [{len(names)}] long; .ci/run has them: python -m pytest -m long")
+        for name in names:
+            terminalreporter.write_line(f"  {name}")
 
 
 NO_SKIP = "ZBUF_OCCLUDE_NO_SKIP"

@@ -10,25 +10,44 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
+FILES = {
+    "lacking": "import pytest\ndef test(): pytest.skip('no OpenGL here')",
+    "data": "import pytest\ndef test(): pytest.skip('set ZBUF_OCCLUDE_DATA')",
+    "module": "import pytest\npytest.importorskip('no_such_package', reason='not installed')",
+    "sound": "def test(): pass",
+    "slow": "import pytest\n@pytest.mark.long\ndef test(): raise AssertionError",
+}
+
+
 @pytest.mark.parametrize(
-    ("body", "refused", "outcome"),
+    ("refused", "outcomes"),
     [
-        ("def test(): pytest.skip('no OpenGL here')", "1", "1 failed"),
-        ("def test(): pytest.skip('no OpenGL here')", "", "1 skipped"),
-        ("def test(): pytest.skip('set ZBUF_OCCLUDE_DATA')", "1", "1 skipped"),
-        ("pytest.importorskip('no_such_package', reason='not installed')", "1", "1 error"),
-        ("def test(): pass", "1", "1 passed"),
+        ("1", {"FAILED test_lacking.py", "SKIPPED test_data.py", "ERROR test_module.py", "PASSED test_sound.py"}),
+        ("", {"SKIPPED test_lacking.py", "SKIPPED test_data.py", "SKIPPED test_module.py", "PASSED test_sound.py"}),
     ],
 )
-def test_a_skip_is_refused(tmp_path: Path, body: str, refused: str, outcome: str) -> None:
+def test_a_skip_is_refused_and_what_is_left_out_is_said(tmp_path: Path, refused: str, outcomes: set[str]) -> None:
     (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text())
-    (tmp_path / "test_it.py").write_text(f"import pytest\n{body}\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n  gl\naddopts = -m 'not long'\n")
+    for name, body in FILES.items():
+        (tmp_path / f"test_{name}.py").write_text(body + "\n")
     child = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-rA",
+            "--no-fold-skipped",
+            "--continue-on-collection-errors",
+            str(tmp_path),
+        ],
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "ZBUF_OCCLUDE_NO_SKIP": refused},
+        env={**os.environ, "ZBUF_OCCLUDE_NO_SKIP": refused, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         check=False,
     )
-    assert outcome in child.stdout, child.stdout
+    said = {line.partition("::")[0].partition(" - ")[0].partition(":")[0] for line in child.stdout.splitlines()}
+    assert outcomes <= said, child.stdout
+    assert "LEFT OUT [1] long; .ci/run has them: python -m pytest -m long\n  test_slow.py::test\n" in child.stdout

@@ -18,11 +18,13 @@ FORK = """
 import multiprocessing, sys
 from tests.test_threads import answer
 from zbuf_occlude import threads
-before = answer(sys.argv[1])
-assert threads._pool is not None
-with multiprocessing.get_context("fork").Pool(1) as pool:
-    after = pool.apply_async(answer, [sys.argv[1]]).get(timeout=240)
-assert (before == after).all()
+for method in sys.argv[1:]:
+    threads._pool = None
+    before = answer(method)
+    assert threads._pool is not None, method
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        after = pool.apply_async(answer, [method]).get(timeout=240)
+    assert (before == after).all(), method
 """
 
 
@@ -35,12 +37,11 @@ def answer(method: str) -> np.ndarray:
     return mask
 
 
-@pytest.mark.parametrize("method", ["exact", "oracle", "exact_hsr", "occupancy_grid"])
-def test_a_fork_of_a_process_that_has_used_threads_answers_the_same(method: str) -> None:
-    root = Path(__file__).parents[1]
+def test_a_fork_of_a_process_that_has_used_threads_answers_the_same() -> None:
+    root, methods = Path(__file__).parents[1], ["exact", "oracle", "exact_hsr", "occupancy_grid"]
     environment = {**os.environ, "NUMBA_NUM_THREADS": "2"}
     child = subprocess.run(
-        [sys.executable, "-c", FORK, method], cwd=root, env=environment, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", FORK, *methods], cwd=root, env=environment, capture_output=True, text=True, timeout=300
     )
     assert child.returncode == 0, child.stderr
 

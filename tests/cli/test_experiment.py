@@ -17,14 +17,15 @@ from zbuf_occlude.meshes import MeshCollection, shapes
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`--quick` is still quicker."""
+    """`--quick` is still quicker, and trains in this process; tests/learn/test_study.py has processes of their own."""
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    monkeypatch.setattr("zbuf_occlude.learn.experiments.trials.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
     monkeypatch.setattr("zbuf_occlude.learn.experiments.elevation.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
 def test_elevation(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     out = tmp_path / "study"
     done = run("experiment", "elevation", "--quick", "--out", out)
     assert done.code == 0, done.err
@@ -44,7 +45,6 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("tiny")
 def test_what_is_between_the_sizes(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     out = tmp_path / "study"
     changes = ("--objects", 5, "--seeds", 2, "--models", "pointnet", "--points", "40", "--epochs", 2, "--voxels", 8)
     done = run("experiment", "elevation", "--quick", *changes, "--out", out)
@@ -64,7 +64,6 @@ def test_what_is_between_the_sizes(run: Run, tmp_path: Path) -> None:
 def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     first = two_hundred(shapes.collection())[0]
     monkeypatch.setattr(
         "zbuf_occlude.learn.experiments.study.find_objects",
@@ -87,7 +86,6 @@ def fail() -> Mesh:
 
 @pytest.mark.usefixtures("tiny")
 def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
     out = tmp_path / "study"
     for arguments, code, message in (
         (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|realism|all}'"),

@@ -74,6 +74,7 @@ def test_any_number_of_threads_gives_the_same_answers(n_threads: int) -> None:
         numba.set_num_threads(before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("processor", ["haswell", "x86-64"])
 def test_a_processor_without_wide_vectors_gives_the_same_answers(processor: str) -> None:
     """haswell has AVX2 and fused multiply-add but no AVX-512, x86-64 neither of the three."""

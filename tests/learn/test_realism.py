@@ -34,7 +34,6 @@ SMALL = replace(TINY, seeds=(0,))
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny study, tested on real objects of two layouts afterwards."""
     out = tmp_path_factory.mktemp("realism")
-    torch.set_num_threads(1)
     assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 6
     assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 0
     for write in (write_kitti, write_argoverse):

@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,20 +67,10 @@ class Heard(Progress):
         self.trials.append((key, share))
 
 
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Weights are the same bit for bit with the same number of threads; one is quickest for so little."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study that was stopped three times, in its clouds and in two of its trainings, and is done now."""
     out = tmp_path_factory.mktemp("studies") / "study"
-    torch.set_num_threads(1)
     for stop in (StopAt(n_clouds=30), StopAt(trial=6), StopAt(trial=20)):
         with pytest.raises(Stop):
             run_study(out, TINY, progress=stop, workers=1)
@@ -180,6 +169,14 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
         run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, scans_up="z", workers=1)
 
 
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers are forked: these two have nothing to do, and importing torch would take them seconds."""
+    context = multiprocessing.get_context("fork")
+    monkeypatch.setattr(trials_module.multiprocessing, "get_context", lambda method: context)
+
+
+@pytest.mark.usefixtures("forked")
 def test_a_worker_that_is_killed_is_told_in_words(tmp_path: Path) -> None:
     trial = Trial(
         AUGMENTATION, {"model": "voxnet", "seed": 0}, kill_oneself, kill_oneself, {"original": kill_oneself}, abs
@@ -210,6 +207,7 @@ def kill_oneself() -> CloudSet:
     raise AssertionError
 
 
+@pytest.mark.usefixtures("forked")
 def test_an_error_in_a_worker_is_the_commands(tmp_path: Path) -> None:
     trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, complain, complain, {"original": complain}, abs)
     with pytest.raises(DatasetError, match="it is not there"):
