@@ -1,6 +1,6 @@
 # docker build -t zbuf-occlude . && docker run --rm -v "$PWD:/clouds" zbuf-occlude generate --out /clouds/occluded
 # With a GPU: docker run --gpus all ... (the driver's EGL comes from the host; without it Mesa renders in software)
-FROM python:3.12-slim
+FROM python:3.12-slim-bookworm
 
 RUN apt-get update \
     && apt-get install -qy --no-install-recommends libegl1 libgl1-mesa-dri libosmesa6 \
@@ -17,7 +17,9 @@ COPY . /tmp/source
 RUN pip install --no-cache-dir '/tmp/source[report,embree]' && rm -rf /tmp/source
 
 RUN useradd --create-home --uid 1000 occlude && mkdir /clouds && chown occlude /clouds
-USER occlude
+USER 1000
 WORKDIR /clouds
+# kept in the user's cache, or each container would compile for a minute; another processor than this one's compiles anew
+RUN zbuf-occlude generate --limit 1 --views ring:1@20 --method exact --out /tmp/first && rm -rf /tmp/first
 ENTRYPOINT ["zbuf-occlude"]
 CMD ["--help"]
