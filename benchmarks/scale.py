@@ -1,6 +1,6 @@
 """What a dataset's administration costs as it grows: plan, resume, status, merge, verify of many tiny meshes.
 
-    python benchmarks/scale.py [N ...] [--clouds-a-mesh 1] [--points 16] [--workers 2] [--json FILE]
+    python benchmarks/scale.py [N ...] [--clouds-per-mesh 1] [--points 16] [--workers 2] [--json FILE]
 
 For each number of meshes (10,000, 30,000 and 100,000 when none is given) that many files of a tetrahedron lie in class
 folders. Their shards are filled with clouds of random numbers: what is measured is all but the making.
@@ -168,7 +168,7 @@ def told(step: dict[str, float]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("numbers", nargs="*", type=int, default=[10_000, 30_000, 100_000], metavar="N")
-    parser.add_argument("--clouds-a-mesh", type=int, default=1)
+    parser.add_argument("--clouds-per-mesh", type=int, default=1)
     parser.add_argument("--points", type=int, default=16)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
