@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.compiling import one_at_a_time
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
+from zbuf_occlude.versions import n_cores
 
 GL = pytest.StashKey[GlContext]()
 
@@ -26,6 +28,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "gl" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.gl)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once() -> Iterator[None]:
+    """The suite's processes wait for each other's compiling instead of doing it too."""
+    with one_at_a_time():
+        yield
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than cores, as some tests wait, for Ray, for hanging workers, for another's compiling."""
+    return n_cores() + 1
 
 
 LEFT_OUT = pytest.StashKey[list[str]]()

@@ -45,7 +45,12 @@ def test_a_skip_is_refused_and_what_is_left_out_is_said(tmp_path: Path, refused:
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "ZBUF_OCCLUDE_NO_SKIP": refused, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+            "ZBUF_OCCLUDE_NO_SKIP": refused,
+        },
         check=False,
     )
     said = {line.partition("::")[0].partition(" - ")[0].partition(":")[0] for line in child.stdout.splitlines()}
