@@ -6,10 +6,9 @@ import pytest
 from zbuf_occlude import Mesh
 from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.image_space.layout import CLUSTER
-from zbuf_occlude.image_space.scene.clusters import _halve_runs, make_clusters
+from zbuf_occlude.image_space.scene.clusters import halve_runs, make_clusters
 from zbuf_occlude.image_space.scene.scene import make_scene
 from zbuf_occlude.meshes import shapes
-from zbuf_occlude.threads import together
 
 
 def test_every_blocking_face_is_in_one_cluster_and_its_box() -> None:
@@ -49,5 +48,5 @@ def test_clusters_are_full_and_smaller_than_runs_along_the_curve() -> None:
 def test_faces_that_no_area_tells_apart_are_in_one_cluster_each(scale: float) -> None:
     lower = scale * np.random.default_rng(1).random((5000, 3))
     faces = np.arange(5000, dtype=np.int32)
-    together(_halve_runs, 3, np.concatenate([lower, 1.5 * lower], axis=1), faces)
+    halve_runs(np.concatenate([lower, 1.5 * lower], axis=1), faces)
     assert np.array_equal(np.sort(faces), np.arange(5000))

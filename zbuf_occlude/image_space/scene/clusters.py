@@ -1,9 +1,12 @@
 """Clusters: up to 16 faces that are near each other."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import IntArray
+from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
 from zbuf_occlude.mesh import Mesh
@@ -20,6 +23,15 @@ BLOCK_FACES = 4096
 
 NEVER = np.uint64(2**64 - 1)
 """Key of a face that blocks nothing."""
+
+
+class Scratch(NamedTuple):
+    """What halving needs for n faces."""
+
+    areas: FloatArray  # (n,)
+    first_half: NDArray[np.int64]  # (n,) 1 for the faces of a segment's first half
+    order: IntArray  # (n,)
+    segments: NDArray[np.int64]  # (runs, 33, 2) those to be halved
 
 
 def make_clusters(mesh: Mesh) -> IntArray:
@@ -61,8 +73,32 @@ def make_clusters(mesh: Mesh) -> IntArray:
     flat, n_long_rows = face_ids.reshape(-1), -(-len(long) // CLUSTER) * CLUSTER
     flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)] = long, short
     for faces in (flat[: len(long)], flat[n_long_rows : n_long_rows + len(short)]):
-        together(_halve_runs, n_blocks(len(faces), RUN_FACES), boxes, faces)
+        halve_runs(boxes, faces)
     return face_ids
+
+
+def halve_runs(boxes: FloatArray, faces: IntArray) -> None:
+    """Order faces, those of each run apart, by clusters, only the last of which may be smaller than the others.
+
+    The faces of a cluster stay as they were given, along the curve: points sorted by face then follow it too.
+    """
+    n, n_runs = len(faces), n_blocks(len(faces), RUN_FACES)
+    near = boxes[faces]  # side by side in memory
+    keys = np.full((3, n_runs, RUN_FACES), NEVER)
+    together(_place_along, n_runs, near, keys.reshape(3, -1))
+    keys.sort()
+    orders = keys.reshape(3, -1).astype(np.uint32).astype(np.int32)
+    scratch = Scratch(
+        areas=np.empty(n),
+        first_half=np.empty(n, dtype=np.int64),
+        order=np.empty(n, dtype=np.int32),
+        segments=np.empty((n_runs, RUN_FACES // CLUSTER + 1, 2), dtype=np.int64),
+    )
+    together(_halve_runs, n_runs, near, orders, scratch)
+    places, full = orders[0, :n], n // CLUSTER * CLUSTER
+    places[:full].reshape(-1, CLUSTER).sort()
+    places[full:].sort()
+    faces[:] = faces[places]
 
 
 @shared
@@ -99,65 +135,55 @@ def _blocks_anything(a, b, c):
 
 
 @shared
-def _halve_runs(tasks, boxes, faces):
-    """Order the faces of each run by clusters, only the last of which may be smaller than the others."""
-    first, last = take_block(tasks, len(faces), RUN_FACES)
+def _place_along(tasks, boxes, keys):
+    """Key each box by its centre's place along each axis, to 2^32 steps of its run, and by its number."""
+    first, last = take_block(tasks, len(boxes), RUN_FACES)
     while first < last:
-        _halve(boxes, faces[first:last])
-        first, last = take_block(tasks, len(faces), RUN_FACES)
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            for i in range(first, last):
+                centre = 0.5 * boxes[i, axis] + 0.5 * boxes[i, UPPER + axis]
+                low, high = min(low, centre), max(high, centre)
+            scale = (2.0**32 - 1.0) / (high - low) if high > low else 0.0
+            for i in range(first, last):
+                place = (0.5 * boxes[i, axis] + 0.5 * boxes[i, UPPER + axis] - low) * scale
+                keys[axis, i] = (np.uint64(place) << np.uint64(32)) | np.uint64(i)
+        first, last = take_block(tasks, len(boxes), RUN_FACES)
 
 
-@njit
-def _halve(boxes, faces):
-    """Order some faces by clusters."""
-    n = len(faces)
-    near = np.empty((n, 6))  # the boxes of these, side by side in memory
-    for i in range(n):
-        near[i] = boxes[faces[i]]
-    # the faces of a segment, along each axis; segments are halved until they are clusters
-    orders, keys = np.empty((3, n), dtype=np.int32), np.empty(n, dtype=np.uint64)
-    for axis in range(3):
-        _sort_along(near, axis, keys, orders[axis])
-    areas, scratch = np.empty(n // CLUSTER + 2), np.empty(n, dtype=np.int32)
-    first_half = np.empty(n, dtype=np.int64)
-    segments = [(0, n)]
-    while segments:
-        first, last = segments.pop()
-        if last - first <= CLUSTER:
-            continue
-        least, axis, half = np.inf, 0, 0
-        for candidate in range(3):
-            cost, size = _cheapest_half(near, orders[candidate, first:last], areas)
-            if half == 0 or cost < least:
-                least, axis, half = cost, candidate, size
-        for i in range(first, last):
-            first_half[orders[axis, i]] = i < first + half
-        for other in range(3):
-            if other != axis:
-                _part(orders[other, first:last], first_half, scratch)
-        segments.append((first, first + half))
-        segments.append((first + half, last))
-    scratch[:] = faces
-    for first in range(0, n, CLUSTER):
-        orders[0, first : first + CLUSTER].sort()  # as along the curve: points sorted by face then follow it too
-    for i in range(n):
-        faces[i] = scratch[orders[0, i]]
+@shared
+def _halve_runs(tasks, boxes, orders, scratch):
+    """Halve segments of each run until they are clusters; `orders` has each segment's faces along each axis."""
+    begin, end = take_block(tasks, len(boxes), RUN_FACES)
+    while begin < end:
+        segments, n_segments = scratch.segments[begin // RUN_FACES], 1
+        segments[0, 0], segments[0, 1] = begin, end
+        while n_segments > 0:
+            n_segments -= 1
+            first, last = segments[n_segments, 0], segments[n_segments, 1]
+            if last - first <= CLUSTER:
+                continue
+            middle = first + _halve(boxes, orders, first, last, scratch)
+            segments[n_segments, 0], segments[n_segments, 1] = first, middle
+            segments[n_segments + 1, 0], segments[n_segments + 1, 1] = middle, last
+            n_segments += 2
+        begin, end = take_block(tasks, len(boxes), RUN_FACES)
 
 
-@njit
-def _sort_along(boxes, axis, keys, order):
-    """Order boxes by their centres along an axis, to 2^32 steps; what shares one keeps its order. `keys` is scratch."""
-    low, high = np.inf, -np.inf
-    for i in range(len(boxes)):
-        centre = 0.5 * boxes[i, axis] + 0.5 * boxes[i, UPPER + axis]
-        low, high = min(low, centre), max(high, centre)
-    scale = (2.0**32 - 1.0) / (high - low) if high > low else 0.0
-    for i in range(len(boxes)):
-        place = (0.5 * boxes[i, axis] + 0.5 * boxes[i, UPPER + axis] - low) * scale
-        keys[i] = (np.uint64(place) << np.uint64(32)) | np.uint64(i)
-    keys.sort()  # several times as fast as an argsort
-    for i in range(len(boxes)):
-        order[i] = np.int32(keys[i] & np.uint64(0xFFFFFFFF))
+@njit(_nrt=False)
+def _halve(boxes, orders, first, last, scratch):
+    """Put the faces of a segment's better half first along each axis; return how many they are."""
+    least, axis, half = np.inf, 0, 0
+    for candidate in range(3):
+        cost, size = _cheapest_half(boxes, orders[candidate, first:last], scratch.areas[first:last])
+        if half == 0 or cost < least:
+            least, axis, half = cost, candidate, size
+    for i in range(first, last):
+        scratch.first_half[orders[axis, i]] = i < first + half
+    for other in range(3):
+        if other != axis:
+            _part(orders[other, first:last], scratch.first_half, scratch.order[first:last])
+    return half
 
 
 @njit(_nrt=False)
