@@ -272,8 +272,9 @@ def _of_faces(face_normals, counts, n_points):
 def _curve_order(positions, face_ids, lower, scale):
     """Merge sort by (code, place), face by face."""
     n = len(positions)
-    codes, order, spare = np.zeros(n, np.uint64), np.arange(n), np.empty(n, np.int64)
+    codes, order, spare = np.zeros(n, np.uint64), np.empty(n, np.int64), np.empty(n, np.int64)
     for i in range(n):
+        order[i] = i  # numba's arange takes a second to compile
         for axis in range(3):
             cell = (positions[i, axis] - lower[axis]) * scale
             bits = np.uint64(min(max(cell, 0.0), CELLS - 1.0))

@@ -59,7 +59,7 @@ def alone() -> Iterator[None]:
         _alone = False
 
 
-def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None:
+def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Callable[[], Any] | None = None) -> None:
     """Run a `shared` kernel on this thread, and on others as far as they are free.
 
     Parameters
@@ -68,6 +68,8 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None
         The kernel takes tasks first; it may be called with no task left.
     n_tasks : int
         How many it has; as many threads are of use, up to `n_threads`.
+    own : callable, optional
+        Makes what each thread works with alone, the kernel's last argument.
 
     Notes
     -----
@@ -77,8 +79,12 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any) -> None
     """
     tasks = np.zeros(1, dtype=np.int64)
     n_helpers = min(n_threads(), n_tasks) - 1
-    helpers = [_helpers().submit(kernel, tasks, *arguments) for _ in range(n_helpers)]
-    kernel(tasks, *arguments)
+
+    def work() -> None:
+        kernel(tasks, *arguments, *([] if own is None else [own()]))
+
+    helpers = [_helpers().submit(work) for _ in range(n_helpers)]
+    work()
     for helper in helpers:
         if not helper.cancel():
             helper.result()

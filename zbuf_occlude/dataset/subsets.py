@@ -96,7 +96,7 @@ def placed(positions, face_ids, chosen, frame, fitted, centre, factor):
         for i in range(1, len(turned)):
             for axis in range(3):
                 low[axis], high[axis] = min(low[axis], turned[i, axis]), max(high[axis], turned[i, axis])
-        centre, longest = (low + high) / 2.0, (high - low).max()
+        centre, longest = (low + high) / 2.0, max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
         factor = 1.0 / longest if longest > 0.0 else 1.0
     data = np.empty((len(chosen), 3), dtype=np.float32)
     for i in range(len(turned)):

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.image_space.layout import ONE, ZERO
 from zbuf_occlude.image_space.scene import Scene
+from zbuf_occlude.lanes import inner
 
 OUTSIDE = 1.5
 """An eye farther from the centre than this times the farthest point sees everything in one frame."""
@@ -101,7 +101,7 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     )
 
 
-@njit(_nrt=False)
+@inner
 def view_of(views, k, frame):
     """Return a frame of eye k as the kernels take it."""
     eye, world_eye = views.eyes[k], views.world_eyes[k]

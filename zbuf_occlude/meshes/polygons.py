@@ -124,7 +124,7 @@ class Polygons:
             raise MeshError(
                 f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Cut it up."
             )
-        positions, axes = _planes(self.vertices, self.corners, starts, counts)
+        positions, axes = _planes(self.vertices, self.corners, starts, counts, int(counts.sum()))
         found = []
         for end, n, own in zip(np.cumsum(counts).tolist(), counts.tolist(), axes, strict=True):
             flat = positions[end - n : end] @ own.T
@@ -206,9 +206,9 @@ def _fans(corners, starts, hubs, ends):
 
 
 @njit(cache=True)
-def _planes(vertices, corners, starts, counts):
+def _planes(vertices, corners, starts, counts, n_corners):
     """Corners of polygons from the first of each, (c, 3), and two axes of the plane of each, (p, 2, 3)."""
-    positions, axes = np.empty((counts.sum(), 3)), np.empty((len(counts), 2, 3))
+    positions, axes = np.empty((n_corners, 3)), np.empty((len(counts), 2, 3))
     end = 0
     for polygon in range(len(counts)):
         begin = end

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
+from zbuf_occlude.lanes import inner
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
@@ -126,7 +126,7 @@ def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
         first, last = take_block(tasks, len(corners), BLOCK_FACES)
 
 
-@njit(_nrt=False)
+@inner
 def _blocks_anything(a, b, c):
     """Whether the normal, as the definition computes it, is not exactly zero."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -170,7 +170,7 @@ def _halve_runs(tasks, boxes, orders, scratch):
         begin, end = take_block(tasks, len(boxes), RUN_FACES)
 
 
-@njit(_nrt=False)
+@inner
 def _halve(boxes, orders, first, last, scratch):
     """Put the faces of a segment's better half first along each axis; return how many they are."""
     least, axis, half = np.inf, 0, 0
@@ -186,7 +186,7 @@ def _halve(boxes, orders, first, last, scratch):
     return half
 
 
-@njit(_nrt=False)
+@inner
 def _cheapest_half(boxes, order, areas):
     """Least cost of halving faces in an order after a multiple of 16, and after how many; `areas` is scratch."""
     n = len(order)
@@ -206,7 +206,7 @@ def _cheapest_half(boxes, order, areas):
     return least, half
 
 
-@njit(_nrt=False)
+@inner
 def _widened(low, high, boxes, i):
     """Lower and upper corner of a box and another."""
     return (
@@ -215,14 +215,14 @@ def _widened(low, high, boxes, i):
     )
 
 
-@njit(_nrt=False)
+@inner
 def _half_area(low, high):
     """Half the area of a box."""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
-@njit(_nrt=False)
+@inner
 def _part(order, first_half, scratch):
     """Put the faces of the first half first, else as they are."""
     n = 0

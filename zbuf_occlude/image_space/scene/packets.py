@@ -3,13 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.hilbert import hilbert_order
 from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
 from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene.scene import Float32, Scene
+from zbuf_occlude.lanes import inner
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import shared, take, together
 
@@ -91,7 +91,7 @@ def _fill_chunks(tasks, scene, face_ids, packets):
         chunk = take(tasks)
 
 
-@njit(_nrt=False)
+@inner
 def _fill_packet(scene, face_ids, packets, packet):
     first, farthest = packet * PACKET, 0.0
     for i in range(first, first + PACKET):

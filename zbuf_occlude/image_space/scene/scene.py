@@ -10,6 +10,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, ROUNDOFF, UPPER
 from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene.clusters import make_clusters
+from zbuf_occlude.lanes import inner
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.threads import shared, take, together
 from zbuf_occlude.vectors import cross, dot, minus
@@ -120,7 +121,7 @@ def _fill_clusters(tasks, scene):
         cluster = take(tasks)
 
 
-@njit(_nrt=False)
+@inner
 def _fill_cluster(scene, cluster):
     used, weak = np.int64(0), np.int64(0)
     for lane in range(CLUSTER):
@@ -142,7 +143,7 @@ def _fill_cluster(scene, cluster):
         scene.world_boxes[cluster, axis], scene.world_boxes[cluster, UPPER + axis] = lower, upper
 
 
-@njit(_nrt=False)
+@inner
 def _fill_face(scene, cluster, lane, world):
     """Fill in a face's corners, unit normal and offset; return whether float64 cannot vouch for the normal."""
     a, b, c = _scene_corner(scene, world[0]), _scene_corner(scene, world[1]), _scene_corner(scene, world[2])
@@ -161,7 +162,7 @@ def _fill_face(scene, cluster, lane, world):
     return length <= WEAK_NORMAL * max(dot(u, u), dot(v, v), dot(w, w))
 
 
-@njit(_nrt=False)
+@inner
 def _scene_corner(scene, corner):
     return (
         (corner[0] - scene.centre[0]) * scene.scale,

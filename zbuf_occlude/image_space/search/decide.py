@@ -1,14 +1,13 @@
 """Decisions in float64, by the definition itself, on the caller's own coordinates."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import CHUNK, CLUSTER, PACKET, UPPER, ZERO
-from zbuf_occlude.lanes import first_lane
+from zbuf_occlude.lanes import first_lane, inner
 from zbuf_occlude.predicates import blocks
 
 
-@njit(_nrt=False)
+@inner
 def decide(scene, points, view, cluster, faces, doubt, first):
     """Mask of the points in doubt, numbered from `first` on, that one of a mask of a cluster's faces blocks."""
     hidden = 0
@@ -19,7 +18,7 @@ def decide(scene, points, view, cluster, faces, doubt, first):
     return hidden
 
 
-@njit(_nrt=False)
+@inner
 def _faces_block(scene, points, view, i, cluster, faces):
     """Whether one of a mask of a cluster's faces, not its own, blocks the line of sight of point i."""
     point = _world_point(points, i)
@@ -32,7 +31,7 @@ def _faces_block(scene, points, view, i, cluster, faces):
     return False
 
 
-@njit(_nrt=False)
+@inner
 def hide_near_points(scene, points, view, first, last, answer):
     """Write 0 for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
     for packet in range(first * CHUNK, last * CHUNK):
@@ -48,7 +47,7 @@ def hide_near_points(scene, points, view, first, last, answer):
                 answer[points.order[i]] = 0
 
 
-@njit(_nrt=False)
+@inner
 def _is_near(points, view, i, radius):
     """Whether point i is within a cube about the eye."""
     away = ZERO
@@ -57,7 +56,7 @@ def _is_near(points, view, i, radius):
     return away <= radius
 
 
-@njit(_nrt=False)
+@inner
 def _line_is_blocked(scene, points, view, i):
     """Whether any face but its own blocks the line of sight of point i; asks those whose clusters' boxes it meets."""
     point, own = _world_point(points, i), points.own[i]
@@ -74,7 +73,7 @@ def _line_is_blocked(scene, points, view, i):
     return False
 
 
-@njit(_nrt=False)
+@inner
 def _segment_meets_box(eye, point, box, margin):
     """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
     enter, leave = 0.0, 1.0
@@ -91,13 +90,13 @@ def _segment_meets_box(eye, point, box, margin):
     return enter <= leave
 
 
-@njit(_nrt=False)
+@inner
 def _face_blocks(scene, eye, point, face):
     a, b, c = scene.world_corners[face, 0], scene.world_corners[face, 1], scene.world_corners[face, 2]
     return blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), scene.world_contact)
 
 
-@njit(_nrt=False)
+@inner
 def _world_point(points, i):
     k = points.order[i]
     return points.positions[k, 0], points.positions[k, 1], points.positions[k, 2]

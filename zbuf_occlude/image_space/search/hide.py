@@ -1,7 +1,6 @@
 """Hiding: 16 faces against a box of points, 16 points against a face, 16 faces against a point."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import (
     CLUSTER,
@@ -23,6 +22,7 @@ from zbuf_occlude.lanes import (
     equal,
     first_lane,
     greater,
+    inlined,
     load,
     load3,
     minimum,
@@ -37,7 +37,7 @@ SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def classify(scene, points, space, slot, cluster, extent):
     """Sort the 16 faces of a cluster by what they can do to the points of a packet.
 
@@ -86,7 +86,7 @@ def classify(scene, points, space, slot, cluster, extent):
     return maybe, False
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def hide_by_faces(scene, points, view, space, at, faces, within, extent):
     """Return the mask of the points of a packet, of those within, that some face of a mask hides; face by face.
 
@@ -123,7 +123,7 @@ def hide_by_faces(scene, points, view, space, at, faces, within, extent):
     return hidden
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def hide_by_points(scene, points, view, space, at, within, extent):
     """Return the mask of the points of a packet, of those within, that some face of a cluster hides; point by point."""
     base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
@@ -155,13 +155,13 @@ def hide_by_points(scene, points, view, space, at, within, extent):
     return hidden
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _edge(space, base, edge):
     """An edge function of 16 faces."""
     return load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _own_face(lane):
     """Mask of one lane, if it is one of the 16."""
     return np.int64(0 <= lane < CLUSTER) << (lane & (CLUSTER - 1))

@@ -1,15 +1,14 @@
 """Lists of clusters: which may hide something of some points, nearest first."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, LEFT, NEAREST, RIGHT, TOP, ZERO
 from zbuf_occlude.image_space.search.setup import slot_of
 from zbuf_occlude.image_space.search.workspace import DEPTHS, put
-from zbuf_occlude.lanes import first_lane, load, not_less, splat
+from zbuf_occlude.lanes import first_lane, inlined, inner, load, not_less, splat
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def overlapping(rectangles, i, extent):
     """Mask of the 16 rectangles from column i on that overlap an extent and do not lie wholly behind it."""
     total = rectangles.shape[1]
@@ -22,7 +21,7 @@ def overlapping(rectangles, i, extent):
     )
 
 
-@njit(_nrt=False)
+@inner
 def list_clusters(scene, extent, space):
     """Descend through the nodes to the clusters that may hide something of an extent; fill ``space.before``.
 
@@ -30,7 +29,7 @@ def list_clusters(scene, extent, space):
     """
     current, below = space.scratch[0], space.scratch[1]
     top = len(scene.level_counts) - 1
-    n = 0
+    n = np.int64(0)  # as a plain 0, a constant, it would have what it is given to compiled twice
     for i in range(0, scene.level_counts[top], CLUSTER):
         found = overlapping(space.rectangles, scene.level_starts[top] + i, extent)
         while found:
@@ -38,7 +37,7 @@ def list_clusters(scene, extent, space):
             found &= found - 1
             n += 1
     for level in range(top - 1, -1, -1):
-        m = 0
+        m = np.int64(0)
         for j in range(n):
             i = CLUSTER * current[j]
             found = overlapping(space.rectangles, scene.level_starts[level] + i, extent)
@@ -53,7 +52,7 @@ def list_clusters(scene, extent, space):
     return n
 
 
-@njit(_nrt=False)
+@inner
 def _sort_by_depth(clusters, nearest_first, n, farthest, space):
     """Sort n clusters by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
     w, starts = space.rectangles[NEAREST], space.depth_starts
@@ -73,7 +72,7 @@ def _sort_by_depth(clusters, nearest_first, n, farthest, space):
         starts[depth] += 1
 
 
-@njit(_nrt=False)
+@inner
 def tighten(scene, n, view, space):
     """Replace the rectangles of the n clusters in ``space.before`` by those of their projected faces."""
     for j in range(n):
@@ -81,10 +80,10 @@ def tighten(scene, n, view, space):
         put(space.before, j, cluster, space.slot_rectangles, slot_of(scene, cluster, view, space))
 
 
-@njit(_nrt=False)
+@inner
 def choose(n, extent, space):
     """List in ``space.listed`` those of the n clusters in ``space.before`` that overlap an extent; return how many."""
-    n_listed = 0
+    n_listed = np.int64(0)
     for j in range(0, n, CLUSTER):
         found = overlapping(space.before.rectangles, j, extent)
         if n - j < CLUSTER:

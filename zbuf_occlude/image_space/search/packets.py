@@ -1,19 +1,18 @@
 """Packets of points: held against the listed clusters, until each point is hidden or no cluster is left."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, NEAREST, PACKET, RIGHT, TOP
 from zbuf_occlude.image_space.search.hide import classify, hide_by_faces, hide_by_points
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.image_space.search.setup import slot_of
-from zbuf_occlude.lanes import count_lanes, first_lane, load3, not_less, splat, spread
+from zbuf_occlude.lanes import count_lanes, first_lane, inlined, load3, not_less, splat, spread
 
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def search_packet(scene, points, view, undecided, extent, n, space):
     """Go through the n listed clusters until every point of a packet is hidden or none is left.
 
@@ -44,7 +43,7 @@ def search_packet(scene, points, view, undecided, extent, n, space):
     return found_hidden
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _within(space, entry, least, most):
     """Mask of the points in hand that are in a listed cluster's rectangle and not wholly before it.
 
@@ -60,7 +59,7 @@ def _within(space, entry, least, most):
     )
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _hide(scene, points, view, within, extent, cluster, space):
     """Mask of the points in hand, of those within, that some face of a cluster hides."""
     slot = slot_of(scene, cluster, view, space)
@@ -74,7 +73,7 @@ def _hide(scene, points, view, within, extent, cluster, space):
     return hide_by_points(scene, points, view, space, (cluster, slot), within, extent)
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _promote(listed, entry):
     """Move a cluster to the front of the list: what hides a packet is likely to hide the next."""
     listed.clusters[0], listed.clusters[entry] = listed.clusters[entry], listed.clusters[0]
@@ -83,7 +82,7 @@ def _promote(listed, entry):
         listed.rectangles[row, 0], listed.rectangles[row, entry] = other, first
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def write_hidden(points, base, hidden, answer):
     """Enter the hidden points of a packet into the caller's order."""
     for i in range(base, min(base + PACKET, points.n_points)):

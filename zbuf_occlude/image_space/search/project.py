@@ -9,7 +9,6 @@ the eye's where coordinates are about the eye.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import (
     BOTTOM,
@@ -17,6 +16,7 @@ from zbuf_occlude.image_space.layout import (
     COORDINATE_ERROR,
     ENDLESS,
     FARTHEST,
+    GROUP,
     HALF,
     LEFT,
     NEAREST,
@@ -32,6 +32,8 @@ from zbuf_occlude.lanes import (
     divide,
     greater,
     highest,
+    inlined,
+    inner,
     load3,
     lowest,
     maximum,
@@ -75,7 +77,7 @@ class Extent(NamedTuple):
     inverse_distance_min: np.float32
 
 
-@njit(_nrt=False)
+@inner
 def project_boxes(boxes, first, last, view, error, rectangles):
     """Project boxes, 16 at a time.
 
@@ -125,9 +127,10 @@ def project_boxes(boxes, first, last, view, error, rectangles):
         store(rectangles, FARTHEST * width + to, w1)
 
 
-@njit(_nrt=False)
-def extent_of_chunk(scene, points, chunk, view, rectangles, column):
-    """Extent of a chunk whose projected box is a column of `rectangles`."""
+@inner
+def extent_of_chunk(scene, points, chunk, view, rectangles):
+    """Extent of a chunk; `rectangles` has the projected boxes of its group."""
+    column = chunk % GROUP
     window, reach = view.window * np.float32(1.001), max(points.chunk_reach[chunk], view.reach)
     bounds = _inverse_distances(points.chunk_boxes, chunk, view, np.float32(scene.contact))
     nearest = max(rectangles[NEAREST, column], view.near * view.reach)
@@ -145,13 +148,13 @@ def extent_of_chunk(scene, points, chunk, view, rectangles, column):
     )
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def is_empty(extent):
     """Whether the view shows none of the points."""
     return not extent.left <= extent.right
 
 
-@njit(_nrt=False)
+@inner
 def joined(a, b):
     """Extent of the points of two."""
     if is_empty(a) or is_empty(b):
@@ -170,7 +173,7 @@ def joined(a, b):
     )
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def project_packet(scene, points, packet, view, image):
     """Project the points of a packet.
 
@@ -220,7 +223,7 @@ def project_packet(scene, points, packet, view, image):
     return extent, shown
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _inverse_distances(boxes, i, view, contact):
     """`inverse_distance_max` and `inverse_distance_min` of the points in a box."""
     distance_squared, radius_squared = ZERO, ZERO

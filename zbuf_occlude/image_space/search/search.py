@@ -1,7 +1,6 @@
 """All views, shared out among threads."""
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.image_space.layout import COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
@@ -12,6 +11,7 @@ from zbuf_occlude.image_space.search.decide import hide_near_points
 from zbuf_occlude.image_space.search.project import project_boxes
 from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import Views, view_of
+from zbuf_occlude.lanes import inner
 from zbuf_occlude.threads import n_threads, shared, take, together
 
 PAIRS_ALONE = 10_000
@@ -27,17 +27,18 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
     if n_blocks > 1:
         answer[:] = 1
     alone = n_eyes * points.n_points <= PAIRS_ALONE
-    together(_search_views, 1 if alone else n_eyes * n_blocks, scene, points, views, n_blocks, answer)
+    n_tasks = 1 if alone else n_eyes * n_blocks
+    together(_search_views, n_tasks, scene, points, views, n_blocks, answer, own=lambda: make_workspace(scene))
     return answer.view(bool)
 
 
 @shared
-def _search_views(tasks, scene, points, views, n_blocks, answer):
+def _search_views(tasks, scene, points, views, n_blocks, answer, space):
     """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
-    _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, make_workspace(scene))
+    _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, space)
 
 
-@njit(_nrt=False)
+@inner
 def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     task = take(tasks)
@@ -52,10 +53,7 @@ def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
         task = take(tasks)
 
 
-# _nrt=False: the kernels allocate nothing, and counting references to their arrays would cost more than the geometry
-
-
-@njit(_nrt=False)
+@inner
 def _search_view(scene, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
@@ -65,10 +63,12 @@ def _search_view(scene, points, frame, chunks, workspace, answer):
     search_chunks(scene, points, view, chunks, space, answer)
 
 
-@njit(_nrt=False)
+@inner
 def _project_nodes(scene, view, space):
     """Fill ``space.rectangles``; those of the padding are empty."""
-    project_boxes(scene.nodes, 0, scene.nodes.shape[1], view, COORDINATE_ERROR * view.reach, space.rectangles)
+    project_boxes(
+        scene.nodes, scene.level_starts[0], scene.nodes.shape[1], view, COORDINATE_ERROR * view.reach, space.rectangles
+    )
     for level in range(len(scene.level_counts)):
         padding = scene.level_starts[level] + scene.level_counts[level]
         for i in range(padding, padding + (-padding % GROUP)):

@@ -17,7 +17,6 @@ the largest such ratio, says what is certain.
 """
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.image_space.layout import (
     BOTTOM,
@@ -45,6 +44,8 @@ from zbuf_occlude.lanes import (
     dot3,
     greater,
     highest,
+    inlined,
+    inner,
     load,
     load3,
     lowest,
@@ -61,7 +62,7 @@ from zbuf_occlude.lanes import (
 )
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def slot_of(scene, cluster, view, space):
     """Slot of the workspace that holds a cluster's set-up for this view, after setting it up if none does."""
     slot = cluster & (len(space.slot_tags) - 1)
@@ -72,7 +73,7 @@ def slot_of(scene, cluster, view, space):
     return slot
 
 
-@njit(_nrt=False)
+@inner
 def _set_up(scene, cluster, view, space, slot):
     """Fill in what the workspace has of a slot."""
     base, used = cluster * 9 * CLUSTER, scene.used[cluster]
@@ -87,13 +88,13 @@ def _set_up(scene, cluster, view, space, slot):
     _bound(corners, used, view, space, slot)
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _project_corner(scene, base, view):
     x, y, z = load3(scene.corners, base, CLUSTER)
     return transform(view.matrix, x, y, z)
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _set_up_planes(scene, cluster, view, space, slot):
     """Write planes, turned so that the eye is on their positive side.
 
@@ -117,7 +118,7 @@ def _set_up_planes(scene, cluster, view, space, slot):
     return below, (edge_on | scene.weak[cluster]) & used
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _set_up_edges(corners, below, doubtful, view, space, slot):
     """Write edge functions P . (A x (B - A)), turned like the planes, in units of their error."""
     a, b, c = corners
@@ -158,22 +159,22 @@ def _set_up_edges(corners, below, doubtful, view, space, slot):
     store3(space.setups, row + 6 * CLUSTER, CLUSTER, r)
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _difference(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _scaled(a, scale):
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _chosen(mask, a, b):
     return select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2])
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _bound(corners, used, view, space, slot):
     """Write the rectangle around the faces, as `project.project_boxes` does."""
     a, b, c = corners

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, GROUP, PACKET, SETUP_ROWS
-from zbuf_occlude.image_space.scene.scene import Float32
+from zbuf_occlude.image_space.scene.scene import Float32, Scene
+from zbuf_occlude.lanes import inlined
 
 SLOTS = 4096
 """Set-ups of clusters kept at a time, 900 bytes each; a power of two."""
@@ -40,8 +40,7 @@ class Workspace(NamedTuple):
     image: Float32  # (3, 16) x / w, y / w and w of the points in hand
 
 
-@njit
-def make_workspace(scene):
+def make_workspace(scene: Scene) -> Workspace:
     """Allocate a thread's workspace."""
     n_clusters = len(scene.used)
     capacity = n_clusters + CLUSTER
@@ -63,15 +62,14 @@ def make_workspace(scene):
     )
 
 
-@njit
-def _make_list(capacity):
+def _make_list(capacity: int) -> ClusterList:
     """Allocate a list of clusters."""
     return ClusterList(
         clusters=np.zeros(capacity, dtype=np.int32), rectangles=np.zeros((6, capacity), dtype=np.float32)
     )
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def put(found, at, cluster, rectangles, column):
     """Write a cluster and its rectangle, a column of `rectangles`, to a place of a list."""
     found.clusters[at] = cluster
