@@ -1,5 +1,8 @@
 """Functions that are compiled when they are called: by Python, or by others that are compiled."""
 
+import subprocess
+import sys
+
 from numba import njit as njit_of_numba
 from numba.core.dispatcher import Dispatcher
 
@@ -32,3 +35,22 @@ def test_a_kernel_is_compiled_with_its_options_and_keeps_its_words() -> None:
     assert isinstance(twice._compiled, Dispatcher)
     assert twice.targetoptions["inline"] == "always"
     assert (twice.__name__, twice.__doc__) == ("twice", "Two of it.")
+
+
+def test_scipy_is_hidden_within_a_block_and_no_longer() -> None:
+    program = (
+        "from zbuf_occlude.kernels import without_scipy\n"
+        "import sys\n"
+        "with without_scipy():\n"
+        "    import numba\n"
+        "    assert numba.njit(lambda a: a.sum())(numba.np.numpy_support.np.ones(3)) == 3.0\n"
+        "    try: import scipy\n"
+        "    except ModuleNotFoundError: sys.stdout.write('hidden')\n"
+        "assert 'scipy' not in sys.modules\n"
+        "import collections as known\n"
+        "sys.modules['scipy'] = known\n"
+        "with without_scipy(): assert sys.modules['scipy'] is known, 'what somebody uses stays'\n"
+        "assert sys.modules['scipy'] is known"
+    )
+    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (child.stdout, child.returncode) == ("hidden", 0), child.stderr

@@ -3,7 +3,9 @@
 In modules that are not imported but to compute, `numba.njit` itself will do.
 """
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property, update_wrapper
 from typing import Any
 
@@ -35,3 +37,19 @@ class Kernel:
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
     """Compile a function as `numba.njit` does with these options, but not before it is needed."""
     return lambda function: Kernel(function, options)
+
+
+@contextmanager
+def without_scipy() -> Iterator[None]:
+    """Hide scipy from numba within the block, in a process that is all ours.
+
+    Before its first function numba imports scipy, for 0.15 s, to see whether there is BLAS to call; none here calls it.
+    """
+    hidden = "scipy" not in sys.modules
+    if hidden:
+        sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules["scipy"]

@@ -182,8 +182,10 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
         "if __name__ == '__main__':\n"
         "    out = Path(sys.argv[1]); out.mkdir()\n"
         "    class Telling(local.LocalWorker):\n"
-        "        def __init__(self, *a):\n"
-        "            super().__init__(*a); print(self.process.pid, flush=True)\n"
+        "        def listen(self):\n"
+        "            messages = super().listen()\n"
+        "            if any(kind == 'mesh' for kind, _ in messages): print(self.process.pid, flush=True)\n"
+        "            return messages\n"
         "    local.LocalWorker = Telling\n"
         "    run(plan_of(hang, hang, hang), out)\n"
     )

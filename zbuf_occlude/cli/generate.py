@@ -41,6 +41,7 @@ from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.farm import local
+from zbuf_occlude.kernels import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE
@@ -270,7 +271,8 @@ def command(
             echo(f"not on this machine: {missing}")
         return
     if not is_plain(plan.recipe):
-        rehearse(plan.recipe, require_gpu)
+        with without_scipy():
+            rehearse(plan.recipe, require_gpu)
     elif not is_compiled(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         compile_ahead(plan.recipe)

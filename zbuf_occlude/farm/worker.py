@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -33,6 +34,7 @@ def serve(
     import numba  # late: the supervisor's process computes nothing
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor decides what an interrupt means
+    _let_server_end()
     die_with_parent(os.getppid())
     variables = {name: value for name, value in environment.items() if name not in FIXED}
     variables |= {name: os.environ[name] for name in FIXED if name in os.environ}
@@ -70,6 +72,17 @@ def work(connection: Connection, task: Task, device_index: int | None) -> None:
         finally:
             if gl is not None:
                 gl.close()
+
+
+def _let_server_end() -> None:
+    """Close this process's copy of the pipe that Python's fork server lives by, and the supervisor's alone is to hold.
+
+    With copies in workers the server would outlive the supervisor, and a worker that hangs the server.
+    """
+    server: Any = forkserver._forkserver
+    if server._forkserver_alive_fd is not None:
+        os.close(server._forkserver_alive_fd)
+        server._forkserver_alive_fd = None
 
 
 def die_with_parent(parent: int) -> None:
