@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A real SLURM of one node on this machine runs docs/slurm_array.sh; the merged dataset must equal a local run's.
+# A real SLURM of one node on this machine runs docs/slurm_array.sh and an array of merges; the dataset must equal a local run's.
 #
 #     sudo apt-get install slurm-wlm munge
 #     sudo tests/farm/slurm_cluster.sh [PYTHON [generate's arguments...]]
@@ -76,19 +76,20 @@ done
 PATH=$(dirname "$python"):$PATH
 export PATH
 arguments=("${@:2}")
-((${#arguments[@]})) || arguments=(--views ring:10@30 --points 3000 --sample-size 256 --limit 100)
+((${#arguments[@]})) || arguments=(--method exact --views ring:400@30 --points 1000 --sample-size 64 --limit 25)
 array=$(sbatch --parsable --array=3-6 --chdir="$work" --time=10 --mem=0 --cpus-per-task=1 \
     "$root/docs/slurm_array.sh" "$work/farm" "${arguments[@]}")
-merge=$(sbatch --parsable --dependency=afterok:"$array" --chdir="$work" --wrap "zbuf-occlude merge $work/farm")
+merge=$(sbatch --parsable --dependency=afterok:"$array" --array=0-2 --chdir="$work" --time=10 --mem=0 --cpus-per-task=1 \
+    --wrap "zbuf-occlude merge $work/farm --workers 1")
 for _ in $(seq 300); do
     [ -z "$(squeue --noheader --jobs="$array,$merge" 2>/dev/null)" ] && break
     sleep 1
 done
 cat "$work"/slurm-*.out
-[ -f "$work/farm/manifest.json" ] || { echo "error: the merge job must write a manifest"; tail -n 20 "$work"/*.log; exit 1; }
+[ -f "$work/farm/manifest.json" ] || { echo "error: the last merge must write a manifest"; tail -n 20 "$work"/*.log; exit 1; }
 
 zbuf-occlude generate --out "$work/here" "${arguments[@]}" >/dev/null 2>&1
 for file in "$work"/here/*.h5; do
     cmp "$file" "$work/farm/$(basename "$file")"
 done
-echo "SLURM array of 4 tasks and a merge job: $(ls "$work"/here/*.h5 | wc -l) files, equal to a local run's"
+echo "SLURM arrays of 4 tasks and of 3 merges: $(ls "$work"/here/*.h5 | wc -l) files, equal to a local run's"

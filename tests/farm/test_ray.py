@@ -10,8 +10,14 @@ import pytest
 
 from tests.dataset.shards import make_shards
 from tests.farm.test_local import ball, contents, failures, plan_of
+from tests.farm.test_merge import collection, files
 from zbuf_occlude import UnavailableError
+from zbuf_occlude.dataset.claim import claim
+from zbuf_occlude.dataset.generate import generate, merge
 from zbuf_occlude.dataset.jobs import Making
+from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.farm import ray as engine
 from zbuf_occlude.limits import Limits
 
@@ -69,6 +75,20 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path) -> None:
     assert failures(plan, out) == {}
     make_shards(plan, alone)
     assert contents(plan, out) == contents(plan, alone)
+
+
+def test_files_are_written_by_a_cluster(tmp_path: Path) -> None:
+    plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
+    generate(plan, tmp_path / "whole")
+    out, parts = tmp_path / "out", list[int]()
+    claim(plan, out)
+    make_shards(plan, out)
+    run = partial(engine.run_jobs, n_workers=2, limits=AMPLE)
+    manifest = merge(plan, out, run=run, progress=parts.append)
+    assert len(parts) == n_parts(plan) == 7
+    assert manifest["counts"]["clouds"] == plan.n_clouds
+    assert files(out) == files(tmp_path / "whole")
+    assert verify(out, None, run=run).faults == []
 
 
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
