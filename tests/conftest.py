@@ -30,7 +30,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "gl" in names:
             item.add_marker(pytest.mark.gl)
         elif item.get_closest_marker("gl"):
-            names.insert(0, "gl")
+            item.fixturenames = ["gl", *names]  # type: ignore[attr-defined]  # a list of its own: siblings share theirs
 
 
 @pytest.fixture(scope="session", autouse=True)
