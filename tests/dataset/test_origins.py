@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,59 @@ def test_a_mesh_that_changed_while_others_were_made_is_refused(meshes: Path, tmp
 
     with pytest.raises(DatasetError, match=r"solid/solid_0\.off must be what the data"):
         generate(plan_of(meshes), tmp_path / "out", run=run)
+
+
+def half_written(meshes: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two shards of a thousand clouds in five files, of which three are written; and one of those is lost."""
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 200)
+
+    def run(task: Task, jobs: list[int], done: Done) -> None:
+        def stop(job: int, result: object) -> Iterable[int]:
+            if job == 4:
+                raise KeyboardInterrupt
+            return done(job, result)
+
+        run_here(task, jobs, stop)
+
+    with pytest.raises(KeyboardInterrupt):
+        generate(plan_of(meshes), out, run=run)
+    written = sorted(out.glob("*.h5"))
+    assert len(written) == 3
+    written[-1].unlink()
+
+
+def test_a_mesh_that_changed_is_refused_where_files_hold_it_and_its_shard_is_lost(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    half_written(meshes, tmp_path / "out", monkeypatch)
+    tetrahedron(meshes / "solid" / "solid_1.off", 7.0)
+    with pytest.raises(DatasetError, match=r"solid/solid_1\.off must be what the data in .* were made of, sha256 "):
+        generate(plan_of(meshes), tmp_path / "out")
+
+
+def test_a_mesh_that_failed_and_now_would_not_is_refused_where_its_shard_is_lost(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sound = (meshes / "solid" / "solid_1.off").read_bytes()
+    (meshes / "solid" / "solid_1.off").write_bytes(b"OFF")
+    half_written(meshes, tmp_path / "out", monkeypatch)
+    (meshes / "solid" / "solid_1.off").write_bytes(sound)
+    with pytest.raises(DatasetError, match=r"solid/solid_1\.off must fail as it did when the files in .* were made"):
+        generate(plan_of(meshes), tmp_path / "out")
+
+
+def test_clouds_that_only_some_files_have_are_noticed_in_the_end(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that was known of the shards is lost too, and one mesh fails in the second run alone."""
+    half_written(meshes, tmp_path / "out", monkeypatch)
+    for path in (tmp_path / "out" / "shards").glob("00*.json"):
+        path.unlink()
+    (meshes / "solid" / "solid_1.off").write_bytes(b"OFF")
+    with pytest.raises(
+        DatasetError, match=r"must hold the clouds that were made, .'train': 750.; they hold .'train': 8"
+    ):
+        generate(plan_of(meshes), tmp_path / "out")
 
 
 def test_files_of_the_same_content_are_the_same_mesh(meshes: Path, tmp_path: Path) -> None:

@@ -68,6 +68,8 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
             f"{reasons[0] if reasons else 'its views see nothing'}"
         )
     files = _of_shards(plan, out, sidecars) if row.all_points else _of_parts(plan, out)
+    if not row.all_points and row.in_parts:
+        _check_all_there(out, files, _by_split(plan, [sidecar.n_clouds for sidecar in sidecars]))
     write_names(plan, out)
     write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files.shown))
     writing = seconds.get("writing", 0.0) + time.perf_counter() - began
@@ -103,6 +105,15 @@ def _of_parts(plan: Plan, out: Path) -> _Files:
         return _Files(names, n_clouds, sha256, names)
     names = row.finish(out, plan, names, n_clouds)
     return _Files(names, n_clouds, sha256, {split: of_split[:1] for split, of_split in names.items()})
+
+
+def _check_all_there(out: Path, files: _Files, made: Mapping[str, int]) -> None:
+    """Check that files hold the clouds that shards were made of; one may have been made twice, with another outcome."""
+    if files.n_clouds != made:
+        raise DatasetError(
+            f"the files in {out} must hold the clouds that were made, {dict(made)}; they hold {files.n_clouds}. A mesh "
+            "was made twice, and failed once. Make all clouds again with --overwrite."
+        )
 
 
 def _by_split(plan: Plan, counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

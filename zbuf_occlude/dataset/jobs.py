@@ -204,7 +204,7 @@ class Jobs:
                 written.add(part)
             elif fault:
                 _LOG.warning("part %d is written again: %s", part, fault)
-                mark_path(self.out, part).unlink()
+                mark_path(self.out, part).unlink(missing_ok=True)  # another run of the same command may be faster
         return written
 
     @nothing_to_collect()
@@ -222,6 +222,8 @@ class Jobs:
                 ):  # else files without them are written already
                     again = worth_another_try(self.plan, sidecar, self._limits)
                     fault = f"{again[0]}, which failed, may be made now" if again else ""
+            elif self._written.intersection(self.plan.parts_of(group)):
+                self._check_unchanged(shard)
             if fault:
                 _LOG.warning("shard %d is made again: %s", shard, fault)
             if sidecar is None or fault:
@@ -229,6 +231,18 @@ class Jobs:
             else:
                 self._on_shard(len(self.plan.shards[shard]) * self.plan.clouds_per_mesh)
         return missing
+
+    def _check_unchanged(self, shard: int) -> None:
+        """Check that a shard of which files hold clouds already would be made again as it was."""
+        sidecar, _ = look_at(self.plan, self.out, shard, n_runs=0)
+        if sidecar is None:
+            return  # lost too; whether all clouds are there is found out in the end
+        check_origins([self.plan.meshes[i] for i in self.plan.shards[shard]], origins_of_made(sidecar), self.out)
+        if again := worth_another_try(self.plan, sidecar, self._limits):
+            raise DatasetError(
+                f"{again[0]} must fail as it did when the files in {self.out} were made, which have none of its "
+                "clouds; its file, or what it may take, is another. Put it back, or make all again with --overwrite."
+            )
 
 
 def n_at_once(n_parts: int) -> int:
