@@ -25,14 +25,22 @@ def one_at_a_time() -> Iterator[None]:
     from numba.core.dispatcher import Dispatcher
 
     compile_it = Dispatcher.compile
+    held: set[str] = set()
 
     def locked(self: Any, sig: Any) -> Any:
-        if isinstance(self._cache, NullCache):
-            return compile_it(self, sig)
-        name = hashlib.sha1(f"{self._cache.cache_path} {self.py_func.__qualname__}".encode()).hexdigest()
-        with global_compiler_lock, Path(tempfile.gettempdir(), f"zbuf_occlude-compiling-{name}").open("w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            return compile_it(self, sig)
+        with global_compiler_lock:
+            code = self.py_func.__code__
+            place = f"{self._cache.cache_path} {code.co_filename} {code.co_firstlineno} {self.py_func.__qualname__}"
+            name = hashlib.sha1(place.encode()).hexdigest()
+            if isinstance(self._cache, NullCache) or name in held:
+                return compile_it(self, sig)
+            held.add(name)
+            try:
+                with Path(tempfile.gettempdir(), f"zbuf_occlude-compiling-{name}").open("w") as file:
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                    return compile_it(self, sig)
+            finally:
+                held.remove(name)
 
     Dispatcher.compile = locked
     try:
