@@ -180,8 +180,10 @@ def test_visible_says_what_is_wrong(
 def test_a_folder_that_is_not_there_is_one_line(run: Run, plates: Path, tmp_path: Path) -> None:
     out = tmp_path / "missing" / "cloud.npy"
     outcome = run("visible", plates, "--azimuth=0", "--elevation=9", "--method=oracle", "--out", out)
-    assert outcome.code == 1
-    assert outcome.err.startswith("error: No such file or directory")
+    assert outcome.code == 2
+    assert (
+        outcome.err == f"error: --out must be in a folder that there is; {str(out.parent)!r} is none. Make it first.\n"
+    )
 
 
 @pytest.mark.parametrize("command", ["status", "merge"])

@@ -1,6 +1,7 @@
 """`scan`: one scan into a file, its picture, and what is typed wrongly."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import trimesh
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
+from zbuf_occlude.cli.scan_pictures import SURROUNDINGS, around_the_object
 from zbuf_occlude.meshes import shapes
 
 
@@ -64,10 +66,14 @@ def test_a_street(run: Run, car: Path, tmp_path: Path) -> None:
         (("--sensor", "surface"), "scan needs a sensor; `zbuf-occlude visible` samples the surface."),
         (("--set-sensor", "colums=3"), "a number of the sensor vlp-32c must be one of"),
         (("--set-sensor", "columns"), "--set-sensor must be given KEY=VALUE; got 'columns'."),
-        (("--size", "car=0"), "--size must be 'file', metres, or CLASS=metres"),
+        (("--size", "car=0"), "--size must be 'file', metres from 0.001 to 100000, or CLASS=metres"),
+        (("--size", "1e-320"), "--size must be 'file', metres from 0.001"),
+        (("--set-sensor", "sigma=1e300"), "sigma of a sensor must be metres, at most 10000; got 1e+300."),
         (("--hidden", "0.2"), "--hidden needs a scene that can hide"),
         (("--scene", "none.json"), "a scene must be readable JSON"),
         (("--picture", "a.gif"), "--picture must end in .png"),
+        (("--picture", "/nowhere/a.png"), "--picture must be in a folder that there is; '/nowhere' is none."),
+        (("--out", "/nowhere/scan.ply"), "--out must be in a folder that there is; '/nowhere' is none. Make it first."),
         (("--out", "scan.xyz"), "--out must end in .ply, .npy, .csv"),
     ],
 )
@@ -122,3 +128,16 @@ def test_angles_that_nothing_can_be_done_with(run: Run, tmp_path: Path, argument
     outcome = run("scan", mesh, *arguments, "--out", out)
     assert (outcome.code, out.exists()) == (2, False)
     assert message in outcome.err
+
+
+def test_the_picture_is_of_the_object_and_what_is_about_it() -> None:
+    """Not of all the ground, in which an object of 2 m would be a dot."""
+    ground = np.random.default_rng(0).uniform(-75, 75, (5000, 3)) * [1, 1, 0]
+    own = np.array([[10.0, 20.0, 0.0], [12.0, 20.0, 0.0]])
+    instances = np.repeat([1, 0], [len(ground), 2])
+    scan = SimpleNamespace(positions=np.concatenate([ground, own]), instances=instances)
+    shown, centre, radius = around_the_object(scan)
+    assert centre.tolist() == [11.0, 20.0, 0.0]
+    assert radius == SURROUNDINGS
+    assert (shown == (np.linalg.norm(scan.positions - centre, axis=1) <= radius)).all()
+    assert around_the_object(SimpleNamespace(positions=ground, instances=np.ones(5000)))[0].all()

@@ -331,8 +331,20 @@ def literal(text: str) -> Any:
 
 
 def suffix_of(path: Path, known: tuple[str, ...]) -> str:
-    """Return the suffix of an output file, or raise OptionError that says which there are."""
+    """Return the suffix of an output file, or raise OptionError: an unknown one, or a place that cannot be written."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise OptionError(f"--out must end in {', '.join(known)}; got {path.name!r}.")
+    check_place(path)
     return suffix
+
+
+def check_place(path: Path, option: str = "--out") -> None:
+    """Raise OptionError where an output file cannot be written: said before the work, not after it."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise OptionError(f"{option} must be in a folder that there is; {str(folder)!r} is none. Make it first.")
+    if path.is_dir():
+        raise OptionError(f"{option} must be a file; {str(path)!r} is a folder. Give a name within it.")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise OptionError(f"{option} must be a place that can be written; {str(path)!r} is not. Give another.")

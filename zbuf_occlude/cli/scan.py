@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import finite, suffix_of, up_option
+from zbuf_occlude.cli.options import check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.errors import MeshError, OptionError
@@ -82,8 +82,10 @@ def command(
       zbuf-occlude scan chair.off --sensor kinect-v1 --range 2 --scene room --set-sensor noise=0 --out chair.csv
     """
     suffix = suffix_of(out, (".ply", ".npy", ".csv"))
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
+    if picture is not None:
+        if picture.suffix.lower() != ".png":
+            raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
+        check_place(picture, "--picture")
     setup = parse_setup(method or default_caster(), given)
     if setup is None:
         raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")

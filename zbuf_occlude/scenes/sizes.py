@@ -29,6 +29,9 @@ SOURCE = "assumed: typical of everyday objects of the class"
 FILE = "file"
 """The word for sizes that the files have already, in metres."""
 
+LEAST, MOST = 1e-3, 1e5
+"""Metres that an object may have: from a grain to a mountain range. Ranges are micrometres at best."""
+
 Sizes = Mapping[str, float] | str
 """Sizes of some classes, which go before `SIZES`; or `FILE`."""
 
@@ -50,8 +53,11 @@ def parse_sizes(text: str) -> Sizes:
             size = float(number)
         except ValueError:
             size = -1.0
-        if not 0.0 < size < float("inf") or bool(equals) != bool(label.strip()):
-            raise OptionError(f"--size must be 'file', metres, or CLASS=metres,...; got {part!r} in {text!r}.")
+        if not LEAST <= size <= MOST or bool(equals) != bool(label.strip()):
+            raise OptionError(
+                f"--size must be 'file', metres from {LEAST:g} to {MOST:g}, or CLASS=metres,...; "
+                f"got {part!r} in {text!r}."
+            )
         sizes[label.strip() or "*"] = size
     return sizes
 

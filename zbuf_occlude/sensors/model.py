@@ -20,6 +20,16 @@ GRAZING_FROM = np.radians(60.0)
 STEEPEST = np.radians(89.9)
 """Noise is as at this incidence beyond it, where the formula has no bound."""
 
+MOST = {
+    **dict.fromkeys(("drop", "drop_zero", "edge_loss"), (1.0, "a share")),
+    **dict.fromkeys(("sigma", "sigma_growth", "sigma_grazing", "step", "echo_separation"), (1e4, "metres")),
+    "lateral": (1e4, "pixels"),
+    "noise": (1e3, "a factor"),
+    "divergence": (1.0, "radians"),
+    "incidence_max": (90.0, "degrees"),
+}
+"""The largest value of a number, beyond which it is a mistyped one, and what it is."""
+
 
 @dataclass(frozen=True)
 class Imperfections:
@@ -93,9 +103,6 @@ class Imperfections:
                 isinstance(value, (int, float, np.number)) and value >= 0.0
             ):
                 raise OptionError(f"{each.name} of a sensor must be a number of at least 0; got {value!r}.")
-        for name in ("drop", "drop_zero", "edge_loss"):
-            if getattr(self, name) > 1.0:
-                raise OptionError(f"{name} of a sensor must be a share, at most 1; got {getattr(self, name)}.")
         if not self.range_min < self.range_max:
             raise OptionError(f"range_min must be less than range_max; got {self.range_min} and {self.range_max}.")
         for name, width in (("sigma", (-1, 2)), ("lateral", (2,))):
@@ -107,6 +114,9 @@ class Imperfections:
             if not (np.isfinite(table).all() and (table >= 0.0).all()):
                 words = "(range, sigma) pairs" if name == "sigma" else "two numbers"
                 raise OptionError(f"{name} of a sensor must be a number or {words}; got {getattr(self, name)!r}.")
+        for name, (most, what) in MOST.items():
+            if np.max(getattr(self, name), initial=0.0) > most:
+                raise OptionError(f"{name} of a sensor must be {what}, at most {most:g}; got {getattr(self, name)}.")
 
     def range_sigma(self, ranges: ArrayLike, incidence: ArrayLike = 0.0) -> FloatArray:
         """Return the standard deviation at some ranges (of an axial sensor: depths) and incidences (radians)."""

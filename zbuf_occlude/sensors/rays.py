@@ -15,6 +15,9 @@ from zbuf_occlude.errors import ArgumentError, OptionError
 MOST_RAYS = 20_000_000
 """A mistyped number must not fill the memory."""
 
+MOST_REFRACTIVE = 5.0
+"""No glass bends light more: germanium, of infrared prisms, has 4."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rays:
@@ -152,6 +155,8 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
     _not_too_many(n_shots)
     times = np.arange(n_shots) / rate
     tilt = np.radians(wedge)
+    if not 1.0 <= index <= MOST_REFRACTIVE:
+        raise OptionError(f"index must be of refraction, from 1 to {MOST_REFRACTIVE:g}; got {index}.")
     if len(frequencies) != 2 or not 0.0 < index * np.sin(tilt) < 1.0:
         raise OptionError(f"risley must be given two frequencies and prisms that let light through; got {frequencies}.")
     first, second = (_inclined(tilt, 2.0 * np.pi * frequency * times) for frequency in frequencies)
