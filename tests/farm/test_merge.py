@@ -4,6 +4,7 @@ import json
 import os
 import random
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.dataset.parts import mark_path
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path
+from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshEntry
 
 RECIPE = Recipe(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
@@ -80,6 +82,27 @@ def test_same_bytes_whatever_writes_them_and_in_whatever_order(plan: Plan, whole
     documents = [merge(plan, tmp_path / "three", part=(i, 4)) for i in (2, 0, 3, 1)]
     assert [bool(document) for document in documents] == [False, False, False, True]
     assert files(whole) == files(tmp_path / "two") == files(tmp_path / "three")
+
+
+def test_a_layout_of_a_file_per_cloud_is_written_in_parts_and_gives_up_its_shards(plan: Plan, tmp_path: Path) -> None:
+    published, left = replace(plan, format="modelnet-o"), list[int]()
+
+    def watched(task: Task, jobs: list[int], done: Done) -> None:
+        queue = list(jobs)
+        while queue:
+            job = queue.pop(0)
+            task.do(job, None)
+            left.append(sum(path.stat().st_size for path in (tmp_path / "two").rglob("*.records")))
+            queue.extend(done(job, None))
+
+    generate(published, tmp_path / "one")
+    generate(published, tmp_path / "two", run=watched)
+    assert files(tmp_path / "one") == files(tmp_path / "two")
+    assert len(list((tmp_path / "one").rglob("*.xyz"))) == published.n_clouds
+    assert verify(tmp_path / "one", None).faults == []
+    n_parts = len(published.parts)
+    assert left[-1] == 0
+    assert left[-n_parts // 4] < 0.5 * max(left), "three quarters of the files are there, and shards have gone"
 
 
 def test_files_mix_classes_and_objects_of_a_whole_group(plan: Plan, whole: Path) -> None:

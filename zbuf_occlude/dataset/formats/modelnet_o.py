@@ -24,26 +24,27 @@ from zbuf_occlude.dataset.source import Source
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
     names = names_of(plan)
-    yield from map(rest_name, plan.splits)
+    yield from (rest_name(part.split, part.number) for part in plan.parts)
     for mesh_id, entry in enumerate(plan.meshes):
         yield from (_name(entry.split, names, mesh_id, number) for number in range(plan.clouds_per_mesh))
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a file per cloud."""
-    names, files = names_of(source.plan), {}
-    for split in source.order:
-        written: list[str] = []
+def write_part(records: Records, out: Path, plan: Plan, split: str, number: int) -> list[str]:
+    """Write a file per cloud, and what they lack."""
+    names, written = names_of(plan), []
+    for record in records:
+        written.append(_name_of(split, names, record, plan))
+        _write_xyz(out / written[-1], record["data"])
+    return [write_rest(out, split, [records], plan.recipe, number), *written]
 
-        def parts(split: str = split, written: list[str] = written) -> Iterator[Records]:
-            for records in source.batches(split):
-                for record in records:
-                    written.append(_name_of(split, names, record, source.plan))
-                    _write_xyz(out / written[-1], record["data"])
-                yield records
 
-        rest = write_rest(out, split, parts(), source.plan.recipe)
-        files[split] = [rest, write_list(out, split, written)]
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write for each split the list of its clouds."""
+    files = {}
+    for split, of_split in names.items():
+        clouds = [name for name in of_split if name.endswith(".xyz")]
+        rests = [name for name in of_split if not name.endswith(".xyz")]
+        files[split] = [*rests, write_list(out, split, clouds)]
     return files
 
 

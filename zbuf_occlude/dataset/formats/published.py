@@ -1,12 +1,14 @@
 """What the layouts of published benchmarks share: names of classes and objects, whole objects, and what they lack.
 
 Such a layout holds points and little else. What a record holds beside them (view, pose, face ids, ...) goes into one
-more file per split, ``clouds_SPLIT.npy``, a row per cloud in the order of writing. Published loaders do not look at it;
+more file per split, ``clouds_SPLIT.npy`` (one per part, where workers write a layout in parts), a row per cloud in the
+order of writing. Published loaders do not look at it;
 with it a dataset in such a layout is read back, verified and shown like any other.
 """
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, NamedTuple
 
@@ -47,6 +49,7 @@ class Names(NamedTuple):
     objects: list[str]
 
 
+@lru_cache(maxsize=2)
 def names_of(plan: Plan) -> Names:
     """Return what the meshes of a plan are called; the same plan gives the same names."""
     taxonomies, objects = [], []
@@ -115,14 +118,14 @@ def complete_cloud(source: Source, records: Records, n_points: int) -> Any:
     return source.complete(int(records["mesh_id"][0]), n_points)
 
 
-def rest_name(split: str) -> str:
-    """Return the name of the file of what a published layout lacks."""
-    return f"clouds_{split}.npy"
+def rest_name(split: str, number: int | None = None) -> str:
+    """Return the name of the file of what a published layout lacks; where one is written in parts, of that part's."""
+    return f"clouds_{split}{'' if number is None else number}.npy"
 
 
-def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe) -> str:
+def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe, number: int | None = None) -> str:
     """Write what records hold beside their points, part by part as `parts` yields them; return the file's name."""
-    kind = _rest_type(recipe)
+    kind, name = _rest_type(recipe), rest_name(split, number)
 
     def fill(file: IO[bytes]) -> None:
         def write_header(n_clouds: int) -> None:  # NumPy leaves room in it for the number to grow
@@ -137,8 +140,8 @@ def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe) 
             n_clouds += len(records)
         write_header(n_clouds)
 
-    atomic.write(out / rest_name(split), fill)
-    return rest_name(split)
+    atomic.write(out / name, fill)
+    return name
 
 
 def read_published(
@@ -154,15 +157,14 @@ def read_published(
     points : callable
         Returns the points (m, size, 3) of some clouds of a split, from their records without points and their rows.
     """
-    rests: dict[str, Records] = {}
-    for split in files:
-        with reading(out / rest_name(split)):
-            rests[split] = np.load(out / rest_name(split), mmap_mode="r")
-            if rests[split].dtype != _rest_type(plan.recipe):
-                raise ValueError(f"records of {rests[split].dtype}")
-            check_indices(rests[split]["label"], rests[split]["mesh_id"], plan)
-    splits = list(rests)
-    ends = np.cumsum([len(rests[split]) for split in splits])
+    rests: list[tuple[str, Records]] = []
+    order, begin = {}, 0
+    for split, names in files.items():
+        for name in names:
+            if re.fullmatch(rf"clouds_{split}\d*\.npy", name):
+                rests.append((split, _read_rest(out / name, plan)))
+        order[split] = np.arange(begin, begin := sum(len(rest) for _, rest in rests))
+    ends = np.cumsum([len(rest) for _, rest in rests])
 
     def take(numbers: Numbers) -> Records:
         records = np.empty(len(numbers), record_type(plan.recipe))
@@ -170,16 +172,25 @@ def read_published(
         for owner in np.unique(owners):
             mine = np.flatnonzero(owners == owner)
             rows = numbers[mine] - (ends[owner - 1] if owner else 0)
-            rest = rests[splits[owner]][rows]
+            split, whole = rests[owner]
+            rest = whole[rows]
             some: Records = np.empty(len(mine), records.dtype)
             for name in rest.dtype.names or ():
                 some[name] = rest[name]
-            some["data"] = points(splits[owner], rest, rows)
+            some["data"] = points(split, rest, rows)
             records[mine] = some
         return records
 
-    order = {split: np.arange(end - len(rests[split]), end) for split, end in zip(splits, ends, strict=True)}
     return Source(plan, order, take)
+
+
+def _read_rest(path: Path, plan: Plan) -> Records:
+    with reading(path):
+        rest: Records = np.load(path, mmap_mode="r")
+        if rest.dtype != _rest_type(plan.recipe):
+            raise ValueError(f"records of {rest.dtype}")
+        check_indices(rest["label"], rest["mesh_id"], plan)
+        return rest
 
 
 def read_cloud_files(
