@@ -9,7 +9,7 @@ SMALL = [
     "--limit",
     "48",
     "--views",
-    "ring:25@30",
+    "ring:75@30",
     "--points",
     "100",
     "--sample-size",
