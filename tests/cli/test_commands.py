@@ -135,7 +135,7 @@ def test_visible_says_that_there_are_no_colours(run: Run, plates: Path, tmp_path
 @pytest.mark.parametrize("suffix", [".ply", ".npy", ".csv"])
 def test_visible_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None:
     """Of a ball's points, given without faces, those on the near side are seen; each kind that is written is read."""
-    pytest.importorskip("open3d")
+    pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
     rng = np.random.default_rng(0)
     ball = rng.normal(size=(4000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)

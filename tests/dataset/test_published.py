@@ -90,7 +90,7 @@ def test_every_file_has_a_name_that_its_plan_says(made: Made, format: str) -> No
 
 
 def test_pcn_as_its_loaders_read_it(made: Made) -> None:
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    o3d = pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
     root = made("pcn")
     taxonomies = json.loads((root / "PCN.json").read_text())
     assert [row["taxonomy_id"] for row in taxonomies] == ["02691156", "arm_chair"]
@@ -114,7 +114,7 @@ def test_pcn_as_its_loaders_read_it(made: Made) -> None:
 
 
 def test_projected_shapenet_as_its_loaders_read_it(made: Made) -> None:
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    o3d = pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
     root = made("projected-shapenet")
     n_pairs = 0
     for split in ("train", "test", "val"):
