@@ -269,13 +269,22 @@ def fan_of(towards: FloatArray, width: float, rng: np.random.Generator) -> Float
 
 
 def ray_disagreements_of(method: str, seed: int, index: int) -> tuple[int, int, int]:
-    """Count, for one scene, rays answered unlike the oracle outside the boundary band, those in it, and all."""
+    """Count, for one scene, rays answered unlike the oracle outside the boundary band, those in it, and all.
+
+    Each ray is asked twice: among all, and among those that begin where it does.
+    """
     mesh, origins, directions = rays_of(seed, index)
     oracle = prepare_oracle(mesh)
     truth = oracle.first_hits(origins, directions)
+    begins, which = np.unique(origins, axis=0, return_inverse=True)
+    wrong = np.zeros(len(directions), dtype=bool)
     with zo.prepare(mesh, method) as occluder:
-        found = occluder.first_hits(origins, directions)
-    close = np.isclose(found.distances, truth.distances, rtol=1e-9, atol=1e-9 * mesh.diagonal)
-    wrong = (found.face_ids != truth.face_ids) | ~close
+        groups = [(origins, np.arange(len(origins)))]
+        groups += [(begins[k : k + 1], np.flatnonzero(which.ravel() == k)) for k in range(len(begins))]
+        for begin, mine in groups:
+            found = occluder.first_hits(begin, directions[mine])
+            near = truth.distances[mine]
+            close = np.isclose(found.distances, near, rtol=1e-9, atol=1e-9 * mesh.diagonal)
+            wrong[mine] |= (found.face_ids != truth.face_ids[mine]) | ~close
     outside = int(oracle.decided_hits(origins[wrong], directions[wrong]).sum()) if wrong.any() else 0
     return outside, int(wrong.sum()) - outside, len(directions)

@@ -46,6 +46,24 @@ def test_many_rays_are_shared_out_among_threads() -> None:
     assert (all_of_them.face_ids == prepare_oracle(mesh).first_hits([[0.1, 0.2, 0.3]], directions).face_ids).all()
 
 
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.2), (3.0, 1.0, 2.0), (300.0, 1.0, 2.0)])
+def test_rays_of_one_origin(origin: tuple[float, float, float]) -> None:
+    """From inside, where a cube's frames meet too, and from outside; directions of sizes that float32 does not know."""
+    mesh = solids.icosphere(3)
+    rng = np.random.default_rng(2)
+    directions = np.concatenate([rng.uniform(-1.0, 1.0, (400, 3)) - origin, rng.integers(-1, 2, (100, 3))])
+    directions = directions[directions.any(axis=1)]
+    directions *= 10.0 ** rng.choice([0.0, 0.0, -60.0, 60.0, -120.0, 65.0], (len(directions), 1))
+    oracle, begin = prepare_oracle(mesh), np.array([origin])
+    with zo.prepare(mesh, "exact") as occluder:
+        found, truth = occluder.first_hits(begin, directions), oracle.first_hits(begin, directions)
+    decided = oracle.decided_hits(np.tile(begin, (len(directions), 1)), directions)
+    assert decided.mean() > 0.7
+    assert (found.face_ids == truth.face_ids)[decided].all()
+    assert (found.distances == truth.distances)[decided].all()
+    assert (found.face_ids >= 0).mean() > 0.5
+
+
 def test_a_mesh_of_no_face_that_blocks() -> None:
     line = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
     with zo.prepare(line, "exact") as occluder:

@@ -101,6 +101,14 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     )
 
 
+def axes_of(eye: FloatArray, farthest: float) -> FloatArray:
+    """Rows x, y, w of the frames that `make_views` places before an eye, scene space, in float64: (1 or 6, 3, 3)."""
+    distances = np.linalg.norm(eye[None], axis=1)
+    if distances[0] > OUTSIDE * farthest:
+        return _look_at(eye[None], distances)[:, :, :3]
+    return _cube(eye[None])[0, :, :, :3]
+
+
 @inner
 def view_of(views, k, frame):
     """Return a frame of eye k as the kernels take it."""

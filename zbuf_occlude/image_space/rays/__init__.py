@@ -1,4 +1,4 @@
-"""The second question: rays to first hits, 16 neighbours from one place side by side, others one by one."""
+"""The second question: rays to first hits; those of one origin as an eye there sees them, others one by one."""
 
 from zbuf_occlude.image_space.rays.cast import find_first_hits
 

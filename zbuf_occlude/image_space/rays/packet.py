@@ -1,211 +1,315 @@
-"""Sixteen rays from one place go down the scene's boxes as one beam; float32 where it is certain, float64 else.
+"""Sixteen rays of one origin against the clusters listed before them, nearest first.
 
-A beam is the pyramid of four planes through the origin around the rays. Boxes and faces outside one of its planes are
-left out, 16 at a time; of each face left, all rays are asked side by side. A face that a ray meets for certain nearer
-than its nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
-`predicates.meeting` does, ray by ray. So faces and distances are the oracle's, ties included.
+Clusters whose rectangles no ray goes through, or that lie behind what stops it, are left out. Where a few rays do, each
+is asked about 16 faces side by side. Where many do, the faces that their own rectangle misses are left out 16 at a
+time, and of each face left all rays are asked side by side. A face that a ray meets for certain nearer than its nearest
+so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer, `predicates.meeting` does,
+ray by ray. So faces and distances are the oracle's, ties included.
 """
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from zbuf_occlude.image_space.layout import CLUSTER, ENDLESS, PACKET, PLANE_ERROR, UPPER, ZERO
-from zbuf_occlude.image_space.rays.beam import AXIS, N_PLANES
-from zbuf_occlude.image_space.rays.single import EDGE_ERROR, MOMENT_ERROR, nearer, push_boxes, push_top
+from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.image_space.layout import (
+    BOTTOM,
+    CLUSTER,
+    EDGES,
+    ENDLESS,
+    LEFT,
+    NEAREST,
+    ONE,
+    PACKET,
+    RIGHT,
+    SETUP_ROWS,
+    TOP,
+    ZERO,
+)
+from zbuf_occlude.image_space.rays.setup import DEPTH, WITHIN, faces_before, slot_of
+from zbuf_occlude.image_space.rays.single import nearer
+from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.lanes import (
     absolute,
-    cross3,
+    count_lanes,
     divide,
-    dot3,
     first_lane,
     greater,
     highest,
+    inlined,
+    inner,
     load,
     load3,
-    maximum,
+    lowest,
     minimum,
+    muladd,
     not_less,
     select,
     splat,
-    splat3,
+    spread,
+    spread3,
     store,
 )
-from zbuf_occlude.predicates import meeting
+from zbuf_occlude.vectors import cross, dot, minus
 
-BEAM_ERROR = np.float32(2e-6)
-"""Of a place's distance from a beam's plane, per reach: two roundings of the place, four of the plane, four of the sum,
-each at most 1.2e-7 reaches."""
-
-SLOPE_ERROR = np.float32(8e-7)
-"""Of direction . unit normal."""
-
-ROUNDED_UP, ROUNDED_DOWN = np.float32(1.0 + 5e-7), np.float32(1.0 - 5e-7)
+ROUNDED = np.float32(5e-7)
+"""Of a g taken from a distance in float64, per 1 + |g|."""
 
 
-@njit(_nrt=False)
-def first_hits_of_packet(scene, beam, stack, state):
-    """Fill in the faces that the rays of a beam meet first, and how many directions away.
+ROUNDED_UP = np.float32(1.000002)
+
+FEW_RAYS = 6
+"""Up to this many rays are asked about the 16 faces of a cluster one after the other; of more, all about a face."""
+
+
+class Window(NamedTuple):
+    """Bounds of x / w and y / w of some rays, and of the w at which they may still meet something."""
+
+    left: np.float32
+    right: np.float32
+    bottom: np.float32
+    top: np.float32
+    farthest: np.float32
+
+
+class State(NamedTuple):
+    """What is known of the rays of a packet, a lane for each.
 
     Parameters
     ----------
-    scene : Scene
-    beam, state : Beam, State
-        As `make_beam` left them.
-    stack : Stack
-        Scratch.
+    coordinates : (2, 16) float32
+        x / w and y / w; the last ray's again where there are fewer.
+    lows, highs : (16,) float32
+        Bounds of g (`rays.setup`) where the nearest face so far is met; `ENDLESS` for none.
+    limits : (16,) float32
+        The largest w that the upper bound stands for.
+    scratch : (2, 16) float32
+    face_ids : (16,) int64
+        That face, -1 for none.
+    fractions : (16,) float64
+        How many directions away it is; -1 where only the bounds are known.
     """
-    n = push_top(scene, stack)
-    limit = ENDLESS
-    while n:
-        n -= 1
-        if stack.nearest[n] > limit:
-            continue
-        level, node = stack.levels[n], stack.nodes[n]
-        if level < 0:
-            if _ask_cluster(scene, beam, node, limit, state):
-                limit = highest(load(state.highs, 0))
-        else:
-            n = _open_group(scene, beam, level, node, limit, stack, n, state.planes)
-    for lane in range(PACKET):
-        if state.face_ids[lane] >= 0 and state.fractions[lane] < 0.0:
-            state.fractions[lane] = _fraction(scene, beam, state, lane)
+
+    coordinates: NDArray[np.float32]
+    lows: NDArray[np.float32]
+    highs: NDArray[np.float32]
+    limits: NDArray[np.float32]
+    scratch: NDArray[np.float32]
+    face_ids: IntArray
+    fractions: FloatArray
 
 
-@njit(_nrt=False)
-def _open_group(scene, beam, level, first, limit, stack, n, planes):
-    """Push the boxes of a group that the beam goes through before `limit`; return the stack's size."""
-    place, stride = scene.level_starts[level] + first, scene.nodes.shape[1]
-    error = BEAM_ERROR * beam.reach
-    n_boxes = min(CLUSTER, scene.level_counts[level] - first)
-    mask = (np.int64(1) << n_boxes) - 1
-    for plane in range(N_PLANES):  # the corner farthest inwards
-        height = splat(planes[plane, 3])
-        for axis in range(3):
-            row = axis + UPPER if planes[plane, axis] >= ZERO else axis
-            height = height + load(scene.nodes, row * stride + place) * splat(planes[plane, axis])
-        mask &= not_less(height, splat(-error))
-    if mask == 0:
-        return n
-    height = splat(planes[AXIS, 3] - error)
-    for axis in range(3):
-        row = axis if planes[AXIS, axis] >= ZERO else axis + UPPER
-        height = height + load(scene.nodes, row * stride + place) * splat(planes[AXIS, axis])
-    mask &= not_less(splat(limit), height)
-    store(stack.lanes, 0, height)
-    return push_boxes(stack, n, mask, level, first)
+def make_state() -> State:
+    """Return an empty `State`."""
+    return State(
+        coordinates=np.empty((2, PACKET), dtype=np.float32),
+        lows=np.empty(PACKET, dtype=np.float32),
+        highs=np.empty(PACKET, dtype=np.float32),
+        limits=np.empty(PACKET, dtype=np.float32),
+        scratch=np.empty((2, PACKET), dtype=np.float32),
+        face_ids=np.empty(PACKET, dtype=np.int64),
+        fractions=np.empty(PACKET),
+    )
 
 
-@njit(_nrt=False)
-def _ask_cluster(scene, beam, cluster, limit, state):
-    """Ask the faces of a cluster that the beam meets before `limit`; return whether any ray's nearest has changed."""
+@inner
+def window_of(coordinates, first, last, farthest):
+    """Return the window of the rays from one to another, of (2, n) coordinates."""
+    left, right, bottom, top = ENDLESS, -ENDLESS, ENDLESS, -ENDLESS
+    for i in range(first, last):
+        x, y = coordinates[0, i], coordinates[1, i]
+        left, right, bottom, top = min(left, x), max(right, x), min(bottom, y), max(top, y)
+    return Window(left, right, bottom, top, farthest)
+
+
+@inner
+def first_hits_of_packet(scene, view, frame, rays, chosen, n_listed, farthest, space, state):
+    """Find the faces that some rays meet first.
+
+    Parameters
+    ----------
+    scene, view, frame
+        The scene, a `View`, and the frame's `Frame`.
+    rays : (origin, directions, face_ids, distances)
+        The caller's, and the answers.
+    chosen : (m,) int32
+        Which of them; at most 16. Their coordinates are in `state`.
+    n_listed, farthest, space
+        The clusters in ``space.listed``, what no w exceeds, the workspace.
+    state : State
+    """
+    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
+    window = Window(lowest(x), highest(x), lowest(y), highest(y), farthest)
+    store(state.lows, 0, splat(ENDLESS))
+    store(state.highs, 0, splat(ENDLESS))
+    store(state.limits, 0, splat(farthest))
+    state.face_ids[:] = -1
+    state.fractions[:] = math.inf
+    limit, active = ENDLESS, (1 << len(chosen)) - 1
+    for j in range(0, n_listed, CLUSTER):
+        found = overlapping(space.listed.rectangles, j, window)
+        if n_listed - j < CLUSTER:
+            found &= (1 << (n_listed - j)) - 1
+        while found:
+            entry = j + first_lane(found)
+            found &= found - 1
+            within = active & _rays_before(space.listed.rectangles, entry, state)
+            if within == 0:
+                continue
+            cluster = space.listed.clusters[entry]
+            slot, changed = slot_of(scene, cluster, view, space), False
+            if count_lanes(within) <= FEW_RAYS:
+                while within:
+                    lane = first_lane(within)
+                    within &= within - 1
+                    changed |= _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state)
+            else:
+                faces = faces_before(scene, cluster, space, slot, window, limit)
+                while faces:
+                    lane = first_lane(faces)
+                    faces &= faces - 1
+                    changed |= _ask_face(scene, frame, rays, chosen, within, cluster, slot, lane, space, state)
+            if changed:
+                highs = load(state.highs, 0)
+                limit, limits = highest(highs), _farthest(frame, highs, farthest)
+                store(state.limits, 0, limits)
+                window = Window(window.left, window.right, window.bottom, window.top, highest(limits))
+    _finish(scene, rays, chosen, state)
+
+
+@inlined
+def _farthest(frame, g, farthest):
+    """Largest w that each g stands for, rounded up; `farthest` where there is none."""
+    zero, one = splat(ZERO), splat(ONE)
+    # -1 / g, or 1 / (1 - g / D)
+    divisor = zero - g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
+    ahead = greater(divisor, zero)
+    w = divide(splat(ROUNDED_UP), select(ahead, divisor, one))
+    return select(ahead, minimum(w, splat(farthest)), splat(farthest))
+
+
+@inlined
+def _rays_before(rectangles, entry, state):
+    """Mask of the rays that go through a listed rectangle and are not stopped before it."""
+    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
+    return (
+        not_less(x, splat(rectangles[LEFT, entry]))
+        & not_less(splat(rectangles[RIGHT, entry]), x)
+        & not_less(y, splat(rectangles[BOTTOM, entry]))
+        & not_less(splat(rectangles[TOP, entry]), y)
+        & not_less(load(state.limits, 0), splat(rectangles[NEAREST, entry]))
+    )
+
+
+@inlined
+def _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state):
+    """Ask a ray about the faces of a cluster; return whether its nearest has changed."""
+    x, y = splat(state.coordinates[0, lane]), splat(state.coordinates[1, lane])
+    base, inside = slot * SETUP_ROWS * CLUSTER, splat(ENDLESS)
+    for edge in range(3):
+        a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+        inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
+    maybe = scene.used[cluster] & not_less(inside, splat(-WITHIN))
+    if maybe == 0:
+        return False
+    row = base + DEPTH * CLUSTER
+    a, b, c = load3(space.setups, row, CLUSTER)
+    g = muladd(x, a, muladd(y, b, c))
+    error = muladd(absolute(g), load(space.setups, row + 4 * CLUSTER), load(space.setups, row + 3 * CLUSTER))
+    low, high = g - error, g + error
+    maybe &= not_less(splat(state.highs[lane]), low)
+    sure = greater(inside, splat(WITHIN)) & ~space.doubtful[slot]
+    store(state.scratch, 0, low)
+    store(state.scratch, PACKET, high)
     changed = False
-    mask = _faces_in_beam(scene, beam, cluster, limit, state.planes)
-    while mask:
-        lane = first_lane(mask)
-        mask &= mask - 1
-        changed |= _ask_face(scene, beam, cluster, lane, state)
+    while maybe:
+        place = first_lane(maybe)
+        maybe &= maybe - 1
+        face = np.int64(scene.face_ids[cluster, place])
+        if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
+            state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
+            state.face_ids[lane], state.fractions[lane] = face, -1.0
+            changed = True
+        elif state.scratch[0, place] <= state.highs[lane]:
+            changed |= _decide(scene, frame, rays, chosen[lane], face, lane, state)
     return changed
 
 
-@njit(_nrt=False)
-def _faces_in_beam(scene, beam, cluster, limit, planes):
-    """Mask of the faces of a cluster that reach into the beam before `limit`."""
-    base, error = cluster * 9 * CLUSTER, BEAM_ERROR * beam.reach
-    a = load3(scene.corners, base, CLUSTER)
-    b = load3(scene.corners, base + 3 * CLUSTER, CLUSTER)
-    c = load3(scene.corners, base + 6 * CLUSTER, CLUSTER)
-    mask = scene.used[cluster]
-    for plane in range(N_PLANES):
-        normal = splat3((planes[plane, 0], planes[plane, 1], planes[plane, 2]))
-        offset = splat(planes[plane, 3])
-        height = maximum(dot3(a, normal, offset), maximum(dot3(b, normal, offset), dot3(c, normal, offset)))
-        mask &= not_less(height, splat(-error))
-    normal = splat3((planes[AXIS, 0], planes[AXIS, 1], planes[AXIS, 2]))
-    offset = splat(planes[AXIS, 3])
-    depth = minimum(dot3(a, normal, offset), minimum(dot3(b, normal, offset), dot3(c, normal, offset)))
-    return mask & not_less(splat(limit), depth - splat(error))
-
-
-@njit(_nrt=False)
-def _ask_face(scene, beam, cluster, place, state):
-    """Ask all rays of a beam about a face; return whether any ray's nearest has changed."""
-    corners, origin = scene.corners[cluster], beam.origin
-    ax, ay, az = corners[0, 0, place], corners[0, 1, place], corners[0, 2, place]
-    bx, by, bz = corners[1, 0, place], corners[1, 1, place], corners[1, 2, place]
-    cx, cy, cz = corners[2, 0, place], corners[2, 1, place], corners[2, 2, place]
-    directions, zero = load3(state.directions, 0, PACKET), splat(ZERO)
-    # the rays' moments about two corners, and from them signed areas with the three edges
-    about_a = cross3(directions, splat3((ax - origin[0], ay - origin[1], az - origin[2])))
-    about_b = cross3(directions, splat3((bx - origin[0], by - origin[1], bz - origin[2])))
-    u = dot3(about_a, splat3((cx - ax, cy - ay, cz - az)), zero)
-    v = dot3(about_a, splat3((ax - bx, ay - by, az - bz)), zero)
-    w = dot3(about_b, splat3((bx - cx, by - cy, bz - cz)), zero)
-    size = abs(cx - ax) + abs(cy - ay) + abs(cz - az) + abs(ax - bx) + abs(ay - by) + abs(az - bz)
-    size = size + abs(bx - cx) + abs(by - cy) + abs(bz - cz)
-    error = splat(EDGE_ERROR * beam.reach * size) + splat(MOMENT_ERROR) * (_extent(about_a) + _extent(about_b))
-    least, most = minimum(u, minimum(v, w)), maximum(u, maximum(v, w))
-    maybe = beam.rays & (not_less(least, zero - error) | not_less(error, most))
+@inlined
+def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, state):
+    """Ask all rays of a packet about a face; return whether any ray's nearest has changed."""
+    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
+    row = slot * SETUP_ROWS * CLUSTER + place
+    inside = splat(ENDLESS)
+    for edge in range(3):
+        a, b, c = spread3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+        inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
+    maybe = within & not_less(inside, splat(-WITHIN))
     if maybe == 0:
         return False
-    sure = maybe & (greater(least, error) | greater(zero - error, most))
-    planes = scene.planes[cluster]
-    nx, ny, nz = planes[0, place], planes[1, place], planes[2, place]
-    height = planes[3, place] - (nx * origin[0] + ny * origin[1] + nz * origin[2])
-    slope = dot3(directions, splat3((nx, ny, nz)), zero)
-    turned = greater(zero, slope)
-    slope, height = absolute(slope), select(turned, splat(-height), splat(height))
-    height_error, slope_error = splat(PLANE_ERROR * beam.reach), splat(SLOPE_ERROR)
-    lows, highs = load(state.lows, 0), load(state.highs, 0)
-    low = divide(height - height_error, slope + slope_error) * splat(ROUNDED_DOWN)
-    high = divide(height + height_error, maximum(slope - slope_error, slope_error)) * splat(ROUNDED_UP)
-    if (scene.weak[cluster] >> place) & 1:
-        sure = np.int64(0)
-    else:
-        steep = greater(slope, slope_error + slope_error)
-        sure &= steep & greater(height, height_error)
-        maybe &= ~(steep & greater(zero - height_error, height))
-        maybe &= ~(greater(height, height_error) & greater(low, highs))
-    nearer_for_certain = sure & maybe & greater(lows, high)
-    if nearer_for_certain:
-        store(state.lows, 0, select(nearer_for_certain, low, lows))
-        store(state.highs, 0, select(nearer_for_certain, high, highs))
+    row += DEPTH * CLUSTER
+    a, b, c = spread3(space.setups, row, CLUSTER)
+    g = muladd(x, a, muladd(y, b, c))
+    error = muladd(absolute(g), spread(space.setups, row + 4 * CLUSTER), spread(space.setups, row + 3 * CLUSTER))
+    low, high, lows, highs = g - error, g + error, load(state.lows, 0), load(state.highs, 0)
+    maybe &= not_less(highs, low)
+    known = ((space.doubtful[slot] >> place) & 1) - 1
+    sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
     face = np.int64(scene.face_ids[cluster, place])
-    doubtful, changed = maybe & ~nearer_for_certain, nearer_for_certain != 0
-    while nearer_for_certain:
-        lane = first_lane(nearer_for_certain)
-        nearer_for_certain &= nearer_for_certain - 1
+    if sure:
+        store(state.lows, 0, select(sure, low, lows))
+        store(state.highs, 0, select(sure, high, highs))
+    doubtful, changed = maybe & ~sure, sure != 0
+    while sure:
+        lane = first_lane(sure)
+        sure &= sure - 1
         state.face_ids[lane], state.fractions[lane] = face, -1.0
     while doubtful:
         lane = first_lane(doubtful)
         doubtful &= doubtful - 1
-        changed |= _decide(scene, beam, face, lane, state)
+        changed |= _decide(scene, frame, rays, chosen[lane], face, lane, state)
     return changed
 
 
-@njit(_nrt=False, forceinline=True)
-def _extent(a):
-    """Sum of the components' sizes, at least the length."""
-    return absolute(a[0]) + absolute(a[1]) + absolute(a[2])
-
-
-@njit(_nrt=False)
-def _decide(scene, beam, candidate, lane, state):
-    """Decide in float64 whether a ray meets a face nearer than its nearest so far; return whether it does."""
+@njit(_nrt=False, error_model="numpy")
+def _decide(scene, frame, rays, i, candidate, lane, state):
+    """Decide in float64 whether ray i meets a face nearer than its nearest so far; return whether it does."""
+    origin, direction = rays[0], rays[1][i]
     face, fraction = state.face_ids[lane], state.fractions[lane]
     if face >= 0 and fraction < 0.0:
-        fraction = _fraction(scene, beam, state, lane)
-    found, nearest = nearer(scene, beam.world_origin, state.world_directions[lane], candidate, face, fraction)
+        fraction = _fraction(scene.world_corners[face], origin, direction)
+    found, nearest = nearer(scene, origin, direction, candidate, face, fraction)
     state.face_ids[lane], state.fractions[lane] = found, nearest
     if found < 0:
         return False
-    distance = nearest * state.units[lane]
-    state.lows[lane] = np.float32(distance) * ROUNDED_DOWN
-    state.highs[lane] = np.float32(distance) * ROUNDED_UP
+    w = nearest * dot(frame.axis, direction) * scene.scale
+    g = -1.0 / w if frame.inside else (1.0 - 1.0 / w) / frame.inverse_away
+    state.lows[lane] = np.float32(g) - ROUNDED * (ONE + np.float32(abs(g)))
+    state.highs[lane] = np.float32(g) + ROUNDED * (ONE + np.float32(abs(g)))
     return found != face
 
 
-@njit(_nrt=False)
-def _fraction(scene, beam, state, lane):
-    """How many directions away a ray meets its nearest face, in float64."""
-    corners = scene.world_corners[state.face_ids[lane]]
-    return meeting(beam.world_origin, state.world_directions[lane], corners[0], corners[1], corners[2])
+@njit(_nrt=False, error_model="numpy")
+def _fraction(corners, origin, direction):
+    """How many directions away a face is that is met for certain: the last lines of `predicates.meeting`."""
+    a = corners[0]
+    n = cross(minus(corners[1], a), minus(corners[2], a))
+    return dot(minus(a, origin), n) / dot(direction, n)
+
+
+@inner
+def _finish(scene, rays, chosen, state):
+    """Write the answers."""
+    origin, directions, face_ids, distances = rays
+    for lane in range(len(chosen)):
+        face = state.face_ids[lane]
+        if face >= 0:
+            i = chosen[lane]
+            d, fraction = directions[i], state.fractions[lane]
+            if fraction < 0.0:
+                fraction = _fraction(scene.world_corners[face], origin, d)
+            face_ids[i] = face
+            distances[i] = fraction * math.sqrt(dot(d, d))

@@ -59,12 +59,12 @@ def _search_view(scene, points, frame, chunks, workspace, answer):
     view, space = reference(frame), reference(workspace)
     if view.near > ZERO and view.number % 6 == 0:
         hide_near_points(scene, points, view, chunks[0], chunks[1], answer)
-    _project_nodes(scene, view, space)
+    project_nodes(scene, view, space)
     search_chunks(scene, points, view, chunks, space, answer)
 
 
 @inner
-def _project_nodes(scene, view, space):
+def project_nodes(scene, view, space):
     """Fill ``space.rectangles``; those of the padding are empty."""
     project_boxes(
         scene.nodes, scene.level_starts[0], scene.nodes.shape[1], view, COORDINATE_ERROR * view.reach, space.rectangles

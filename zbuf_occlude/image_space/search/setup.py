@@ -78,24 +78,25 @@ def _set_up(scene, cluster, view, space, slot):
     """Fill in what the workspace has of a slot."""
     base, used = cluster * 9 * CLUSTER, scene.used[cluster]
     corners = (
-        _project_corner(scene, base, view),
-        _project_corner(scene, base + 3 * CLUSTER, view),
-        _project_corner(scene, base + 6 * CLUSTER, view),
+        project_corner(scene, base, view),
+        project_corner(scene, base + 3 * CLUSTER, view),
+        project_corner(scene, base + 6 * CLUSTER, view),
     )
-    below, doubtful = _set_up_planes(scene, cluster, view, space, slot)
+    below, doubtful = set_up_planes(scene, cluster, view, space, slot)
     space.doubtful[slot] = doubtful
-    _set_up_edges(corners, below, doubtful, view, space, slot)
+    set_up_edges(corners, below, doubtful, view, space, slot)
     _bound(corners, used, view, space, slot)
 
 
 @inlined
-def _project_corner(scene, base, view):
+def project_corner(scene, base, view):
+    """Homogeneous coordinates of a corner of 16 faces, which begins at a flat index of the scene's."""
     x, y, z = load3(scene.corners, base, CLUSTER)
     return transform(view.matrix, x, y, z)
 
 
 @inlined
-def _set_up_planes(scene, cluster, view, space, slot):
+def set_up_planes(scene, cluster, view, space, slot):
     """Write planes, turned so that the eye is on their positive side.
 
     Returns
@@ -119,7 +120,7 @@ def _set_up_planes(scene, cluster, view, space, slot):
 
 
 @inlined
-def _set_up_edges(corners, below, doubtful, view, space, slot):
+def set_up_edges(corners, below, doubtful, view, space, slot):
     """Write edge functions P . (A x (B - A)), turned like the planes, in units of their error."""
     a, b, c = corners
     one, zero, endless = splat(ONE), splat(ZERO), splat(ENDLESS)
