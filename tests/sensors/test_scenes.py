@@ -153,7 +153,9 @@ def test_sizes() -> None:
     with pytest.raises(zo.OptionError, match=r"every class must have a size in metres; 'gizmo' has none\. Give --size"):
         size_of("gizmo", {}, 1.0)
     for wrong in ("car=", "car=-1", "=3", "car=x", "0", "nan"):
-        with pytest.raises(zo.OptionError, match="--size must be 'file', metres from 0.001 to 100000, or CLASS=metres"):
+        with pytest.raises(
+            zo.OptionError, match=r"--size must be 'file', metres from 0\.001 to 100000, or CLASS=metres"
+        ):
             parse_sizes(wrong)
 
 
