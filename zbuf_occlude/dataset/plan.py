@@ -196,7 +196,8 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: arrays that they share, and no document, which would name every mesh anew."""
-        sent = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups")
+        dealt_once = ("classes", "fingerprint", "split_of", "groups", "shards", "parts")
+        sent = ("meshes", "recipe", "format", "views", *dealt_once)
         return {name: getattr(self, name) for name in sent}
 
     @cached_property
