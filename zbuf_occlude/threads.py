@@ -30,7 +30,7 @@ def take(typing_context, tasks):
 
 @njit(_nrt=False)
 def take_block(tasks, n, size):
-    """Return the first and the last but one of the next `size` of n things, the two being equal when none is left."""
+    """Return where the next `size` of n things begin and end; the two are equal when none is left."""
     first = min(take(tasks) * size, n)
     return first, min(first + size, n)
 
