@@ -1,4 +1,4 @@
-"""Every method of the table against Embree, over numbers of faces and points: milliseconds a view, errors, growth.
+"""Every method of the table against Embree, over numbers of faces and points: milliseconds per view, errors, growth.
 
     python benchmarks/all_methods.py [--faces 340 2600 19000 31000 1000000] [--points 2000 10000 50000 500000 1000000]
                                      [--seconds 1.5] [--rounds 3] [--json FILE]
@@ -180,7 +180,7 @@ def main() -> None:
     options = parser.parse_args()
     cells: dict[tuple[int, int], dict[str, Any]] = {}
     with GlContext.open() as gl:
-        print(f"{gl.renderer}\n\n| faces | points | method | ms a view | x {PEER} | wrong | eyes |\n|" + " --- |" * 7)
+        print(f"{gl.renderer}\n\n| faces | points | method | ms per view | x {PEER} | wrong | eyes |\n|" + " --- |" * 7)
         for n_faces in options.faces:
             mesh = mesh_of(n_faces)
             for n_points in options.points:

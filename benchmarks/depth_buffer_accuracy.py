@@ -71,7 +71,7 @@ def main() -> None:
         print(f"{gl.renderer}, {options.points:,} points\n")
         print(
             "| mesh | faces | agreement, `refine=none` | false visible / hidden | agreement, `refine=witness` "
-            "| false visible / hidden | ms a view, none | witness | ratio | truth against oracle |"
+            "| false visible / hidden | ms per view, none | witness | ratio | truth against oracle |"
         )
         print("| --- |" + " ---: |" * 9)
         for name, mesh in meshes(options.data).items():

@@ -87,7 +87,7 @@ def peak_flops(gl: GlContext) -> float:
 
 
 def peak_bytes(gl: GlContext) -> float:
-    """Measured bytes a second, read and written together."""
+    """Measured bytes per second, read and written together."""
     rows, columns = 64, 1024
     size = rows * columns * 64 * 16
     program = compile_program(gl.ctx, "stream.comp")
@@ -269,7 +269,8 @@ def main() -> None:
             row = rows[name] = run_method(name, gl, mesh, points, eyes, options.repeats)
             print(
                 f"{name:14} {row['answers_per_second_call']:.3g} answers/s whole call, "
-                f"{row['answers_per_second_gpu']:.3g} on the GPU; {row['call_seconds'] / n_eyes * 1e3:.3g} ms a view; "
+                f"{row['answers_per_second_gpu']:.3g} on the GPU; "
+                f"{row['call_seconds'] / n_eyes * 1e3:.3g} ms per view; "
                 f"{row['wrong_outside_band']} of {row['checked']} wrong outside the band"
             )
         spent = call_parts(gl, mesh, points, eyes)
@@ -289,7 +290,7 @@ def main() -> None:
         shapes = []
         for shape in SHAPES if options.shapes else ():
             shapes.append(run_shape(shape, gl, mesh, points, eyes, options.repeats))
-            print(f"{shape}: {shapes[-1]['gpu_seconds'] / n_eyes * 1e3:.3g} ms a view on the GPU")
+            print(f"{shape}: {shapes[-1]['gpu_seconds'] / n_eyes * 1e3:.3g} ms per view on the GPU")
         report = {
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "machine": platform.machine(),

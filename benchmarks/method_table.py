@@ -61,7 +61,7 @@ def main() -> None:
         if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
             raise SystemExit(code)
         known = {standing.subject: standing for standing in standings(Store(out).rows().values())}
-    print("| method | wrong answers | ms a view | take it |\n| --- | ---: | ---: | --- |")
+    print("| method | wrong answers | ms per view | take it |\n| --- | ---: | ---: | --- |")
     for name, subjects, when in ROWS:
         found = [known.get(subject.label) for subject in subjects]
         if any(found):

@@ -1,4 +1,4 @@
-"""How many occluded clouds a second `OnTheFlyOcclusion` gives one core: python benchmarks/on_the_fly.py
+"""How many occluded clouds per second `OnTheFlyOcclusion` gives one core: python benchmarks/on_the_fly.py
 
 Built-in shapes of 2,000 to 5,000 faces, one thread; per second of wall clock and, for busy machines, of CPU time.
 "again": the mesh is known; "first": cleaning and preparing it are in the time. "worker": through a DataLoader of one

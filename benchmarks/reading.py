@@ -1,4 +1,4 @@
-"""How fast text formats are read, MB of file a second on one core: python benchmarks/reading.py FOLDER [--json FILE]
+"""How fast text formats are read, MB of file per second on one core: python benchmarks/reading.py FOLDER [--json FILE]
 
 FOLDER: mesh files. All its OBJ and OFF files as they are; the largest mesh of them written anew as OFF, OBJ, ASCII PLY,
 ASCII STL, with six decimals and with all digits. "lines": the scanner alone (`meshes/text.py`); "polygons": the reader
@@ -78,7 +78,7 @@ def main() -> None:
                 path.write_bytes(spelt(mesh, suffix, number))
                 sets[f"{suffix} {name}"] = [path]
         print(
-            f"{largest.name}: {len(mesh.faces):,} faces\n\n{'MB a second':<22}{'lines':>8}{'polygons':>10}{'mesh':>8}"
+            f"{largest.name}: {len(mesh.faces):,} faces\n\n{'MB per second':<22}{'lines':>8}{'polygons':>10}{'mesh':>8}"
         )
         for name, paths in sets.items():
             rows.append({"set": name, **rates(paths)})

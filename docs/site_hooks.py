@@ -1,4 +1,4 @@
-"""What mkdocs does beside turning pages: it makes the gallery of docs/gallery.md"""
+"""What mkdocs does besides turning pages: it makes the gallery of docs/gallery.md"""
 
 import shutil
 import subprocess

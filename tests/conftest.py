@@ -69,7 +69,7 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Say what was left out, beside what was skipped."""
+    """Say what was left out, besides what was skipped."""
     if names := config.stash.get(LEFT_OUT, []):
         terminalreporter.write_line(f"LEFT OUT [{len(names)}] long; .ci/run has them: python -m pytest -m long")
         for name in names:

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "zbuf_occlude"
 FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
-    # from the ground up; a room may import itself, every lower floor, and what its row names beside it
+    # from the ground up; a room may import itself, every lower floor, and what its row names besides
     {"errors": set(), "kernels": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
     {
         "arrays": set(),

@@ -119,7 +119,7 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
     positions : (m, 3) float
         World space; a mesh's vertices, or those of its convex hull.
     margin : float
-        Widen every side by so much, as a fraction of the opening; 2 / resolution leaves two pixels free all round.
+        Widen every side by this much, as a fraction of the opening; 2 / resolution leaves two pixels free all round.
 
     Returns
     -------

@@ -97,7 +97,7 @@ class GivenUp(NamedTuple):
 def resident_gigabytes(pid: int) -> float:
     """Read the resident memory of a process off /proc; 0 when it has just ended."""
     try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1])
     except (OSError, IndexError):
         return 0.0
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9

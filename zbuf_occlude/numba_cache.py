@@ -41,7 +41,7 @@ def forget_stale() -> None:
         then = _read(note)
         if then.get("status") == status:
             return
-        now = _digests({Path(path): Path(path).read_text(errors="replace") for path in _files()})
+        now = _digests({Path(path): Path(path).read_text(encoding="utf-8", errors="replace") for path in _files()})
         for source, digest in now.items():
             if then.get(str(source)) == digest:
                 continue

@@ -107,4 +107,5 @@ def _forget_helpers() -> None:
     _pool = None
 
 
-os.register_at_fork(after_in_child=_forget_helpers)
+if hasattr(os, "register_at_fork"):  # Windows never forks
+    os.register_at_fork(after_in_child=_forget_helpers)

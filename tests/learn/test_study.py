@@ -82,7 +82,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def able(folder: Path) -> int:
-    """Methods that can run here beside the exact one."""
+    """Methods that can run here besides the exact one."""
     return 2 - len(read_study(folder)["missing_methods"])
 
 

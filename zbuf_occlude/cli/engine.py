@@ -21,7 +21,7 @@ def engine_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """--workers, --engine, --ray-address, --ray-gpus."""
     for option in reversed(
         (
-            click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one a core]"),
+            click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
             click.option(
                 "--engine",
                 type=click.Choice(["local", "ray"]),

@@ -83,7 +83,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice([row.name for row in PRESETS]),
     is_eager=True,
     callback=use_preset,
-    help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given beside it override it.",
+    help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given with it override it.",
 )
 @method_options(also=(AUTO,))
 @scan_options(SURFACE)
@@ -134,7 +134,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
 )
 @with_option(
-    "What points have beside their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
+    "What points have besides their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
     "PLY, glTF (grey where there are none)."
 )
 @up_option

@@ -237,7 +237,7 @@ class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter be
 
 
 def with_option(help: str) -> Callable[[Any], Any]:
-    """--with: what points have beside their positions; handed on as `attributes`."""
+    """--with: what points have besides their positions; handed on as `attributes`."""
     return click.option(
         "--with",
         "attributes",

@@ -24,7 +24,7 @@ def summary(folder: Path) -> str:
     ranking = standings(row for row in Store(folder).rows().values() if row["suite"] == "meshes")
     if not ranking:
         return "no meshes were compared; the report has the presets' tables"
-    lines = [f"{'method':44} {'wrong':>9} {'ms a view':>10}"]
+    lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
     for one in representatives(ranking):
         time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
         lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>10}")

@@ -41,7 +41,7 @@ from zbuf_occlude.visibility import find_method
 @click.option("--points", type=click.IntRange(1), default=50_000, show_default=True, help="Sampled before HSR.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @with_option(
-    "Columns beside x, y, z: nx, ny, nz, which PLY has anyway, and red, green, blue, of meshes in OBJ, PLY, glTF."
+    "Columns besides x, y, z: nx, ny, nz, which PLY has anyway, and red, green, blue, of meshes in OBJ, PLY, glTF."
 )
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")

@@ -143,7 +143,7 @@ def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[A
     seconds = one_view(n)
     while n < n_all:
         larger = min(10 * n, n_all)
-        growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds a point: none where faces alone cost
+        growth = max(0.0, seconds - before) / max(1, n - fewer)  # seconds per point: none where faces alone cost
         if seconds + growth * (larger - n) > allowed:
             break
         fewer, before, n = n, seconds, larger
@@ -171,7 +171,7 @@ def warm(method: str, options: dict[str, Any], gl: Any) -> None:
 def _status(name: str) -> int:
     """A field of the process's status in bytes; 0 where the system has none."""
     try:
-        with open("/proc/self/status") as file:
+        with open("/proc/self/status", encoding="utf-8") as file:
             for line in file:
                 if line.startswith(name):
                     return int(line.split()[1]) * 1024
@@ -191,7 +191,7 @@ def _peak() -> int:
 def _forget_peak() -> None:
     """Let the peak start again from what is resident now; where that is not allowed peaks only grow."""
     try:
-        with open("/proc/self/clear_refs", "w") as file:
+        with open("/proc/self/clear_refs", "w", encoding="utf-8") as file:
             file.write("5")
     except OSError:
         pass

@@ -116,7 +116,7 @@ def pareto(ranking: Sequence[Standing]) -> Figure:
     plain_axis(axes.xaxis)
     low, high = axes.get_xlim()
     axes.set_xlim(low / 1.3, high * 1.3)
-    axes.set_xlabel("milliseconds a view (geometric mean over the meshes)", fontsize=10)
+    axes.set_xlabel("milliseconds per view (geometric mean over the meshes)", fontsize=10)
     axes.set_ylabel("wrong answers outside the boundary band", fontsize=10)
     label_points(figure, axes, [(place[s.subject], brief(s.subject), colour(s.method)) for s in ranking])
     return figure
@@ -302,7 +302,7 @@ def time_against_size(rows: Sequence[Row]) -> Figure:
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel(f"number of {sweep}", fontsize=10, x=0.25)
         every_label.append((axes, labels))
-    all_axes[0].set_ylabel("milliseconds a view", fontsize=10)
+    all_axes[0].set_ylabel("milliseconds per view", fontsize=10)
     for axes, labels in every_label:
         label_points(figure, axes, labels, SIDES[:1])
     return figure

@@ -101,7 +101,7 @@ def opening(rows: Sequence[Row], ranking: Sequence[Standing]) -> list[str]:
         least = next((s for s in ranking if s.method == "depth_buffer"), None)
         finding = (
             f"**`{best.subject}`** was right in all {best.pairs:,} judged answers and took "
-            f"{milliseconds(best.seconds)} ms a view"
+            f"{milliseconds(best.seconds)} ms per view"
         )
         if least and least.wrong > 0:
             finding += f"; the best depth buffer errs {share(least.wrong)} in {milliseconds(least.seconds)} ms"

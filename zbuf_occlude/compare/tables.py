@@ -103,7 +103,7 @@ def answer(ranking: Sequence[Standing]) -> Table:
         ]
         for one in representatives(ranking)
     ]
-    return Table("", ["method", "wrong", "ms a view", "use it"], rows, last_is_text=True)
+    return Table("", ["method", "wrong", "ms per view", "use it"], rows, last_is_text=True)
 
 
 def approximately(one: Standing) -> str:
@@ -137,7 +137,7 @@ def all_subjects(ranking: Sequence[Standing]) -> Table:
         "false hidden",
         "in the band",
         "Chamfer",
-        "ms a view",
+        "ms per view",
         "ms to prepare",
     ]
     return Table(

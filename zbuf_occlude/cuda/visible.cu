@@ -22,7 +22,7 @@
 
 struct Vector { double x, y, z; };
 
-// What a launch is given beside its arrays; the twin of mesh_tree.PARAMETERS.
+// What a launch is given besides its arrays; the twin of mesh_tree.PARAMETERS.
 struct Parameters {
     double centre[3], scale, contact;
     long long n_points, n_eyes;

@@ -99,7 +99,7 @@ def read_manifest(out: Path) -> dict[str, Any] | None:
 
 def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
     """Read a JSON object that has what it must have; else raise what `damage.reading` puts into words."""
-    document: dict[str, Any] = json.loads(path.read_text())
+    document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     _check_kinds(document, kinds, "it")
     return document
 

@@ -9,7 +9,7 @@ A shard is a ZIP archive; any language reads it. For mesh 17 of the plan and its
                         centre, longest_side; blind: for each variation the views that see nothing
     000017/2.steps      q of all points, three 16-bit integers each (`zbuf_occlude.dataset.packing`)
     000017/2.faces      the face each point lies on
-    000017/2.visible    for each view of the plan a row of bits, one a point
+    000017/2.visible    for each view of the plan a row of bits, one per point
     000017/2.normals    with `Recipe.attributes`: unit normals, as the faces are wound, three floats each
     000017/2.colors     likewise: red, green, blue
 

@@ -95,7 +95,7 @@ def unpack_colors(content: bytes, n_points: int) -> NDArray[np.uint8]:
 
 
 def pack_mask(mask: BoolArray) -> bytes:
-    """Pack a mask (k, n): a row of ceil(n / 8) bytes a view, the first point in the highest bit."""
+    """Pack a mask (k, n): a row of ceil(n / 8) bytes per view, the first point in the highest bit."""
     return np.packbits(mask, axis=1).tobytes()
 
 

@@ -27,7 +27,7 @@ SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
-"""What points may have beside their positions."""
+"""What points may have besides their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 5
@@ -79,7 +79,7 @@ class Recipe:
     frame : str
         "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
-        What points have beside their positions: "normals", of their faces, and "colors", of meshes loaded with them.
+        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None

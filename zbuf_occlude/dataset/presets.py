@@ -1,4 +1,4 @@
-"""Published datasets as data: which meshes, which options of `generate`, what beside the occluded clouds."""
+"""Published datasets as data: which meshes, which options of `generate`, what besides the occluded clouds."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

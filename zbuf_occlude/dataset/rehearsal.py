@@ -58,7 +58,7 @@ def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a plain recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     with tempfile.TemporaryDirectory() as place:
         path = Path(place, "pyramid.obj")
-        path.write_text(_PYRAMID)
+        path.write_text(_PYRAMID, encoding="utf-8")
         small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
         run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), None)
     numba_cache.note_compiled(recipe.method)

@@ -18,7 +18,7 @@ from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 POINTS_PER_CLOUD = 64
 """Of each cloud that is checked this many points are asked of the oracle."""
 ROUNDING = 0.002
-"""What rounding the positions may add to the fraction of false visible, beside what lies in the boundary band."""
+"""What rounding the positions may add to the fraction of false visible, besides what lies in the boundary band."""
 DEVIATIONS = 5.0
 """A measured fraction may be this many standard deviations above the manifest's."""
 

@@ -45,7 +45,7 @@ class Atlas:
     Notes
     -----
     moderngl knows depth textures of 24 bits only and no reversed depth, so the few calls that this takes are OpenGL's
-    own. Depth is reversed (`tiles.Pictures`) and in 32-bit floats. Takes 4 bytes a pixel, 8 with faces.
+    own. Depth is reversed (`tiles.Pictures`) and in 32-bit floats. Takes 4 bytes per pixel, 8 with faces.
     """
 
     def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:

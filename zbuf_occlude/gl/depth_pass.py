@@ -37,7 +37,7 @@ class DepthPass:
 
     Notes
     -----
-    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes a pixel, 8 with ids.
+    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes per pixel, 8 with ids.
     """
 
     def __init__(
@@ -82,8 +82,8 @@ class DepthPass:
 def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffers:
     """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
 
-    Takes 12 bytes a vertex and 72 bytes a face. A flat shader input takes the value of a face's last vertex, so each
-    face gets one of its own: the first f vertices, in the faces' order.
+    Takes 12 bytes per vertex and 72 bytes per face. A flat shader input takes the value of a face's last vertex, so
+    each face gets one of its own: the first f vertices, in the faces' order.
     """
     positions = positions.astype(np.float32)
     corners = np.zeros((len(faces), 3, 4), dtype=np.float32)

@@ -108,8 +108,8 @@ class ExactPass:
 
     Notes
     -----
-    GPU memory: 141 bytes a face, 48 bytes a point, and while it answers at most 256 MiB, whatever the number of eyes.
-    No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
+    GPU memory: 141 bytes per face, 48 bytes per point, and while it answers at most 256 MiB, whatever the number of
+    eyes. No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ Shapes = tuple[tuple[float, Shape], ...]
 """Points a face from which on a shape is the best, and the shape; the last from 0 on."""
 
 SOFTWARE: Shapes = ((0.4, Shape(8, 16, 1, 24)), (0.05, Shape(8, 1, 2, 24)), (0.0, Shape(8, 1, 8, 24)))
-"""For llvmpipe: one vector to a group, and many points a thread to make up for its slow shared memory."""
+"""For llvmpipe: one vector to a group, and many points per thread to make up for its slow shared memory."""
 
 HARDWARE: Shapes = (
     (20.0, Shape(32, 2, 1, 16)),

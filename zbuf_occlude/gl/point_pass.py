@@ -40,7 +40,7 @@ class UploadedPoints:
 
     Notes
     -----
-    GPU memory: 32 bytes a point.
+    GPU memory: 32 bytes per point.
     """
 
     def __init__(self, gl: GlContext, points: PointData) -> None:

@@ -1,4 +1,4 @@
-"""TrainConfig: everything that decides a training, beside the clouds."""
+"""TrainConfig: everything that decides a training, besides the clouds."""
 
 import re
 from dataclasses import asdict, dataclass

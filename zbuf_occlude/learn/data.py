@@ -67,7 +67,7 @@ class CloudSet:
         columns: dict[str, NDArray[Any]] = {"labels": labels, "object_ids": object_ids, "elevations": elevations}
         for name, column in columns.items():
             if column.shape != (len(positions),):
-                raise ArgumentError(f"{name} must be ({len(positions)},), one a cloud; got {describe(column)}.")
+                raise ArgumentError(f"{name} must be ({len(positions)},), one per cloud; got {describe(column)}.")
             object.__setattr__(self, name, column)
         if len(labels) and not 0 <= labels.min() <= labels.max() < len(self.classes):
             raise ArgumentError(

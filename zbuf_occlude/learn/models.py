@@ -25,7 +25,7 @@ class Model:
     factory : str
         "module:class", imported when it is built.
     options : mapping
-        Passed to the class beside the number of classes.
+        Passed to the class besides the number of classes.
     """
 
     name: str

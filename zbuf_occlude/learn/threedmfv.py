@@ -64,7 +64,7 @@ class ThreeDmFV(Classifier):
     def __init__(self, n_classes: int, n_gaussians: int = 8, n_filters: int = 64) -> None:
         super().__init__(n_classes)
         if n_gaussians < 5:
-            raise OptionError(f"n_gaussians must be at least 5 a side; got {n_gaussians}.")
+            raise OptionError(f"n_gaussians must be at least 5 per side; got {n_gaussians}.")
         if n_filters < 2 or n_filters % 2:
             raise OptionError(f"n_filters must be even and at least 2; got {n_filters}.")
         self.n_gaussians = n_gaussians

@@ -68,7 +68,7 @@ def load_mesh(
     -------
     Mesh
         Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
-        polygons, before they were cut into triangles. `dropped` counts, beside what `Mesh.cleaned` dropped,
+        polygons, before they were cut into triangles. `dropped` counts, besides what `Mesh.cleaned` dropped,
         "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
         uses; all other vertices stay, in their order, used or not).
 

@@ -45,7 +45,7 @@ class Element:
 
 @dataclass
 class Columns:
-    """What was read of an element: scalars (rows,), and one list as values end to end and their number a row."""
+    """What was read of an element: scalars (rows,), and one list as values end to end and their number per row."""
 
     scalars: dict[str, NDArray[Any]]
     values: NDArray[Any]

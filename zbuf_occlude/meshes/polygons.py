@@ -15,7 +15,7 @@ from zbuf_occlude.vectors import cross, dot, minus
 
 Ints = NDArray[np.int64]
 
-_ROUNDING = 1e-12  # a fan's triangle may be turned over by so much of the polygon's area: collinear corners
+_ROUNDING = 1e-12  # a fan's triangle may be turned over by this much of the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
 _MOST_EARS = 50_000
 """Corners of a polygon that is cut by ears: one that crosses itself takes their square, then some ten seconds, in

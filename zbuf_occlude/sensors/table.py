@@ -62,7 +62,7 @@ ROWS: tuple[Row, ...] = (
         "Velodyne HDL-32E, 32 lasers from -30.67 to 10.67 degrees",
         {
             "lasers": (HDL_32E, f"{_CALIBRATION} (32db)"),
-            "columns": (2180, "0.165 degrees: 1.39 million points a second at 20 turns of two returns, " + _SHEET),
+            "columns": (2180, "0.165 degrees: 1.39 million points per second at 20 turns of two returns, " + _SHEET),
             "range_min": (0.9, _ASSUMED + ", as HDL-64E"),
             "range_max": (100.0, _SHEET),
             "sigma": (0.0067, "a published model of a vehicle simulator"),

@@ -43,7 +43,7 @@ def prepare(
     resolution : int
         Pixels along a side of the depth buffer, which is fitted to the mesh.
     tolerance : float
-        A point may be so much deeper than the buffer and is still visible; a fraction of the mesh's diagonal.
+        A point may be this much deeper than the buffer and is still visible; a fraction of the mesh's diagonal.
     slope_bias : float
         With ``refine="none"`` added to it: this many times the depth that the point's own plane gains from one pixel to
         the next. "witness" needs none: it evaluates that plane at the pixels' centres.

@@ -24,7 +24,7 @@ def depth_test(
     points : SurfacePoints
         n points, world space.
     tolerance : float
-        A point may be so much deeper than the image and is still visible; world units.
+        A point may be this much deeper than the image and is still visible; world units.
     slope_bias : float
         Added to it: this many times the depth that the point's own plane gains from one pixel to the next.
 

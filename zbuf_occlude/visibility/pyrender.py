@@ -54,7 +54,7 @@ def prepare(
     resolution : int
         Pixels along a side of the depth image.
     tolerance : float
-        A point may be so much deeper than the image and is still visible; a fraction of the mesh's diagonal.
+        A point may be this much deeper than the image and is still visible; a fraction of the mesh's diagonal.
     slope_bias : float
         Added to it: this many times the depth that the point's own plane gains from one pixel to the next.
 

@@ -7,7 +7,7 @@ A format's module has three functions:
         -> list of str                                    folder, each file whole or not at all; returns the names
     read(out, plan, files) -> Source                      reads them back, when and as far as they are asked for
 
-and, where it has something beside the clouds, its loaders have numbers in their code, or a package is needed, two more:
+and, where it has more than the clouds, its loaders have numbers in their code, or a package is needed, two more:
 
     finish(out, plan, names, n_clouds)                    writes lists and the like, given all names and the numbers of
         -> dict of split to file names                    clouds by split; returns the files that `read` is to have
@@ -138,7 +138,7 @@ class Format:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds a file", ragged=True),
+    Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file", ragged=True),
     Format(
         "packed",
         "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",

@@ -1,4 +1,4 @@
-"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds a file, listed in train_files.txt.
+"""The PointNet layout: ply_data_train0.h5 and so on, 2,048 clouds per file, listed in train_files.txt.
 
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """

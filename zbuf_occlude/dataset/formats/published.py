@@ -1,6 +1,6 @@
 """What the layouts of published benchmarks share: names of classes and objects, whole objects, and what they lack.
 
-Such a layout holds points and little else. What a record holds beside them (view, pose, face ids, ...) goes into one
+Such a layout holds points and little else. What a record holds besides them (view, pose, face ids, ...) goes into one
 more file per split, ``clouds_SPLIT.npy`` (one per part, where workers write a layout in parts), a row per cloud in the
 order of writing. Published loaders do not look at it;
 with it a dataset in such a layout is read back, verified and shown like any other.
@@ -124,7 +124,7 @@ def rest_name(split: str, number: int | None = None) -> str:
 
 
 def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe, number: int | None = None) -> str:
-    """Write what records hold beside their points, part by part as `parts` yields them; return the file's name."""
+    """Write what records hold besides their points, part by part as `parts` yields them; return the file's name."""
     kind, name = _rest_type(recipe), rest_name(split, number)
 
     def fill(file: IO[bytes]) -> None:
@@ -210,7 +210,7 @@ def read_cloud_files(
 
 
 def without_points(records: Records, recipe: Recipe) -> Records:
-    """Return what records hold beside their points."""
+    """Return what records hold besides their points."""
     rest: Records = np.empty(len(records), _rest_type(recipe))
     for name in rest.dtype.names or ():
         rest[name] = records[name]

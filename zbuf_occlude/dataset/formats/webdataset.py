@@ -1,4 +1,4 @@
-"""Tar shards for streaming, as WebDataset reads them: train-000000.tar and so on, 2,048 clouds a shard.
+"""Tar shards for streaming, as WebDataset reads them: train-000000.tar and so on, 2,048 clouds per shard.
 
 A cloud NUMBER consists of
 

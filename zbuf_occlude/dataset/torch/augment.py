@@ -1,6 +1,6 @@
 """The paper's augmentations (4.3): rotation about the vertical axis, scaling, jitter; (n, 3 or more) tensor to tensor.
 
-Columns after the third are what points have beside their positions, and stay, but for normals.
+Columns after the third are what points have besides their positions, and stay, but for normals.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The mesh as the search takes it: float32 coordinates about its centre, 16 faces a row, boxes in levels of 16."""
+"""The mesh as the search takes it: float32 coordinates about its centre, 16 faces per row, boxes in levels of 16."""
 
 from typing import NamedTuple
 

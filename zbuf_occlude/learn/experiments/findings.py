@@ -40,7 +40,7 @@ from zbuf_occlude.learn.experiments.tables import (
 )
 
 MUCH = 0.05
-"""Five points of percent: what "loses much" is taken to mean; the paper's two models lose 7 and 36."""
+"""Five percentage points: what "loses much" is taken to mean; the paper's two models lose 7 and 36."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def table_of_findings(results: Sequence[Result]) -> Table:
         ],
         body,
         "C1 is trained on occluded clouds, C2 on complete ones, C3 on both. "
-        "Points of percent; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
+        "Percentage points; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
         f"difference is at least {100 * MUCH:.0f} for the first two, at least 0 for the others; not decided: within "
         f"the standard error of the mean.{_how_often(mine)}",
         texts=2,
@@ -208,7 +208,7 @@ def _of_elevation(results: Sequence[Result]) -> str:
         )
         parts.append(f"{printed(model)} {lost} (the paper {percent([lost_at_zero(published_curve(model))])})")
     return (
-        "Points of percent lost at the elevation 0 against ±10, with the paper's split and with objects held out: "
+        "Percentage points lost at the elevation 0 against ±10, with the paper's split and with objects held out: "
         + "; ".join(parts)
         + "."
     )

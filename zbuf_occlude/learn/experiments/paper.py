@@ -23,7 +23,7 @@ TABLE_3B: dict[tuple[str, int], dict[int, tuple[float, float, float, float]]] = 
     ("voxnet", 12_000): {1: (81.0, 76.3, 37.5, 66.7), 2: (82.0, 45.9, 0.0, 0.0), 3: (87.5, 79.7, 20.5, 38.1)},
     ("threedmfv", 12_000): {1: (87.0, 95.2, 77.3, 42.9), 2: (88.5, 81.3, 17.1, 19.1), 3: (89.5, 95.7, 63.6, 38.1)},
 }
-"""By model and points a cloud, for each training set: Test 1, Test 2, and of Test 3 the classes car and 4wd."""
+"""By model and points per cloud, for each training set: Test 1, Test 2, and of Test 3 the classes car and 4wd."""
 
 TABLE_3B_FEWER: dict[tuple[str, int], dict[int, tuple[float, float]]] = {
     ("threedmfv", 1_024): {1: (88.6, 66.7), 2: (36.4, 42.9), 3: (76.1, 81.0)},

@@ -84,7 +84,7 @@ def accuracy_against_elevation(results: Sequence[Result], areas: dict[str, Any] 
 
 
 def training_sets(results: Sequence[Result]) -> Figure:
-    """Accuracy in Test 1 and Test 2 by training set: a bar a mean, a dot a seed, a line for the paper's number."""
+    """Accuracy in Test 1 and Test 2 by training set: a bar per mean, a dot per seed, a line for the paper's number."""
     mine = of(results, AUGMENTATION)
     kinds = [
         (model, n_points, budget)
@@ -127,7 +127,7 @@ def _names(kinds: Sequence[tuple[str, int, str]]) -> list[list[str]]:
 
 
 def methods(results: Sequence[Result]) -> Figure:
-    """Accuracy of classifiers trained on the clouds of each method, on those of each: a bar a mean, a dot a seed."""
+    """Accuracy of classifiers trained on the clouds of each method, on those of each: means as bars, seeds as dots."""
     models = models_of(results, HSR)
     figure = Figure(figsize=(11.0, 3.6), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)

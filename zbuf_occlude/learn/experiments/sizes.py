@@ -1,4 +1,4 @@
-"""How large a study is: everything that decides its numbers, beside the objects and the scans."""
+"""How large a study is: everything that decides its numbers, besides the objects and the scans."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace

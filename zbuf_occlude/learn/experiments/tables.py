@@ -111,7 +111,7 @@ def dead_angle(results: Sequence[Result], areas: dict[str, Any] | None) -> Table
             for split, words in SPLIT_BY.items()
             if (curves := curves_of(results, model, split))
         ]
-    note = "Points of percent lost: accuracy at ±10 less that at 0; mean over all other elevations less that at 0."
+    note = "Percentage points lost: accuracy at ±10 less that at 0; mean over all other elevations less that at 0."
     if areas:
         at = areas["elevations"].index(0)
         shares = ", ".join(

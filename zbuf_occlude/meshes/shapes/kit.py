@@ -151,7 +151,7 @@ def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None
 
 
 def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = False, flat: float = 1.0) -> Part:
-    """Lay a round tube along a path (m, 3); `radius` is one number or one a point, `flat` squeezes its second axis."""
+    """Lay a round tube along a path (m, 3); `radius` is one number or one each, `flat` squeezes its second axis."""
     first, second = frames(path, closed=closed)
     r = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))[:, None, None]
     ring = circle(segments)
