@@ -161,6 +161,46 @@ def test_textures_lie_beside_their_materials_or_the_mesh(tmp_path: Path, place: 
     np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
 
 
+@pytest.mark.parametrize("packed", [False, True], ids=["folder", "archive"])
+def test_materials_and_textures_whose_case_differs_are_found(tmp_path: Path, packed: bool) -> None:
+    """As on the disk that they come from; one of the very name comes first, and nothing far is looked at."""
+    files = {
+        "id/models/quad.obj": QUAD.encode(),
+        "id/models/QUAD.MTL": b"newmtl painted\nmap_Kd ..\\images\\T.png\n",
+        "id/Images/t.PNG": png(TEXELS),
+        "IMAGES/t.png": png(TEXELS[::-1]),
+    }
+    root = tmp_path / "all.zip" if packed else tmp_path
+    if packed:
+        with zipfile.ZipFile(root, "w") as archive:
+            for name, content in files.items():
+                archive.writestr(name, content)
+    else:
+        for name, content in files.items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_bytes(content)
+    mesh, points = sampled(root / "id" / "models" / "quad.obj")
+    np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
+    if not packed:
+        assert [file.name for file in mesh.origin.files] == ["quad.obj", "QUAD.MTL", "../Images/t.PNG"]
+        (root / "id" / "models" / "quad.mtl").write_text("newmtl painted\nKd 1 0 0\n")
+        assert np.unique(sampled(root / "id" / "models" / "quad.obj")[1].colors, axis=0).tolist() == [[255, 0, 0]]
+        (root / "id" / "models" / "quad.mtl").write_text("newmtl painted\nmap_Kd ../../images/t.png\n")
+        assert sampled(root / "id" / "models" / "quad.obj")[0].colors.lacking
+
+
+def test_textures_named_by_a_place_on_another_machine_are_found_by_their_name(tmp_path: Path) -> None:
+    for named in ("D:\\models\\Table\\texture.png", "/home/somebody/texture.png"):
+        path = write_quad(tmp_path, f"newmtl painted\nmap_Kd {named}\n")
+        _, points = sampled(path)
+        np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
+    (tmp_path / "looks").mkdir()  # and beside the materials, where these lie apart
+    path.write_text(QUAD.replace("quad.mtl", "looks/quad.mtl"))
+    (tmp_path / "quad.mtl").rename(tmp_path / "looks" / "quad.mtl")
+    (tmp_path / "texture.png").rename(tmp_path / "looks" / "texture.png")
+    np.testing.assert_array_equal(sampled(path)[1].colors, points.colors)
+
+
 @pytest.mark.filterwarnings("error")
 def test_colours_that_are_no_numbers_are_black_without_a_warning(tmp_path: Path) -> None:
     _, points = sampled(write_quad(tmp_path / "a", "newmtl painted\nKd nan 0.2 inf\n"))

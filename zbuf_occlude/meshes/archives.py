@@ -56,6 +56,30 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
+def in_any_case(path: Path, root: Path) -> Path | None:
+    """Return the file below a folder whose path differs from this one in case alone; None where there is none."""
+    if (place := archive_of(path)) is not None:
+        archive, name = place
+        member = _members_in_any_case(archive, os.getpid()).get(name.casefold(), name)
+        return archive / member if member != name else None
+    found = root
+    for part in path.relative_to(root).parts:
+        try:
+            names = {part.casefold(): part} if (found / part).exists() else _names_in(found, found.stat().st_mtime_ns)
+        except OSError:
+            return None
+        if part.casefold() not in names:
+            return None
+        found /= names[part.casefold()]
+    return found if found != path else None
+
+
+@lru_cache(maxsize=16)
+def _names_in(folder: Path, changed_ns: int) -> dict[str, str]:
+    """Return the names in a folder as it was when last changed, by what they are in any case."""
+    return {name.casefold(): name for name in sorted(os.listdir(folder), reverse=True)}
+
+
 def _member(archive: Path, name: str) -> bytes:
     try:
         return _opened(archive).read(name)
@@ -64,6 +88,11 @@ def _member(archive: Path, name: str) -> bytes:
     except Exception as error:  # what zipfile and its decompressors raise on damaged bytes is not ours to list
         said = " ".join(str(error).split())[:100] or type(error).__name__
         raise MeshError(f"it must be readable in {archive.name}; reading says: {said}. Is it damaged?") from None
+
+
+@lru_cache(maxsize=4)
+def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
+    return {name.casefold(): name for name in sorted(_opened(archive).namelist(), reverse=True)}
 
 
 def _opened(archive: Path) -> zipfile.ZipFile:

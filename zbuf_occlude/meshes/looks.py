@@ -12,6 +12,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.colors import Bytes, Material, SurfaceColors
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes.archives import in_any_case
 from zbuf_occlude.meshes.polygons import Ints
 
 MOST_TEXELS = 2**27
@@ -109,19 +110,22 @@ def in_unit_range(colors: Any) -> FloatArray:
 def read_named(name: str, folder: Path, read: Read) -> bytes:
     """Return the content of a file that a mesh file names: where it says, or else of that name in its own folder.
 
+    Names that differ in case alone do where there is none of the very name: they were one on the disk they come from.
+
     Raises
     ------
     MeshError
         Neither is there. What lies outside the folder above the mesh's own is not looked at.
     """
     relative = name.replace("\\", "/").strip().strip('"')
+    root = Path(os.path.normpath(folder.parent))
     stated = Path(os.path.normpath(folder / relative))
-    if stated.is_relative_to(os.path.normpath(folder.parent)):
+    places = [stated] * stated.is_relative_to(root) + [folder / os.path.basename(relative)]
+    for place in places:
         try:
-            return read(stated)
-        except MeshError:
-            pass
-    try:
-        return read(folder / os.path.basename(relative))
-    except MeshError as error:
-        raise MeshError(f"{name[:80]!r}: {error}") from None
+            return read(place)
+        except MeshError as error:
+            reason = error
+        if (other := in_any_case(place, root)) is not None:
+            return read(other)
+    raise MeshError(f"{name[:80]!r}: {reason}") from None

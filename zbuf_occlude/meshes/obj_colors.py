@@ -118,10 +118,12 @@ def _add(
 
 def _read_texture(paint: _Paint, folder: Path, read: Read) -> bytes:
     """Return the content of a texture: named from the .mtl file's folder, or else, as some do, from the mesh's."""
-    try:
-        return read_named(posixpath.join(paint.folder, paint.texture), folder, read)
-    except MeshError:
-        return read_named(paint.texture, folder, read)
+    for name in (paint.texture, posixpath.basename(paint.texture.replace("\\", "/"))):
+        try:
+            return read_named(posixpath.join(paint.folder, name), folder, read)
+        except MeshError:
+            continue
+    return read_named(paint.texture, folder, read)
 
 
 def _uv_of_corners(lines: Lines, is_face: BoolArray) -> FloatArray:
