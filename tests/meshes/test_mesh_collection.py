@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -161,6 +162,17 @@ def test_a_collection_is_a_sequence() -> None:
 
 def test_classes_are_in_natural_order() -> None:
     assert entries(("a", "c10", "train"), ("b", "c2", "train"), ("c", "C3", "train")).classes == ["C3", "c2", "c10"]
+
+
+@given(st.lists(st.text("ab~é😀_/ 0019٣", max_size=6), max_size=20, unique=True))
+def test_natural_order_is_that_of_words_and_numbers(names: list[str]) -> None:
+    """Words come before numbers, numbers are compared as such; and what is the same but for zeros, by its text."""
+
+    def spelled_out(name: str) -> tuple[list[tuple[int, int, str]], str]:
+        parts = [part for part in re.split(r"(\d+)", name) if part]
+        return [(1, int(part), "") if part.isdecimal() else (0, 0, part) for part in parts], name
+
+    assert entries(*((name, name, "train") for name in names)).classes == sorted(names, key=spelled_out)
 
 
 def test_select_and_limit() -> None:

@@ -12,6 +12,8 @@ SUFFIX = ".zip"
 
 def archive_of(path: Path) -> tuple[Path, str] | None:
     """Return the archive that a path leads into and the member's name; None for a path outside archives."""
+    if SUFFIX not in os.fspath(path).lower():  # as nearly all
+        return None
     for archive in path.parents:
         if archive.suffix.lower() == SUFFIX and archive.is_file():
             return archive, path.relative_to(archive).as_posix()

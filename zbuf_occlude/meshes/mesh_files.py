@@ -43,9 +43,10 @@ def origin_now(path: Path, then: Origin) -> Origin:
     That is `then` itself, and nothing is read, where no file changed its size or time. A file that cannot be read has
     an unknown origin.
     """
-    paths = [path, *(path.parent / stamp.name for stamp in then.files[1:])]
+    folder = path.parent
+    paths = [path, *(folder / stamp.name for stamp in then.files[1:])]
     try:
-        if tuple(_stamp(each, path.parent) for each in paths) == then.files:
+        if tuple(_stamp(each, folder) for each in paths) == then.files:
             return then
         files = MeshFiles(path)
         for each in paths:
@@ -67,7 +68,13 @@ def origin_unread(path: Path) -> Origin:
 def _stamp(path: Path, folder: Path) -> Stamp:
     inside = archive_of(path)
     status = os.stat(path if inside is None else inside[0])
-    bases = [base for base in (folder, folder.resolve()) if path.is_relative_to(base)]
-    # textures may lie beside the folder
-    name = path.relative_to(bases[0]).as_posix() if bases else Path(os.path.relpath(path, folder)).as_posix()
-    return Stamp(name, status.st_size, status.st_mtime_ns)
+    return Stamp(_name_from(path, folder), status.st_size, status.st_mtime_ns)
+
+
+def _name_from(path: Path, folder: Path) -> str:
+    if path.parent == folder:  # as nearly all: a million folders need not be resolved
+        return path.name
+    for base in (folder, folder.resolve()):
+        if path.is_relative_to(base):
+            return path.relative_to(base).as_posix()
+    return Path(os.path.relpath(path, folder)).as_posix()  # textures may lie next to the folder

@@ -9,7 +9,7 @@ def arrange(tree: Tree) -> Arranged | None:
     """Take a tree whose files all lie in a split folder of a class folder; the key begins at the class."""
     places = []
     for file in tree.files:
-        *_, label, split, name = ("", "", *tree.named(file).parts)
+        *_, label, split, name = ("", "", *tree.parts(file))
         if split.lower() in SPLIT_WORDS and label not in ("", "/") and label.lower() not in SPLIT_WORDS:
             places.append(Place(file, f"{label}/{split}/{name}", label, SPLIT_WORDS[split.lower()]))
         elif name != ALL:

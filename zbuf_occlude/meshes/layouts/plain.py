@@ -25,18 +25,18 @@ def arrange(tree: Tree) -> Arranged:
     places = []
     flat = False
     for file in tree.files:
-        relative = tree.named(file).relative_to(root)
+        relative = tree.parts(file)[len(root.parts) :]
         if not _class_folders(relative):  # the folder is the class
-            relative = PurePosixPath(root.name) / relative
+            relative = (root.name, *relative) if root.name else relative
             flat = True
         folders = _class_folders(relative)
-        splits = [SPLIT_WORDS[part.lower()] for part in relative.parts[:-1] if part.lower() in SPLIT_WORDS]
-        label = folders[0] if folders else relative.stem
-        places.append(Place(file, str(relative), label, splits[0] if splits else "train"))
+        splits = [SPLIT_WORDS[part.lower()] for part in relative[:-1] if part.lower() in SPLIT_WORDS]
+        label = folders[0] if folders else file.stem
+        places.append(Place(file, "/".join(relative), label, splits[0] if splits else "train"))
     if flat and len({place.label for place in places}) == 1:
         return places, ["it has no classes: its files lie in one folder; --labels FILE gives some"]
     return places, []
 
 
-def _class_folders(relative: PurePosixPath) -> list[str]:
-    return [part for part in relative.parts[:-1] if part.lower() not in SPLIT_WORDS]
+def _class_folders(relative: tuple[str, ...]) -> list[str]:
+    return [part for part in relative[:-1] if part.lower() not in SPLIT_WORDS]

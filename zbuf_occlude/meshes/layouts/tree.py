@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -66,6 +67,14 @@ class Tree:
         """Return the absolute name of one of the files."""
         return PurePosixPath(self.root) / file
 
+    def parts(self, file: PurePosixPath) -> tuple[str, ...]:
+        """Return the parts of a file's absolute name: of as many files as there are, much cheaper than the name."""
+        return (*self._above, *file.parts)
+
+    @cached_property
+    def _above(self) -> tuple[str, ...]:
+        return PurePosixPath(self.root).parts
+
 
 def plant(path: Path) -> Tree:
     """Find the mesh files at a path that a person gave.
@@ -78,7 +87,7 @@ def plant(path: Path) -> Tree:
     absolute = Path(os.path.abspath(path))
     is_archive = path.suffix.lower() == archives.SUFFIX and path.is_file()
     if os.path.isdir(path):
-        files = tuple(PurePosixPath(file.relative_to(path).as_posix()) for file in _walk(str(path)))
+        files = tuple(map(PurePosixPath, _walk(str(path))))
         tree = Tree(absolute, path, files)
     elif is_archive:
         files = tuple(sorted(name for name in archives.members(path) if _is_mesh(name.parts)))
@@ -106,8 +115,8 @@ def check_readable(folder: Path) -> None:
         raise MeshError(f"{folder}: a folder must be readable; it is not: {error.strerror}.") from None
 
 
-def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
-    """Mesh files anywhere below a folder; links are followed, but not back to a folder that they lie in."""
+def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterator[str]:
+    """Mesh files anywhere below a folder, from it on; links are followed, but not back to a folder that they lie in."""
     real = os.path.realpath(folder)
     if real in above:
         return
@@ -116,19 +125,20 @@ def _walk(folder: str, above: tuple[str, ...] = ()) -> Iterator[Path]:
     except OSError:
         if not above:
             check_readable(Path(folder))
-        yield Path(folder, ALL)
+        yield prefix + ALL
         return
     for item in items:
         if _is_hidden(item.name):
             continue
-        if os.path.isdir(item.path):  # a link to itself is none
-            yield from _walk(item.path, (*above, real))
+        # a link to itself is none; of what is no link the folder's own list says what it is
+        if os.path.isdir(item.path) if item.is_symlink() else item.is_dir():
+            yield from _walk(item.path, f"{prefix}{item.name}/", (*above, real))
         elif _is_mesh((item.name,)):
-            yield Path(item.path)
+            yield prefix + item.name
 
 
 def _is_mesh(parts: Sequence[str]) -> bool:
-    return PurePosixPath(parts[-1]).suffix.lower() in SUFFIXES and not any(map(_is_hidden, parts))
+    return os.path.splitext(parts[-1])[1].lower() in SUFFIXES and not any(map(_is_hidden, parts))
 
 
 def _is_hidden(name: str) -> bool:

@@ -52,8 +52,8 @@ def abc(tree: Tree) -> Arranged | None:
 
 def thingi10k(tree: Tree) -> Arranged | None:
     """Take files named by numbers in a folder raw_meshes, or below one named like the collection."""
-    folders = {part.lower() for file in tree.files for part in tree.named(file).parts[:-1]}
     names = _names(tree, r"(\d+)\.(?:stl|obj|ply|off)")
+    folders = {part.lower() for file, _ in names or () for part in tree.parts(file)[:-1]}
     if names is None or not any(folder == "raw_meshes" or folder.startswith("thingi10k") for folder in folders):
         return None
     return _all_of("thingi10k", names), [NONE]
