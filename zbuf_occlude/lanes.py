@@ -223,6 +223,20 @@ def equal(typing_context, array, index, value):
 
 
 @intrinsic
+def fill(typing_context, array, index, mask, value):
+    """Write a value to the lanes of a mask of the 16 int32 of an array from a flat index on."""
+
+    def codegen(context, builder, signature, args):
+        address = _address(context, builder, signature.args[0], args[0], args[1], _INTS)
+        bools = builder.bitcast(builder.trunc(args[2], _BITS), _BOOLS)
+        old = builder.load(address, align=4)
+        builder.store(builder.select(bools, _repeat(builder, args[3], _INTS), old), address, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.int64, types.int32), codegen
+
+
+@intrinsic
 def select(typing_context, mask, a, b):
     """a in the lanes of a mask, b in the others."""
 

@@ -92,13 +92,13 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     return face_ids, distances
 
 
-def _window(scene: Scene, views: Views) -> tuple[float, ...]:
+def _window(scene: Scene, views: Views) -> tuple[np.float32, ...]:
     """Rectangle around the scene in the first frame."""
     n = int(scene.level_counts[-1])
     rectangles = np.empty((6, -(-n // CLUSTER) * CLUSTER), dtype=np.float32)
     _project_top(scene, views, rectangles)
     left, right, bottom, top = rectangles[[LEFT, RIGHT, BOTTOM, TOP], :n]
-    return float(left.min()), float(right.max()), float(bottom.min()), float(top.max())
+    return left.min(), right.max(), bottom.min(), top.max()
 
 
 @njit(_nrt=False, cache=True)
@@ -173,7 +173,8 @@ def _cast_tasks(tasks, scene, views, axes, places, away, rays, workspace, memory
 def _cast_block(scene, view, frame, rays, places, chosen, coordinates, space, state):
     n, farthest = len(chosen), np.float32(2.1) * view.reach
     for i in range(n):
-        coordinates[0, i], coordinates[1, i] = places.coordinates[chosen[i], 0], places.coordinates[chosen[i], 1]
+        at = 2 * chosen[i]
+        coordinates[0, i], coordinates[1, i] = places.coordinates[at], places.coordinates[at + 1]
     n_before = list_clusters(scene, window_of(coordinates, 0, n, farthest), space)
     if n_before == 0:
         return

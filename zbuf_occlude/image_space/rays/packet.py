@@ -33,9 +33,11 @@ from zbuf_occlude.image_space.rays.setup import DEPTH, WITHIN, faces_before, slo
 from zbuf_occlude.image_space.rays.single import nearer
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.lanes import (
+    ALL,
     absolute,
     count_lanes,
     divide,
+    fill,
     first_lane,
     greater,
     highest,
@@ -87,10 +89,12 @@ class State(NamedTuple):
     limits : (16,) float32
         The largest w that the upper bound stands for.
     scratch : (2, 16) float32
-    face_ids : (16,) int64
+    face_ids : (16,) int32
         That face, -1 for none.
     fractions : (16,) float64
-        How many directions away it is; -1 where only the bounds are known.
+        How many directions away it is, in the lanes of `decided`.
+    decided : (1,) int64
+        Mask of the rays of which more than the bounds is known.
     """
 
     coordinates: NDArray[np.float32]
@@ -100,6 +104,7 @@ class State(NamedTuple):
     scratch: NDArray[np.float32]
     face_ids: IntArray
     fractions: FloatArray
+    decided: NDArray[np.int64]
 
 
 def make_state() -> State:
@@ -110,8 +115,9 @@ def make_state() -> State:
         highs=np.empty(PACKET, dtype=np.float32),
         limits=np.empty(PACKET, dtype=np.float32),
         scratch=np.empty((2, PACKET), dtype=np.float32),
-        face_ids=np.empty(PACKET, dtype=np.int64),
+        face_ids=np.empty(PACKET, dtype=np.int32),
         fractions=np.empty(PACKET),
+        decided=np.empty(1, dtype=np.int64),
     )
 
 
@@ -146,8 +152,8 @@ def first_hits_of_packet(scene, view, frame, rays, chosen, n_listed, farthest, s
     store(state.lows, 0, splat(ENDLESS))
     store(state.highs, 0, splat(ENDLESS))
     store(state.limits, 0, splat(farthest))
-    state.face_ids[:] = -1
-    state.fractions[:] = math.inf
+    fill(state.face_ids, 0, ALL, np.int32(-1))
+    state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(chosen)) - 1
     for j in range(0, n_listed, CLUSTER):
         found = overlapping(space.listed.rectangles, j, window)
@@ -228,10 +234,11 @@ def _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state):
     while maybe:
         place = first_lane(maybe)
         maybe &= maybe - 1
-        face = np.int64(scene.face_ids[cluster, place])
+        face = scene.face_ids[cluster, place]
         if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
             state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
-            state.face_ids[lane], state.fractions[lane] = face, -1.0
+            state.face_ids[lane] = face
+            state.decided[0] &= ~(np.int64(1) << lane)
             changed = True
         elif state.scratch[0, place] <= state.highs[lane]:
             changed |= _decide(scene, frame, rays, chosen[lane], face, lane, state)
@@ -258,15 +265,13 @@ def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, s
     maybe &= not_less(highs, low)
     known = ((space.doubtful[slot] >> place) & 1) - 1
     sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
-    face = np.int64(scene.face_ids[cluster, place])
+    face = scene.face_ids[cluster, place]
     if sure:
         store(state.lows, 0, select(sure, low, lows))
         store(state.highs, 0, select(sure, high, highs))
+        fill(state.face_ids, 0, sure, face)
+        state.decided[0] &= ~sure
     doubtful, changed = maybe & ~sure, sure != 0
-    while sure:
-        lane = first_lane(sure)
-        sure &= sure - 1
-        state.face_ids[lane], state.fractions[lane] = face, -1.0
     while doubtful:
         lane = first_lane(doubtful)
         doubtful &= doubtful - 1
@@ -278,13 +283,17 @@ def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, s
 def _decide(scene, frame, rays, i, candidate, lane, state):
     """Decide in float64 whether ray i meets a face nearer than its nearest so far; return whether it does."""
     origin, direction = rays[0], rays[1][i]
-    face, fraction = state.face_ids[lane], state.fractions[lane]
-    if face >= 0 and fraction < 0.0:
-        fraction = _fraction(scene.world_corners[face], origin, direction)
+    face, fraction = np.int64(state.face_ids[lane]), math.inf
+    if (state.decided[0] >> lane) & 1:
+        fraction = state.fractions[lane]
+    elif face >= 0:
+        normal, height = _plane(scene.world_corners[face], origin)
+        fraction = height / dot(direction, normal)
     found, nearest = nearer(scene, origin, direction, candidate, face, fraction)
-    state.face_ids[lane], state.fractions[lane] = found, nearest
     if found < 0:
         return False
+    state.face_ids[lane], state.fractions[lane] = found, nearest
+    state.decided[0] |= np.int64(1) << lane
     w = nearest * dot(frame.axis, direction) * scene.scale
     g = -1.0 / w if frame.inside else (1.0 - 1.0 / w) / frame.inverse_away
     state.lows[lane] = np.float32(g) - ROUNDED * (ONE + np.float32(abs(g)))
@@ -292,24 +301,30 @@ def _decide(scene, frame, rays, i, candidate, lane, state):
     return found != face
 
 
-@njit(_nrt=False, error_model="numpy")
-def _fraction(corners, origin, direction):
-    """How many directions away a face is that is met for certain: the last lines of `predicates.meeting`."""
+@inlined
+def _plane(corners, origin):
+    """A face's normal n and its height h above a ray's origin: the face that the ray meets is h / d . n directions d
+    away, as the last lines of `predicates.meeting` have it."""
     a = corners[0]
     n = cross(minus(corners[1], a), minus(corners[2], a))
-    return dot(minus(a, origin), n) / dot(direction, n)
+    return n, dot(minus(a, origin), n)
 
 
-@inner
+@njit(_nrt=False, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _finish(scene, rays, chosen, state):
     """Write the answers."""
     origin, directions, face_ids, distances = rays
+    before, normal, height = -1, (0.0, 0.0, 0.0), 0.0
     for lane in range(len(chosen)):
         face = state.face_ids[lane]
-        if face >= 0:
-            i = chosen[lane]
-            d, fraction = directions[i], state.fractions[lane]
-            if fraction < 0.0:
-                fraction = _fraction(scene.world_corners[face], origin, d)
-            face_ids[i] = face
-            distances[i] = fraction * math.sqrt(dot(d, d))
+        if face < 0:
+            continue
+        if face != before:
+            before = face
+            normal, height = _plane(scene.world_corners[face], origin)
+        i = chosen[lane]
+        d = directions[i]
+        fraction = height / dot(d, normal)
+        if (state.decided[0] >> lane) & 1:
+            fraction = state.fractions[lane]
+        face_ids[i], distances[i] = face, fraction * math.sqrt(dot(d, d))

@@ -9,31 +9,28 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import PACKET
 from zbuf_occlude.image_space.scene.scene import Float32
-from zbuf_occlude.lanes import inner
+from zbuf_occlude.lanes import inlined
 from zbuf_occlude.threads import n_threads, shared, take, together
 
 MOST_BITS = 6
 """Of a cell's column and of its row, at most."""
 
+NEAR_RAYS = 2048
+"""Rays that go through all loops together, while they are in the cache."""
+
 LEAST_SIZE, MOST_SIZE = 1e-100, 1e100
 """Directions of other sizes go one by one: their products vanish or overflow; float64 is to say what comes of it."""
 
 
-LEAST_WIDTH = 1e-30
-
-SPREAD = np.array(
-    [sum((i >> bit & 1) << (2 * bit) for bit in range(MOST_BITS)) for i in range(1 << MOST_BITS)], np.int32
-)
-"""The bits of a number with gaps between them."""
-
+LEAST_WIDTH = np.float32(1e-30)
 
 class Places(NamedTuple):
     """Rays in the order of their places.
 
     Parameters
     ----------
-    coordinates : (n, 2) float32
-        x / w and y / w of each ray, in the caller's order.
+    coordinates : (2 n,) float32
+        x / w and y / w of each ray in turn, in the caller's order.
     order : (m,) int32
         The rays frame by frame, each along a Morton curve of cells; then those that go one by one. What certainly
         misses the scene is left out.
@@ -47,7 +44,7 @@ class Places(NamedTuple):
 
 
 def sort_by_place(
-    axes: FloatArray, window: tuple[float, ...], directions: FloatArray, face_ids: IntArray, distances: FloatArray
+    axes: FloatArray, window: tuple[np.float32, ...], directions: FloatArray, face_ids: IntArray, distances: FloatArray
 ) -> Places:
     """Find the rays' places, and write "no face" as all their answers.
 
@@ -55,7 +52,7 @@ def sort_by_place(
     ----------
     axes : (f, 3, 3) float64
         Rows x, y, w of each frame: one from outside, six of a cube (`view.Views`).
-    window : (left, right, bottom, top)
+    window : (left, right, bottom, top), float32
         What holds the scene in an only frame; the rest of the image shows nothing.
     directions : (n, 3) float64
     face_ids, distances : (n,) int32, float64
@@ -64,9 +61,10 @@ def sort_by_place(
     n, n_frames = len(directions), len(axes)
     bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
     n_parts = min(4 * n_threads(), -(-n // 4096))
-    cells, coordinates = np.empty(n, dtype=np.int32), np.empty((n, 2), dtype=np.float32)
+    cells, coordinates = np.empty(n, dtype=np.int32), np.empty(2 * n, dtype=np.float32)
     counts = np.zeros((n_parts, (n_frames << (2 * bits)) + 2), dtype=np.int32)
-    together(_find_cells, n_parts, axes, window, directions, bits, cells, coordinates, counts, face_ids, distances)
+    flat = directions.reshape(-1)
+    together(_find_cells, n_parts, axes, window, flat, bits, cells, coordinates, counts, face_ids, distances)
     starts = np.empty(n_frames + 2, dtype=np.int64)
     _accumulate(counts, bits, starts)
     order = np.empty(starts[-1], dtype=np.int32)
@@ -77,69 +75,92 @@ def sort_by_place(
 @shared
 def _find_cells(tasks, axes, window, directions, bits, cells, coordinates, counts, face_ids, distances):
     """Find the cell of each ray of a part, and count the part's rays of each cell."""
-    n, n_parts = len(directions), len(counts)
+    n, n_parts, nowhere = len(cells), len(counts), np.int32(counts.shape[1] - 1)
     part = take(tasks)
     while part < n_parts:
-        first, last = n * part // n_parts, n * (part + 1) // n_parts
-        face_ids[first:last], distances[first:last] = -1, np.inf
-        if len(axes) == 1:
-            _place_from_outside(axes[0], directions[first:last], coordinates[first:last])
-            _number_cells(window, bits, coordinates[first:last], cells[first:last])
-        else:
-            _place_on_cube(directions[first:last], bits, coordinates[first:last], cells[first:last])
-        for i in range(first, last):
-            counts[part, cells[i]] += 1
+        end = n * (part + 1) // n_parts
+        for first in range(n * part // n_parts, end, NEAR_RAYS):
+            last = min(first + NEAR_RAYS, end)
+            face_ids[first:last], distances[first:last] = -1, np.inf
+            three, two = directions[3 * first : 3 * last], coordinates[2 * first : 2 * last]
+            if len(axes) == 1:
+                _place_from_outside(axes[0], three, two)
+                _number_cells(window, bits, two, cells[first:last])
+            else:
+                _place_on_cube(three, bits, two, cells[first:last])
+            for i in range(first, last):
+                if cells[i] != nowhere:
+                    counts[part, cells[i]] += 1
         part = take(tasks)
+
+
+# The loops below take several rays at a time: they have no branches, and arrays of one axis, whose strides are known.
 
 
 @njit(_nrt=False, error_model="numpy")
 def _place_from_outside(axes, directions, coordinates):
     """Find places; infinity for a ray that goes away, no number for one of an odd size."""
-    for i in range(len(directions)):  # without branches, so that several rays are done at a time
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
-        size = max(abs(x), abs(y), abs(z))
+    for i in range(len(coordinates) // 2):
+        x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
+        size = _largest(abs(x), abs(y), abs(z))
         u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
         v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
         w = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
         inverse = 1.0 / w
         u, v = (u * inverse if w > 0.0 else np.inf), v * inverse
-        coordinates[i, 0] = u if (size > LEAST_SIZE) & (size < MOST_SIZE) else np.nan
-        coordinates[i, 1] = v
+        coordinates[2 * i] = u if (size > LEAST_SIZE) & (size < MOST_SIZE) else np.nan
+        coordinates[2 * i + 1] = v
 
 
-@inner
+@njit(_nrt=False, error_model="numpy")
 def _number_cells(window, bits, coordinates, cells):
     """Number the cells of an only frame, which cover a window; beyond it nothing is met."""
-    nowhere, most = (1 << (2 * bits)) + 1, (1 << bits) - 1
+    nowhere, most = np.int32((1 << (2 * bits)) + 1), np.float32((1 << bits) - 1)
     left, right, bottom, top = window
     across, upwards = most / max(right - left, LEAST_WIDTH), most / max(top - bottom, LEAST_WIDTH)
     for i in range(len(cells)):
-        x, y = coordinates[i, 0], coordinates[i, 1]
-        if (x >= left) & (x <= right) & (y >= bottom) & (y <= top):
-            cells[i] = SPREAD[np.int32((x - left) * across)] | (SPREAD[np.int32((y - bottom) * upwards)] << 1)
-        else:
-            cells[i] = nowhere - (x != x or y != y)
+        x, y = coordinates[2 * i], coordinates[2 * i + 1]
+        within = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+        cell = _cell_at(np.int32((x - left) * across), np.int32((y - bottom) * upwards))
+        cells[i] = cell if within else nowhere - np.int32((x != x) | (y != y))
 
 
-@inner
+@njit(_nrt=False, error_model="numpy")
 def _place_on_cube(directions, bits, coordinates, cells):
-    n_cells, half = 1 << (2 * bits), 0.5 * ((1 << bits) - 1)
-    for i in range(len(directions)):
-        d = directions[i]
-        x, y, z = abs(d[0]), abs(d[1]), abs(d[2])
-        size = max(x, y, z)
-        axis = 0 if size == x else (1 if size == y else 2)
-        inverse = 1.0 / size
-        u, v = d[(axis + 1) % 3] * inverse, d[(axis + 2) % 3] * inverse
-        behind = d[axis] < 0.0
-        if behind:
-            u, v = v, u
-        coordinates[i, 0], coordinates[i, 1] = u, v
-        if LEAST_SIZE < size < MOST_SIZE:
-            cell = SPREAD[np.int32(u * half + half)] | (SPREAD[np.int32(v * half + half)] << 1)
-            cells[i] = (2 * axis + behind) * n_cells + cell
-        else:
-            cells[i] = 6 * n_cells
+    n_cells, half = np.int32(1 << (2 * bits)), 0.5 * ((1 << bits) - 1)
+    for i in range(len(cells)):
+        x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
+        size = _largest(abs(x), abs(y), abs(z))
+        first, second = abs(x) == size, abs(y) == size
+        w = x if first else (y if second else z)
+        u = y if first else (z if second else x)
+        v = z if first else (x if second else y)
+        inverse, behind = 1.0 / size, w < 0.0
+        u, v = (v if behind else u) * inverse, (u if behind else v) * inverse
+        coordinates[2 * i], coordinates[2 * i + 1] = u, v
+        frame = np.int32(0 if first else (2 if second else 4)) + np.int32(behind)
+        cell = frame * n_cells + _cell_at(np.int32(u * half + half), np.int32(v * half + half))
+        cells[i] = cell if (size > LEAST_SIZE) & (size < MOST_SIZE) else np.int32(6) * n_cells
+
+
+@inlined
+def _largest(a, b, c):
+    larger = a if a > b else b
+    return larger if larger > c else c
+
+
+@inlined
+def _cell_at(column, row):
+    """Number of a cell along a Morton curve."""
+    return _spread_bits(column) | (_spread_bits(row) << np.int32(1))
+
+
+@inlined
+def _spread_bits(i):
+    """The `MOST_BITS` bits of a number with gaps between them."""
+    i = (i | (i << np.int32(4))) & np.int32(0x30F)
+    i = (i | (i << np.int32(2))) & np.int32(0x333)
+    return (i | (i << np.int32(1))) & np.int32(0x555)
 
 
 @njit(nogil=True, cache=True)
