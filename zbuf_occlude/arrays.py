@@ -77,7 +77,7 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
             hint = " Transpose it?"
         raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}.{hint}")
     array = np.ascontiguousarray(array, dtype=np.float64)
-    if not np.abs(array).max(initial=0.0) <= LARGEST:  # NaN is not either
+    if not (array.max(initial=0.0) <= LARGEST and array.min(initial=0.0) >= -LARGEST):  # NaN is neither
         bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
         what = f"at most {LARGEST:g} in size" if np.isfinite(array).all() else "finite"
         raise ArgumentError(f"{name} must be {what}; row {bad} is {array[bad].tolist()}. Remove or repair it.")

@@ -30,6 +30,8 @@ class Views(NamedTuple):
     matrices : (k, 6, 12) float32
         Rows x, y, w of 3 x 4 matrices of positive determinant: scene space to homogeneous coordinates of the image.
         What lies before the eye has w > 0, and is seen at (x / w, y / w).
+    axes : (k, 6, 3, 3) float64
+        Their left parts, not rounded.
     n_frames : (k,) int64
         1: the eye is outside, w is 1 at the scene's centre. 6: faces of a cube about the eye, w is scene units.
     eyes : (k, 3) float64, scene space
@@ -39,6 +41,7 @@ class Views(NamedTuple):
     """
 
     matrices: NDArray[np.float32]
+    axes: FloatArray
     n_frames: NDArray[np.int64]
     eyes: FloatArray
     world_eyes: FloatArray
@@ -95,18 +98,11 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     matrices[~outside] = _cube(eyes[~outside])
     return Views(
         matrices=matrices.reshape(len(eyes), 6, 12).astype(np.float32),
+        axes=np.ascontiguousarray(matrices[..., :3]),
         n_frames=np.where(outside, 1, 6).astype(np.int64),
         eyes=eyes,
         world_eyes=np.ascontiguousarray(world_eyes),
     )
-
-
-def axes_of(eye: FloatArray, farthest: float) -> FloatArray:
-    """Rows x, y, w of the frames that `make_views` places before an eye, scene space, in float64: (1 or 6, 3, 3)."""
-    distances = np.linalg.norm(eye[None], axis=1)
-    if distances[0] > OUTSIDE * farthest:
-        return _look_at(eye[None], distances)[:, :, :3]
-    return _cube(eye[None])[0, :, :, :3]
 
 
 @inner

@@ -148,9 +148,10 @@ class Occluder(ABC):
             raise ArgumentError(
                 f"origins must be one, or one per direction ({len(directions)}); got {len(origins)}. Repeat them."
             )
-        none = (directions[:, 0] == 0.0) & (directions[:, 1] == 0.0) & (directions[:, 2] == 0.0)
-        if none.any():
-            raise ArgumentError(f"directions must have a length; row {int(none.argmax())} is zero. Leave it out.")
+        none = np.flatnonzero(directions[:, 0] == 0.0)
+        none = none[~directions[none].any(axis=1)]
+        if len(none):
+            raise ArgumentError(f"directions must have a length; row {none[0]} is zero. Leave it out.")
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
         return self._first_hits(origins, directions)

@@ -32,7 +32,7 @@ from zbuf_occlude.image_space.search.listing import choose, list_clusters
 from zbuf_occlude.image_space.search.project import project_boxes
 from zbuf_occlude.image_space.search.search import project_nodes
 from zbuf_occlude.image_space.search.workspace import Workspace, make_workspace
-from zbuf_occlude.image_space.view import Views, axes_of, make_views, view_of
+from zbuf_occlude.image_space.view import Views, make_views, view_of
 from zbuf_occlude.lanes import inner
 from zbuf_occlude.threads import shared, take, together
 
@@ -81,7 +81,8 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     if len(origins) > 1 or away > FARTHEST_ORIGIN or n * CLUSTERS_PER_RAY < len(scene.used):
         together(_cast_singles, -(-n // SINGLE_RAYS), scene, origins, directions, np.arange(n), face_ids, distances)
         return face_ids, distances
-    views, axes = make_views(scene, origins, 1.0), axes_of((origins[0] - scene.centre) * scene.scale, 1.0)
+    views = make_views(scene, origins, 1.0)
+    axes = views.axes[0, : views.n_frames[0]]
     places = sort_by_place(axes, _window(scene, views), directions, face_ids, distances)
     n_blocks = int((-(-np.diff(places.starts[:-1]) // BLOCK_RAYS)).sum())
     rays = (origins[0], directions, face_ids, distances)
