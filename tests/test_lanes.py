@@ -123,14 +123,18 @@ def test_masks() -> None:
     @njit
     def kernel(mask, a, b, ids, value, out):
         store(out, 0, lanes.select(mask, load(a, 0), load(b, 0)))
-        return lanes.first_lane(mask), lanes.count_lanes(mask), lanes.equal(ids, 2, value)
+        same = lanes.equal(ids, 2, value)
+        lanes.fill(ids, 2, mask, np.int32(7))
+        return lanes.first_lane(mask), lanes.count_lanes(mask), same
 
     out = np.empty(16, dtype=np.float32)
     for bools in RNG.random((20, 16)) < 0.4:
         bools[int(RNG.integers(16))] = True
         ids = RNG.integers(-1, 3, 18).astype(np.int32)
+        before = ids.copy()
         first, count, same = kernel(bits(bools), A, B, ids, -1, out)
-        assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(ids[2:] == -1))
+        assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(before[2:] == -1))
+        assert ids.tolist() == [*before[:2], *np.where(bools, 7, before[2:])]
         np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
 
 

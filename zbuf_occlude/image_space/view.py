@@ -18,6 +18,10 @@ GUARD = np.float32(1.05)
 
 NO_WINDOW = np.float32(1e30)
 
+_X, _Y, _Z = np.eye(3)
+SIDES = np.array([[_Y, _Z, _X], [_Z, _Y, -_X], [_Z, _X, _Y], [_X, _Z, -_Y], [_X, _Y, _Z], [_Y, _X, -_Z]]) + 0.0
+"""Rows x, y, w of the frames that look along +x, -x, +y, -y, +z, -z."""
+
 NEAR = np.float32(1e-3)
 """Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
 
@@ -94,8 +98,10 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     distances = np.linalg.norm(eyes, axis=1)
     outside = distances > OUTSIDE * farthest
     matrices = np.zeros((len(eyes), 6, 3, 4))
-    matrices[outside, 0] = _look_at(eyes[outside], distances[outside])
-    matrices[~outside] = _cube(eyes[~outside])
+    if outside.any():
+        matrices[outside, 0] = _look_at(eyes[outside], distances[outside])
+    if not outside.all():
+        matrices[~outside] = _cube(eyes[~outside])
     return Views(
         matrices=matrices.reshape(len(eyes), 6, 12).astype(np.float32),
         axes=np.ascontiguousarray(matrices[..., :3]),
@@ -138,12 +144,7 @@ def _look_at(eyes: FloatArray, distances: FloatArray) -> FloatArray:
 
 def _cube(eyes: FloatArray) -> FloatArray:
     """Look along +x, -x, +y, -y, +z, -z from the eye. (k, 6, 3, 4)."""
-    rotations = np.zeros((6, 3, 3))
-    for axis in range(3):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        rotations[2 * axis, [0, 1, 2], [i, j, axis]] = [1.0, 1.0, 1.0]
-        rotations[2 * axis + 1, [0, 1, 2], [j, i, axis]] = [1.0, 1.0, -1.0]
     matrices = np.zeros((len(eyes), 6, 3, 4))
-    matrices[..., :3] = rotations
-    matrices[..., 3] = -np.einsum("fij,kj->kfi", rotations, eyes)
+    matrices[..., :3] = SIDES
+    matrices[..., 3] = -np.einsum("fij,kj->kfi", SIDES, eyes)
     return matrices

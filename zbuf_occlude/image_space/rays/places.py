@@ -24,6 +24,7 @@ LEAST_SIZE, MOST_SIZE = 1e-100, 1e100
 
 LEAST_WIDTH = np.float32(1e-30)
 
+
 class Places(NamedTuple):
     """Rays in the order of their places.
 
