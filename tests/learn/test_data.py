@@ -76,7 +76,7 @@ def test_joined() -> None:
     [
         ({"positions": np.zeros((6, 3))}, r"positions must be \(m, n, 3\) float.*got \(6, 3\) float64"),
         ({"positions": np.full((6, 9, 3), np.nan)}, "positions must be finite; those of cloud 0 are not"),
-        ({"labels": np.zeros(5)}, r"labels must be \(6,\), one a cloud; got \(5,\) int64"),
+        ({"labels": np.zeros(5)}, r"labels must be \(6,\), one per cloud; got \(5,\) int64"),
         ({"labels": np.full(6, 2)}, r"labels must lie in \[0, 2\), the classes; got 2 to 2"),
         ({"elevations": np.zeros((6, 1))}, r"elevations must be \(6,\)"),
     ],
@@ -102,7 +102,7 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
     recipe = Recipe(method="exact", views="ring:3@40", n_points=600, sample_size=64)
     make_clouds(Plan(meshes, recipe, format), tmp_path / "seen")
-    whole = Recipe(views="ring:1@0", n_points=600, sample_size=64, complete=True)
+    whole = Recipe(method="exact", views="ring:1@0", n_points=600, sample_size=64, complete=True)
     make_clouds(Plan(meshes, whole, format), tmp_path / "whole")
     seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
     assert seen.classes == ("bed", "table")

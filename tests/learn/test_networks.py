@@ -194,5 +194,5 @@ def test_batch_normalisation_settles() -> None:
 
 
 def test_a_grid_of_few_gaussians_is_refused() -> None:
-    with pytest.raises(OptionError, match="n_gaussians must be at least 5 a side; got 4"):
+    with pytest.raises(OptionError, match="n_gaussians must be at least 5 per side; got 4"):
         ThreeDmFV(2, 4)

@@ -106,6 +106,7 @@ class AugmentationClouds:
                 except GlError as error:
                     reason = str(error)
             self.missing[method.label] = reason
+            progress(self.plan(method).n_clouds)  # there will be none to wait for
         return failures
 
     @property
