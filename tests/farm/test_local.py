@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from functools import partial
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import numba
@@ -263,3 +264,36 @@ def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path)
     assert "a mesh may take 0.001 seconds; this one took longer" in ended.stderr
     assert "resource_tracker" not in ended.stderr
     assert ended.stderr.rstrip().splitlines()[-1].startswith("error: ")
+
+
+def test_a_temporary_folder_of_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
+    """An address of a process that lies there would be too long for the system."""
+    folder = tmp_path / ("long" * 30)
+    folder.mkdir()
+    options = ["--limit=1", "--method=oracle", "--views=ring:1@0", "--points=50", "--sample-size=8", "--workers=1"]
+    command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "out" / "manifest.json").is_file()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
+@pytest.mark.parametrize("n_dead", [2, 3])
+def test_servers_that_die_are_replaced_and_three_in_a_row_an_error(
+    out: Path, monkeypatch: pytest.MonkeyPatch, n_dead: int
+) -> None:
+    """Not an interruption, which is what the end of a file means to a command line."""
+    deaths, fork = iter(range(n_dead)), ForkServerProcess._Popen
+
+    def lost(process: object) -> object:
+        if next(deaths, None) is None:
+            return fork(process)
+        raise EOFError
+
+    monkeypatch.setattr(ForkServerProcess, "_Popen", staticmethod(lost))
+    if n_dead < local.SERVERS:
+        run(plan_of(ball), out, n_workers=1)
+    else:
+        with pytest.raises(DatasetError, match="the process that workers are forked from must live; 3 in a row ended"):
+            run(plan_of(ball), out, n_workers=1)

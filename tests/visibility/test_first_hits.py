@@ -274,3 +274,17 @@ def test_rational_truth_on_small_integers() -> None:
         else:
             assert found.face_ids.item() == best[1]
             assert found.distances.item() == pytest.approx(float(best[0]) * np.linalg.norm(direction), rel=1e-12)
+
+
+def test_a_direction_may_have_any_length(prepare: Prepare) -> None:
+    """Answers are those of a direction as long as usual, also beside such ones; 1e-320 has lost digits itself."""
+    directions = np.array([[0.1, 0.2, -1.0], [0.0, 0.0, 1.0], [0.15, 0.1, -1.0]])
+    with prepare(PLATES) as occluder:
+        usual = occluder.first_hits([[0.1, 0.0, 1.0]], directions)
+        for length in (1e-300, 1e-160, 1e-30, 1e30, 1e69):
+            other = occluder.first_hits([[0.1, 0.0, 1.0]], directions * np.array([[length], [1.0], [length]]))
+            np.testing.assert_array_equal(other.face_ids, usual.face_ids)
+            np.testing.assert_allclose(other.distances, usual.distances, rtol=1e-6)
+        along = occluder.first_hits([[0.1, 0.2, 1.0]], [[0.0, 0.0, -1e-320]])
+        assert along.face_ids.tolist() == occluder.first_hits([[0.1, 0.2, 1.0]], [[0.0, 0.0, -1.0]]).face_ids.tolist()
+        np.testing.assert_allclose(along.distances, 1.0, rtol=1e-6)

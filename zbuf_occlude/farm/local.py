@@ -3,12 +3,14 @@
 import multiprocessing
 import os
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import connection, forkserver
 from typing import Any
 
 from zbuf_occlude.dataset.jobs import Done, Task
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.farm.sent import Sent
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import serve
@@ -30,8 +32,11 @@ def run_jobs(task: Task, jobs: list[int], done: Done, *, n_workers: int, limits:
     )
 
 
-_FORKS = sys.platform == "linux"
-"""Elsewhere what systems bring along does not survive a fork."""
+LONGEST_TEMPORARY_FOLDER = 70
+"""Bytes; in a folder of a longer name a process has no address for others to reach it by."""
+
+SERVERS = 3
+"""This many servers in a row may end before they have started a worker."""
 
 _SERVER_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 """No thread may run where processes are forked."""
@@ -45,24 +50,38 @@ def start_server() -> None:
     for all of a process (`multiprocessing.forkserver`): where another library has started it, workers import for
     themselves.
     """
-    if _FORKS:
+    if _forks():
         forkserver.set_forkserver_preload(["zbuf_occlude.farm.warm"])
         with _environment(_SERVER_ENVIRONMENT):
             forkserver.ensure_running()
+
+
+def _forks() -> bool:
+    """Whether workers are forked; outside Linux what systems bring along does not survive that."""
+    return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= LONGEST_TEMPORARY_FOLDER
 
 
 class LocalWorker:
     """A process that runs `serve` at the other end of a pipe."""
 
     def __init__(self, sent: Sent, n_workers: int, device_index: int | None) -> None:
-        start_server()  # it may have been killed
-        context: Any = multiprocessing.get_context("forkserver" if _FORKS else "spawn")
+        context: Any = multiprocessing.get_context("forkserver" if _forks() else "spawn")
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
         environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
         arguments = (theirs, sent, device_index, n_threads, environment)
-        self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
-        self.process.start()
+        for attempt in range(SERVERS):
+            start_server()  # it may have been killed
+            self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
+            try:
+                self.process.start()
+                break
+            except (EOFError, ConnectionError):
+                if attempt == SERVERS - 1:
+                    raise DatasetError(
+                        f"the process that workers are forked from must live; {SERVERS} in a row ended. What they "
+                        "said is above, if anything. Is there memory enough, and can `import numba` succeed?"
+                    ) from None
         theirs.close()
 
     def assign(self, job: int, lost: dict[int, GivenUp]) -> None:

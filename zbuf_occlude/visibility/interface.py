@@ -27,6 +27,10 @@ FARTHEST = 1e15
 """Diagonals of the mesh that points and eyes may be away from it."""
 
 
+SHORTEST = 1e-20
+"""Directions shorter than this, and as much longer ones, would lose digits or overflow in products."""
+
+
 class Closable(Protocol):
     """Anything with a `close`."""
 
@@ -148,12 +152,12 @@ class Occluder(ABC):
             raise ArgumentError(
                 f"origins must be one, or one per direction ({len(directions)}); got {len(origins)}. Repeat them."
             )
-        none = np.flatnonzero(directions[:, 0] == 0.0)
-        none = none[~directions[none].any(axis=1)]
-        if len(none):
-            raise ArgumentError(f"directions must have a length; row {none[0]} is zero. Leave it out.")
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
+        some = np.flatnonzero(np.abs(directions[:, 0]) < SHORTEST)  # few, of most rays: all need not be looked at
+        largest = max(float(directions.max()), -float(directions.min()))
+        if largest > 1.0 / SHORTEST or (np.abs(directions[some]).max(axis=1) < SHORTEST).any():
+            directions = _of_usual_length(directions)
         return self._first_hits(origins, directions)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
@@ -273,6 +277,14 @@ class Method:
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
                 raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {value!r}.")
+
+
+def _of_usual_length(directions: FloatArray) -> FloatArray:
+    """Return the same directions, shortened or lengthened by powers of two, which rounds nothing; none may be zero."""
+    largest = np.abs(directions).max(axis=1)
+    if not largest.all():
+        raise ArgumentError(f"directions must have a length; row {int(largest.argmin())} is zero. Leave it out.")
+    return np.asarray(np.ldexp(directions, -np.frexp(largest)[1][:, None]))
 
 
 def _kind(value: Any) -> str:
