@@ -175,6 +175,12 @@ def test_natural_order_is_that_of_words_and_numbers(names: list[str]) -> None:
     assert entries(*((name, name, "train") for name in names)).classes == sorted(names, key=spelled_out)
 
 
+def test_numbers_of_any_length_have_an_order() -> None:
+    """A member of an archive may have a name of 65,535 digits; Python makes an int of 4,300."""
+    names = ["7" * 5000, "8" * 300, "0" * 5000 + "9"]
+    assert entries(*((name, name, "train") for name in names)).classes == [names[2], names[1], names[0]]
+
+
 def test_select_and_limit() -> None:
     meshes = entries(("1", "x", "train"), ("2", "y", "test"), ("3", "x", "test"), ("4", "y", "train"))
     assert [e.key for e in meshes.select(classes=["x"])] == ["1", "3"]

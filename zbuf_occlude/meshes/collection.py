@@ -8,6 +8,7 @@ from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, overload
+from unicodedata import decimal
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
@@ -308,13 +309,15 @@ def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
 def _natural(text: str) -> tuple[bytes, str]:
     """Sort key that compares runs of digits as numbers, after letters, and equal ones by the text itself.
 
-    Bytes, for those of all keys are in memory at once: letters and a 0, or 255, the number's length and its digits.
+    Bytes, for those of all keys are in memory at once: letters and a 0, or 255, the number's length and its digits
+    (names within archives may have more of them than Python turns into an int).
     """
     parts = []
     for part in filter(None, _DIGITS.split(text)):
         if part.isdecimal():
-            digits = str(int(part)).encode()
-            parts.append(b"\xff%c%b" % (len(digits), digits))
+            ascii_part = part if part.isascii() else "".join(str(decimal(digit)) for digit in part)
+            digits = ascii_part.lstrip("0").encode()
+            parts.append(b"\xff%b%b" % (len(digits).to_bytes(2), digits))
         else:
             parts.append(part.encode(errors="surrogatepass") + b"\0")
     return b"".join(parts), text
