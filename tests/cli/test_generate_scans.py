@@ -160,11 +160,21 @@ def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) ->
     assert json.loads(sidecars[0].read_text())["counts"]["n_blind_views"] == 3
 
 
+def test_of_a_range_that_begins_within_an_object_what_is_outside_is_taken(run: Run, tmp_path: Path) -> None:
+    """So that one range does for small and large classes; an airplane of 5 m is never seen from within."""
+    given = ("--range", "0.1..2.6", "--views", "ring:8@0", "--limit", 1, "--workers", 1, "--out", tmp_path / "near")
+    outcome = run("generate", *GIVEN, *given)
+    assert outcome.code == 0, outcome.err
+    assert "scanned from outside them only, half their size away or more: airplane (2.5 m)" in outcome.err
+    poses = records_of(tmp_path / "near")["pose"]
+    assert (np.linalg.norm(poses[:, :3, 3], axis=1) > 2.49).all()
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
         (("--range", "0"), "--range must be metres above 0"),
-        (("--range", "2..5"), "--range must be more than half of every object; one of class airplane has 5 m"),
+        (("--range", "2..2.5"), "--range must be more than half of every object; one of class airplane has 5 m"),
         (("--points", "100"), "--points is for points on the surface; a sensor decides itself. Leave it out."),
         (("--format", "packed"), "--format packed holds points sampled over whole objects"),
         (("--sample-size", "all", "--format", "scanobjectnn"), "--format scanobjectnn holds clouds of one size"),

@@ -8,6 +8,7 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
+from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import literal
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
@@ -137,7 +138,10 @@ def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
 
 
 def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
-    """Raise OptionError for a class without a size, a size without a class, or a range within an object of it."""
+    """Raise OptionError for a class without a size, a size without a class, or a range within an object of it.
+
+    Of a range that begins within an object, a remark says what is taken of it.
+    """
     if setup is None or isinstance(setup.size, str):
         return
     known = {*collection.classes, *SIZES, "*"}
@@ -145,13 +149,18 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
         raise OptionError(
             f"--size must be of classes that there are, {', '.join(collection.classes)}; got {unknown[0]}."
         )
-    for label in collection.classes:
-        size = size_of(label, setup.size, 1.0)
-        if setup.range is not None and setup.range[0] <= size / 2:
+    sizes = {label: size_of(label, setup.size, 1.0) for label in collection.classes}
+    if setup.range is None:
+        return
+    for label, size in sizes.items():
+        if setup.range[1] <= size / 2:
             raise OptionError(
                 f"--range must be more than half of every object; one of class {label} has {size:g} m, the range is "
-                f"{setup.range[0]:g} m. Raise --range, or give --size {label}=METRES."
+                f"{setup.range[1]:g} m. Raise --range, or give --size {label}=METRES."
             )
+    large = [f"{label} ({size / 2:g} m)" for label, size in sizes.items() if setup.range[0] <= size / 2]
+    if large:
+        echo(f"scanned from outside them only, half their size away or more: {', '.join(large)}", err=True)
 
 
 def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:

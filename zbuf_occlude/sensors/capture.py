@@ -90,6 +90,8 @@ def stand(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
 def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
     """Return where the sensor stands for each view, about the origin, metres.
 
+    Of a range that begins within the target, what lies outside it is taken.
+
     Parameters
     ----------
     views : Views
@@ -109,6 +111,7 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     lengths = views.distance * size
     if setup.range is not None:
         low, high = setup.range
+        low = max(low, min(size / 2, high))
         lengths = np.array([np.random.default_rng(seeds("range", i)).uniform(low, high) for i in range(len(views))])
     azimuth, elevation, distance = views.azimuth, views.elevation, lengths
     if setup.height is not None:
