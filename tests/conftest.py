@@ -1,6 +1,7 @@
 """Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
 
 import os
+import sys
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ GL = pytest.StashKey[GlContext]()
 os.environ["OMP_NUM_THREADS"] = "1"
 """For torch and BLAS, here and in children, before they are imported: there are as many test processes as cores, and
 threads of OpenMP wait actively for one that has none. torch's sums depend on their number in the last bits."""
+
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+"""Some 300 processes import the package: a quarter of a second of each where nothing keeps its modules compiled, and
+asserts rewritten take each test process ten. numba's functions are kept beside them anyway."""
 
 settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("unhurried")
