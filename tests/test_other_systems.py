@@ -42,6 +42,7 @@ def test_modules_that_only_unix_has_are_not_imported(path: Path) -> None:
         assert not {"fcntl", "resource", "pwd", "grp", "termios"} & {name.partition(".")[0] for name in names}
 
 
+ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="other systems are imitated on Linux")
 AS_THERE = Path(__file__).parent / "other_systems"
 JOB = (
     "generate",
@@ -79,7 +80,7 @@ def made_here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems are imitated on Linux")
+@ON_LINUX
 @pytest.mark.parametrize("system", ["darwin", "win32"])
 def test_the_whole_job_without_what_only_linux_has(system: str, made_here: Path, tmp_path: Path) -> None:
     """Workers are spawned; nothing of Unix, no /proc, and (Windows) no change to open files is asked for."""
@@ -92,6 +93,7 @@ def test_the_whole_job_without_what_only_linux_has(system: str, made_here: Path,
     assert "the dataset is what its manifest says" in command(tmp_path, "verify", "out", **as_there)
 
 
+@ON_LINUX
 def test_what_imitates_windows_bites(tmp_path: Path) -> None:
     """Without it the test above would hold of anything."""
     (tmp_path / "zbuf_occlude").mkdir()

@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
+import pytest
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.gl.context import GlContext
 
+OpenEXR = pytest.importorskip("OpenEXR")
 TILTED = np.array([[-2, -1, -1], [2, -1, 1], [2, 1, 1], [-2, 1, -1]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
