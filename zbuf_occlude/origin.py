@@ -17,7 +17,7 @@ class Stamp(NamedTuple):
     time: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Origin:
     """What a mesh was made of.
 

@@ -174,9 +174,7 @@ def test_a_folder_with_a_meshs_ending(tmp_path: Path) -> None:
         load_mesh(tmp_path / "a.off")
 
 
-@pytest.mark.skipif(
-    getattr(os, "geteuid", lambda: 0)() == 0, reason="root, and whoever runs Windows, may read everything"
-)
+@pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="root may read everything, as on Windows")
 def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
     path = write(tmp_path, "a.off", TRIANGLE)
     path.chmod(stat.S_IWUSR)

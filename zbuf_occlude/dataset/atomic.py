@@ -1,6 +1,7 @@
 """Files that are either whole or not there: written under a temporary name, synced, renamed."""
 
 import errno
+import io
 import json
 import os
 import re
@@ -78,8 +79,14 @@ def is_temporary(name: str) -> bool:
 
 def write_json(path: Path, document: Any, *, exclusive: bool = False) -> None:
     """Write plain data as indented JSON; `exclusive` as in `write`."""
-    text = json.dumps(document, indent=2, sort_keys=True) + "\n"
-    write(path, lambda file: file.write(text.encode()), exclusive=exclusive)
+
+    def fill(file: IO[bytes]) -> None:  # piece by piece: of a million meshes the whole text would be 300 MB
+        text = io.TextIOWrapper(file, "ascii", newline="\n", write_through=False)
+        json.dump(document, text, indent=2, sort_keys=True)
+        text.write("\n")
+        text.detach()
+
+    write(path, fill, exclusive=exclusive)
 
 
 def write_lines(path: Path, lines: list[str]) -> None:
