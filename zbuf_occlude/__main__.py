@@ -18,6 +18,7 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    _open_closed_streams()
     # children (workers, probes) import from where Python's packages are, never from whatever folder a person is in
     os.environ["PYTHONSAFEPATH"] = "1"
     # a worker that had to be killed leaves a semaphore of numba's, of which Python's tracker would warn at the very end
@@ -59,6 +60,16 @@ def main() -> None:
         code = FAILED
     gc.freeze()  # at the end nothing is looked through for what nobody needs, a tenth of a second
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _open_closed_streams() -> None:
+    """Have standard streams that the caller closed lead nowhere; else the next file opened would be taken for one."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number: this one
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """The small commands: help, methods, doctor, visible; exit codes and error lines."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,14 @@ def test_an_unknown_command_is_a_usage_error(run: Run) -> None:
     outcome = run("render")
     assert outcome.code == 2
     assert "No such command 'render'" in outcome.err
+
+
+def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
+    """As daemons have them; what is opened next must not be taken for one of them, nor a bar fail for want of it."""
+    options = "--limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 1"
+    command = f"exec {sys.executable} -m zbuf_occlude generate {options} --out out <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
+    assert (tmp_path / "out" / "manifest.json").is_file()
 
 
 def test_methods_lists_the_table(run: Run) -> None:

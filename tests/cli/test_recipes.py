@@ -1,0 +1,40 @@
+"""What the documents and the help say to type is accepted as it stands."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run, write_off
+from tests.scenes import box
+from tests.test_import_graph import PACKAGE
+
+ROOT = PACKAGE.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), PACKAGE / "cli" / "generate.py"]
+NOT_HERE = re.compile(r"--labels|--engine|--shard|\.zip|--preset|OUT|ARGUMENTS")
+"""Commands that need files of others, or a cluster, or have tests of their own."""
+
+
+def recipes() -> list[str]:
+    """Every `generate` of the pages that takes a collection as it is, or the built-in shapes."""
+    lines = [line.split(" #")[0].strip() for page in PAGES for line in page.read_text().splitlines()]
+    found = {line for line in lines if line.startswith("zbuf-occlude generate ")}
+    return sorted(line for line in found if not NOT_HERE.search(line))
+
+
+def test_there_are_recipes() -> None:
+    assert len(recipes()) >= 6
+
+
+@pytest.mark.parametrize("recipe", recipes())
+def test_a_recipe_is_accepted(run: Run, tmp_path: Path, recipe: str) -> None:
+    """Of the folder that it names there is one here, of two classes; of all meshes the first two are tried."""
+    words = shlex.split(recipe)[2:]
+    if not words[0].startswith("-"):
+        for label in ("chair", "airplane"):
+            mesh = box()
+            write_off(tmp_path / "meshes" / label / "train" / "one.off", mesh.vertices, mesh.faces)
+        words[0] = str(tmp_path / "meshes")
+    outcome = run("generate", *words, "--out", tmp_path / "out", "--limit", 2, "--dry-run")  # the last of two counts
+    assert outcome.code == 0, outcome.err
