@@ -238,8 +238,8 @@ PARTS = (
     ),
     Part(
         "study-voxels",
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 3 --voxels 30 --out OUT/voxels",
-        5,
+        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 11 --voxels 30 --out OUT/voxels",
+        18,
         "zbuf-occlude experiment elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --voxels 30 "
         "--out OUT/voxels",
         times=False,
@@ -247,8 +247,8 @@ PARTS = (
     ),
     Part(
         "study-plain",
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 3 --out OUT/plain",
-        5,
+        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 11 --out OUT/plain",
+        18,
         "zbuf-occlude experiment elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --out OUT/plain",
         times=False,
         reads="plain/study.md",
