@@ -113,9 +113,11 @@ def point_fields(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
 
 def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Return the fields of a record besides data and face_ids that have a row per point: type, and shape of a row."""
+    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_COLUMNS[each].items()}
     if recipe.setup is None:
-        return {name: row for each in recipe.attributes for name, row in ATTRIBUTE_COLUMNS[each].items()}
-    return {name: row for name, row in SCAN_COLUMNS.items() if name != "clean_range" or recipe.setup.keep_clean}
+        return of_attributes
+    of_scans = {name: row for name, row in SCAN_COLUMNS.items() if name != "clean_range" or recipe.setup.keep_clean}
+    return of_scans | of_attributes
 
 
 def gather_clouds(
@@ -173,7 +175,7 @@ def gather_clouds(
         record["pose"] = poses[view]
         record["n_visible"], record["visible_fraction"] = n_visible, n_visible / len(points)
         if isinstance(points, ScanPoints):
-            _fill_scan(record, points, chosen, int(view), poses[view] if recipe.frame == "camera" else None)
+            _fill_scan(record, points, chosen, recipe, int(view), poses[view] if recipe.frame == "camera" else None)
         elif recipe.attributes:
             _fill_attributes(record, points.select(chosen), recipe, views, int(view))
     return records
@@ -195,10 +197,12 @@ def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: 
         record["color"] = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
 
 
-def _fill_scan(record: Any, points: ScanPoints, chosen: NDArray[np.intp], view: int, pose: FloatArray | None) -> None:
-    for name, values in points.columns.items():
-        turned = values[chosen] @ pose[:3, :3].T if name == "normal" and pose is not None else values[chosen]
-        record[name] = turned.astype(SCAN_COLUMNS[name][0])
+def _fill_scan(
+    record: Any, points: ScanPoints, chosen: NDArray[np.intp], recipe: Recipe, view: int, pose: FloatArray | None
+) -> None:
+    for name, (kind, _) in point_columns(recipe).items():
+        values = points.columns[name][chosen]
+        record[name] = (values @ pose[:3, :3].T if name == "normal" and pose is not None else values).astype(kind)
     for name, values in points.facts.items():
         record[name] = values[view]
     record["visible_fraction"] = 1.0 - record["hidden"]

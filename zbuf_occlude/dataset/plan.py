@@ -138,8 +138,6 @@ class Recipe:
             )
         for name in self.attributes:
             check_word("attribute", name, ATTRIBUTES)
-        if "colors" in self.attributes and self.scanning is not None:
-            raise OptionError("colors are of points on the surface; a sensor's have normals alone. Leave colors out.")
         if "colors" in self.attributes and find_spec("PIL") is None:
             raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
         if self.seed < 0:

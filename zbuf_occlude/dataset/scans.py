@@ -1,17 +1,21 @@
 """The flow for scans: mesh in metres -> places of the sensor -> scenes -> first hits -> what a dataset keeps."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zbuf_occlude.colors import GREY, Bytes, barycentric
 from zbuf_occlude.dataset.clouds import ScanPoints, point_columns
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
-from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept
+from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept, lacks_colors
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors.capture import Capture, captures, sensor_places, stand
+from zbuf_occlude.sensors.record import Scan
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
@@ -19,7 +23,7 @@ ATTRIBUTES = {
     "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
     "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
 }  # fmt: skip
-"""For each field of a record that has a row per point what it is of a `Scan`."""
+"""For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
 
 CHECKED_VIEWS = 4
 """Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
@@ -55,7 +59,8 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
     standing, size = stand(mesh, label, setup)
     floor = float(standing.bounds[0, 2])
     kept: list[Kept] = []
-    counts, renderer = Counts(faces_dropped=mesh.dropped), "none"
+    counts = Counts(faces_dropped=mesh.dropped, n_without_colors=lacks_colors(mesh, recipe))
+    renderer = "none"
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = sensor_places(plan.views_of(key), size, floor, setup, seeds)
@@ -75,7 +80,7 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
             face_ids,
             np.concatenate([scan.normals for scan in scans]),
             columns={
-                name: np.concatenate([getattr(scan, ATTRIBUTES[name]) for scan in scans])
+                name: np.concatenate([_column(name, scan, mesh, standing) for scan in scans])
                 for name in point_columns(recipe)
             },
             facts={
@@ -93,6 +98,28 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         )
         kept.append(keep(points, mask, places, key, variation))
     return kept, counts, renderer
+
+
+def _column(name: str, scan: Scan, mesh: Mesh, standing: Mesh) -> NDArray[Any]:
+    return colors_of(scan, mesh, standing) if name == "color" else np.asarray(getattr(scan, ATTRIBUTES[name]))
+
+
+def colors_of(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
+    """Return the colours (n, 3) of where a scan's rays met the target, without noise; all else is grey.
+
+    Parameters
+    ----------
+    scan : Scan
+    mesh, standing : Mesh
+        The target in its own units, with its colours, and in its place.
+    """
+    colors = np.full((len(scan), 3), GREY, dtype=np.uint8)
+    mine = np.flatnonzero(scan.instances == 0)
+    if mesh.colors is not None and len(mine):
+        face_ids = scan.face_ids[mine]
+        met = scan.origin + scan.clean_ranges[mine, None] * scan.directions[mine]
+        colors[mine] = mesh.colors.at(face_ids, barycentric(standing.corners[face_ids], met))
+    return colors
 
 
 def check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> Counts:
