@@ -306,6 +306,7 @@ def _curve_order(positions, face_ids, lower, scale):
                     else:
                         spare[place] = order[j]
                         j += 1
-                order[left:right] = spare[left:right]
+                for place in range(left, right):
+                    order[place] = spare[place]  # a slice takes numba two seconds to compile, for its error's text
             width *= 2
     return order
