@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,9 @@ class Setup:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", self.size or {})
+        for name, span in (("range", self.range), ("hidden", self.hidden)):
+            if not (span is None or _is_span(span)):
+                raise OptionError(f"{name} must be two numbers, from and to; got {span!r}.")
         if self.range is not None and not 0.0 < self.range[0] <= self.range[1] < np.inf:
             raise OptionError(f"--range must be metres above 0, A or A..B with A <= B; got {_shown(self.range)}.")
         if self.hidden is not None:
@@ -149,6 +153,10 @@ def parse_span(name: str, text: str) -> tuple[float, float]:
         return float(first), float(last if dots else first)
     except ValueError:
         raise OptionError(f"{name} must be a number, or two as A..B; got {text!r}.") from None
+
+
+def _is_span(span: Any) -> bool:
+    return np.shape(span) == (2,) and all(isinstance(end, Real) for end in span)
 
 
 def _shown(span: Sequence[float]) -> str:

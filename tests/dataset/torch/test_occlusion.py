@@ -122,10 +122,11 @@ def test_in_forked_workers() -> None:
     """In an interpreter of its own, which has not used numba's threads before it forks, and then has."""
     program = (
         "import torch; from tests.dataset.torch.test_occlusion import Meshes, OnTheFlyOcclusion\n"
-        "loader = torch.utils.data.DataLoader(Meshes(OnTheFlyOcclusion(128)), batch_size=3, num_workers=2,\n"
+        "meshes = Meshes(OnTheFlyOcclusion(128))\n"
+        "loader = torch.utils.data.DataLoader(meshes, batch_size=3, num_workers=2,\n"
         "                                     multiprocessing_context='fork', timeout=500)\n"
         "batches = [clouds for clouds, _ in loader]\n"
-        "OnTheFlyOcclusion(128)(Meshes(lambda mesh: mesh)[0][0])\n"
+        "for i in range(3): meshes[i]  # clouds are in store now: workers must not all hand out the same\n"
         "batches += [clouds for clouds, _ in loader]\n"
         "assert all(clouds.shape == (3, 128, 3) for clouds in batches)\n"
         "assert len({cloud.numpy().tobytes() for clouds in batches for cloud in clouds}) == 24, 'no eye twice'\n"
@@ -186,7 +187,9 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"method": "exact_gl"}, "method must need no GL to run in DataLoader workers; 'exact_gl' does. Take 'exact'"),
         ({"method": "magic"}, "method must be one of"),
         ({"method_options": {"colour": 3}}, "must be given one of its options"),
-        ({"n_points": 0}, "n_points must be positive; got 0"),
+        ({"n_points": 0}, "n_points must be a positive int; got 0"),
+        ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
+        ({"distance": "far"}, "distance must be a positive number; got 'far'"),
         ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
         ({"scale": "sphere"}, "scale must be one of cloud, object, mesh; got 'sphere'"),
     ],

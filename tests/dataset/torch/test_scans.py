@@ -40,6 +40,11 @@ def test_in_a_street_in_metres() -> None:
 def test_what_it_refuses() -> None:
     with pytest.raises(zo.OptionError, match="n_points must be a positive int; got 0"):
         OnTheFlyScan(0)
+    with pytest.raises(zo.ArgumentError, match="surroundings must be a MeshCollection; got list"):
+        OnTheFlyScan(10, scene="street", surroundings=[CAR])  # type: ignore[arg-type]
+    for span in (5, "5..6", (5,), (5, "6")):
+        with pytest.raises(zo.OptionError, match="range must be two numbers"):
+            OnTheFlyScan(10, range=span)
     with pytest.raises(zo.OptionError, match="every class must have a size in metres; 'gizmo' has none"):
         OnTheFlyScan(10)(CAR, "gizmo")
     with pytest.raises(zo.ArgumentError, match="a mesh must have vertices and faces; got int"):

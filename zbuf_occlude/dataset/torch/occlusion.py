@@ -5,6 +5,7 @@ import math
 import os
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numba
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_word
+from zbuf_occlude.checks import check_int, check_word
 from zbuf_occlude.colors import GREY, of_trimesh
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.plan import ATTRIBUTES, SCALES
@@ -87,9 +88,10 @@ class OnTheFlyOcclusion:
         attributes: Sequence[str] = (),
         cache_megabytes: float = 500.0,
     ) -> None:
-        for name, value in (("n_points", n_points), ("distance", distance), ("eyes_per_sampling", eyes_per_sampling)):
-            if not value > 0:
-                raise OptionError(f"{name} must be positive; got {value}.")
+        check_int("n_points", n_points, 1)
+        check_int("eyes_per_sampling", eyes_per_sampling, 1)
+        if not (isinstance(distance, Real) and distance > 0):
+            raise OptionError(f"distance must be a positive number; got {distance!r}.")
         if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
             raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
         check_word("scale", scale, SCALES)
@@ -133,9 +135,12 @@ class OnTheFlyOcclusion:
         )
 
     def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any) -> torch.Tensor:
-        if get_worker_info() is not None and self._process != os.getpid():
+        if self._process != os.getpid():
             self._process = os.getpid()
-            numba.set_num_threads(1)
+            for subject in self._subjects.values():
+                subject.forget_clouds()  # drawn before this process was forked: its siblings have them too
+            if get_worker_info() is not None:
+                numba.set_num_threads(1)
         cloud = self._subject(vertices, faces, mesh).next_cloud(self)
         if self.scale == "cloud":
             centre, factor = fit(cloud[:, :3])
@@ -173,6 +178,10 @@ class _Subject:
             if self._clouds:
                 return self._clouds.pop()
         raise MeshError(f"a mesh must be seen from somewhere; {self.mesh.name} was not from {ROUNDS} samplings.")
+
+    def forget_clouds(self) -> None:
+        """Have the next cloud drawn anew."""
+        self._clouds.clear()
 
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
         rng = np.random.default_rng(int(torch.randint(2**62, ())))

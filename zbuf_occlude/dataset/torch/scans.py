@@ -48,6 +48,8 @@ class OnTheFlyScan:
     ------
     OptionError
         A value out of range.
+    ArgumentError
+        `surroundings` that are no collection.
 
     Notes
     -----
@@ -70,6 +72,11 @@ class OnTheFlyScan:
         self.n_points, self.scale = n_points, scale
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
         self.setup = Setup(document_of(make(sensor, **(numbers or {}))), **given)
+        if not isinstance(surroundings, MeshCollection | None):
+            raise ArgumentError(
+                f"surroundings must be a MeshCollection; got {type(surroundings).__name__}. "
+                "Make one: MeshCollection.from_paths([folder])."
+            )
         entries: Sequence[Any] = surroundings if surroundings is not None else ()
         self._pool = Pool(entries, self.setup.size, self.setup.scene, np.random.SeedSequence(0))
 
