@@ -5,7 +5,6 @@ import math
 import os
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any
 
 import numba
@@ -90,7 +89,7 @@ class OnTheFlyOcclusion:
     ) -> None:
         check_int("n_points", n_points, 1)
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
-        if not (isinstance(distance, Real) and distance > 0):
+        if not isinstance(distance, (int, float, np.floating)) or not distance > 0:
             raise OptionError(f"distance must be a positive number; got {distance!r}.")
         if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
             raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
