@@ -162,7 +162,7 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold):
     values, unread = np.empty(most), np.empty((most, 3), np.int64)
     kinds, first = np.empty(most, np.uint8), np.empty(most, np.int64)
     bits = values.view(np.uint64)
-    n_numbers, n_unread, n_lines = 0, 0, 0
+    n_numbers, n_unread, n_lines = np.int64(0), 0, 0  # with a literal 0, read_decimal would be compiled for it too
     i = start
     while i < n:
         kind = 0
