@@ -176,7 +176,6 @@ def test_of_a_range_that_begins_within_an_object_what_is_outside_is_taken(run: R
         (("--range", "0"), "--range must be metres above 0"),
         (("--range", "2..2.5"), "--range must be more than half of every object; one of class airplane has 5 m"),
         (("--points", "100"), "--points is for points on the surface; a sensor decides itself. Leave it out."),
-        (("--format", "packed"), "--format packed holds points sampled over whole objects"),
         (("--sample-size", "all", "--format", "scanobjectnn"), "--format scanobjectnn holds clouds of one size"),
         (("--sample-size", "some"), "it must be a number of points, at least 1, or all; got 'some'"),
         (("--method", "vertex_hsr"), "the method must cast rays; vertex_hsr does not"),

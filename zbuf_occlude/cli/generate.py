@@ -204,10 +204,12 @@ def command(
     limits = Limits(mesh_seconds, mesh_gigabytes)
     on_this_machine = recipe["engine"] == "local"
     run = pop_engine(context, recipe, limits)
-    setup = pop_scan_options(context, recipe)
+    row = find_format(format)
+    setup = pop_scan_options(context, recipe, sampled=row.keeps_points or row.complete)
     if setup is not None:
-        find_format(format).check_scans()
         method = setup.method
+        if row.complete:
+            echo(f"{format} holds whole objects alone, as they stand before the sensor: nothing is scanned", err=True)
     points, density = recipe.pop("points"), recipe.pop("density")
     recipe["distance"], recipe["farthest"] = recipe["distance"]
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
@@ -240,12 +242,12 @@ def command(
         method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
-        complete=find_format(format).complete,
+        complete=row.complete,
         scanning=None if setup is None else asdict(setup),
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)
-    find_format(format).check(plan)
+    row.check(plan)
     if setup is not None and plan.views.rotations is not None:
         raise click.UsageError("--views must be places about the object for a sensor; these are cameras of a file.")
     if require_gpu and not find_method(plan.recipe.method).needs_gl:

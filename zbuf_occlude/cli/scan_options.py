@@ -85,8 +85,10 @@ def _all_of(*options: Decorator) -> Decorator:
     return decorate
 
 
-def pop_scan_options(context: click.Context, given: dict[str, Any]) -> Setup | None:
+def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: bool) -> Setup | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
+
+    `sampled`: whether the whole objects are sampled too, for a format that holds complete clouds.
 
     Raises
     ------
@@ -96,7 +98,7 @@ def pop_scan_options(context: click.Context, given: dict[str, Any]) -> Setup | N
     taken = {name: given.pop(name) for name in SCAN_OPTIONS}
     if taken["sensor"] == SURFACE:
         return parse_setup("", taken)
-    for name in ("points", "density", "settings"):
+    for name in ("settings",) if sampled else ("points", "density", "settings"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             flag = {"settings": "--set"}.get(name, f"--{name}")
             raise click.UsageError(f"{flag} is for points on the surface; a sensor decides itself. Leave it out.")

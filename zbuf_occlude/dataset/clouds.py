@@ -38,12 +38,12 @@ ATTRIBUTE_COLUMNS: dict[str, dict[str, tuple[str, tuple[int, ...]]]] = {
 
 @dataclass(frozen=True, eq=False)
 class ScanPoints(SurfacePoints):
-    """The points of several scans one after the other, with what a sensor knows of each.
+    """The points of several scans one after the other, with what a sensor knows of each; or all points of the target.
 
     Parameters
     ----------
     columns : mapping of name to (n, ...)
-        Of each point, as `SCAN_COLUMNS`.
+        Of each point, as `SCAN_COLUMNS`; of the whole target none.
     facts : mapping of name to (k,)
         Of each scan: fields of the record.
     """
@@ -72,7 +72,7 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     color : uint8, red, green and blue, sRGB
 
     Of scans (`Recipe.scanning`), positions are metres and the world's origin is the middle of the object's box; besides
-    there are `SCAN_COLUMNS`, a row per point, and
+    there are (unless complete) `SCAN_COLUMNS`, a row per point, and
 
     size : float64, metres of the object's longest side
     hidden : float32, share of the object that others hide; hidden_reached : int32, whether it is as was asked for
@@ -80,7 +80,8 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     With `Recipe.sample_size` None, fields that have a row per point are of objects, an array for each cloud
     (`zbuf_occlude.dataset.ragged`).
     """
-    scanned = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")] if recipe.setup else []
+    scanned = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")]
+    scanned = scanned if recipe.setup and not recipe.complete else []
     size = recipe.sample_size
     points: dict[str, tuple[Any, ...]] = {
         name: (name, object) if size is None else (name, kind, (size, *shape))
@@ -114,7 +115,7 @@ def point_fields(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
 def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Return the fields of a record besides data and face_ids that have a row per point: type, and shape of a row."""
     of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_COLUMNS[each].items()}
-    if recipe.setup is None:
+    if recipe.setup is None or recipe.complete:
         return of_attributes
     of_scans = {name: row for name, row in SCAN_COLUMNS.items() if name != "clean_range" or recipe.setup.keep_clean}
     return of_scans | of_attributes
@@ -174,7 +175,7 @@ def gather_clouds(
         record["view"] = views.azimuth[view], views.elevation[view], views.distance[view]
         record["pose"] = poses[view]
         record["n_visible"], record["visible_fraction"] = n_visible, n_visible / len(points)
-        if isinstance(points, ScanPoints):
+        if isinstance(points, ScanPoints) and not recipe.complete:
             _fill_scan(record, points, chosen, recipe, int(view), poses[view] if recipe.frame == "camera" else None)
         elif recipe.attributes:
             _fill_attributes(record, points.select(chosen), recipe, views, int(view))

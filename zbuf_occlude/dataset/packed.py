@@ -10,6 +10,8 @@ A shard is a ZIP archive; any language reads it. For mesh 17 of the plan and its
     000017/2.steps      q of all points, three 16-bit integers each (`zbuf_occlude.dataset.packing`)
     000017/2.faces      the face each point lies on
     000017/2.visible    for each view of the plan a row of bits, one per point
+    000017/2.scans      of scans instead of 2.visible: their points, not rounded (`zbuf_occlude.dataset.packed_scans`);
+                        all else is then of the object as it stood before the sensor, in metres
     000017/2.normals    with `Recipe.attributes`: unit normals, as the faces are wound, three floats each
     000017/2.colors     likewise: red, green, blue
 
@@ -131,7 +133,7 @@ class PackedDataset(Sequence[PackedCloud]):
 
     def _cloud(self, number: int) -> PackedCloud:
         index, view = self.archives.place(number)
-        (mesh_id, variation), (points, mask, views) = self.archives.blocks[index], self.archives.block(index)
+        (mesh_id, variation), (points, mask, views, whole) = self.archives.blocks[index], self.archives.block(index)
         entry, seen, one = self.archives.plan.meshes[mesh_id], mask[view], views.select([view])
         return PackedCloud(
             points.positions[seen],
@@ -145,5 +147,5 @@ class PackedDataset(Sequence[PackedCloud]):
             view,
             np.array([one.azimuth[0], one.elevation[0], one.distance[0]]),
             one.poses[0],
-            len(points),
+            len(whole),
         )

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset.clouds import gather_clouds, record_type
+from zbuf_occlude.dataset.clouds import ScanPoints, gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.order import order_of
+from zbuf_occlude.dataset.packed_scans import unpack_scans
 from zbuf_occlude.dataset.packing import (
     Grid,
     unpack_colors,
@@ -33,21 +34,24 @@ OPEN_FILES, KEPT_BLOCKS = 16, 4
 
 
 class Block(NamedTuple):
-    """One sampling of one mesh, unpacked.
+    """One sampling of one mesh, or its scans and a sampling, unpacked.
 
     Parameters
     ----------
     points : SurfacePoints
-        All n points, rounded; normals, if they are not kept, are zero.
+        The n points that views see: all of the sampling, or those of all scans.
     mask : (k, n) bool
         Which points each view of the plan sees.
     views : Views
-        World units.
+        World units; of scans metres.
+    whole : SurfacePoints
+        The sampling of the whole surface, rounded; normals, if they are not kept, are zero.
     """
 
     points: SurfacePoints
     mask: BoolArray
     views: Views
+    whole: SurfacePoints
 
 
 class PackedFiles:
@@ -137,8 +141,8 @@ class PackedFiles:
             rows = np.flatnonzero(places[:, 0] == index)
             mesh_id, variation = self.blocks[index]
             entry, block, views = self.plan.meshes[mesh_id], self.block(index), places[rows, 1]
-            mask = np.ones_like(block.mask) if recipe.complete else block.mask
-            found = gather_clouds(block.points, mask, block.views, recipe, entry.key, variation, which=views)
+            points, mask = (block.whole, _everything(block)) if recipe.complete else (block.points, block.mask)
+            found = gather_clouds(points, mask, block.views, recipe, entry.key, variation, which=views)
             found["mesh_id"], found["label"] = mesh_id, self.plan.classes.index(entry.label)
             records[rows] = found
         return records
@@ -147,26 +151,31 @@ class PackedFiles:
         """Return a record of `n_points` of an object's whole surface, hidden points too, of its first variation."""
         recipe = replace(self.plan.recipe, sample_size=n_points, complete=True)
         entry, block = self.plan.meshes[mesh_id], self.block(self.blocks.index((mesh_id, 0)))
-        everything = np.ones_like(block.mask)
-        (record,) = gather_clouds(block.points, everything, block.views, recipe, entry.key + "/complete", 0, which=[0])
+        key, everything = entry.key + "/complete", _everything(block)
+        (record,) = gather_clouds(block.whole, everything, block.views, recipe, key, 0, which=[0])
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
     def _unpack(self, mesh_id: int, variation: int) -> Block:
-        facts, path = self._facts[mesh_id], self._path_of[mesh_id]
+        facts, path, recipe = self._facts[mesh_id], self._path_of[mesh_id], self.plan.recipe
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
         with reading(path):
             archive = self._archive(path)
-            steps, faces, bits = (archive.read(f"{name}.{kind}") for kind in ("steps", "faces", "visible"))
-            more = {kind: archive.read(f"{name}.{kind}") for kind in self.plan.recipe.attributes}
+            steps, faces = archive.read(f"{name}.steps"), archive.read(f"{name}.faces")
+            more = {kind: archive.read(f"{name}.{kind}") for kind in recipe.attributes}
+            scans = None if recipe.setup is None else unpack_scans(archive.read(f"{name}.scans"))
+            bits = archive.read(f"{name}.visible") if scans is None else b""
         positions = Grid(np.asarray(facts["low"]), facts["step"]).positions(unpack_steps(steps, n_points))
         normals = unpack_normals(more["normals"], n_points) if "normals" in more else np.zeros_like(positions)
         colors = unpack_colors(more["colors"], n_points) if "colors" in more else None
-        return Block(
-            SurfacePoints(positions, unpack_faces(faces, n_points), normals, colors),
-            unpack_mask(bits, len(self.plan.views), n_points),
-            self.plan.views_of(self.plan.meshes[mesh_id].key).around(facts["centre"], facts["longest_side"]),
-        )
+        face_ids = unpack_faces(faces, n_points)
+        if scans is not None:
+            size = {"size": np.array([facts["longest_side"]])}
+            return Block(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
+        points = SurfacePoints(positions, face_ids, normals, colors)
+        mask = unpack_mask(bits, len(self.plan.views), n_points)
+        views = self.plan.views_of(self.plan.meshes[mesh_id].key)
+        return Block(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
 
     def _archive(self, path: Path) -> zipfile.ZipFile:
         if path not in self._open:
@@ -180,3 +189,8 @@ class PackedFiles:
         self._process = os.getpid()
         self._open: OrderedDict[Path, zipfile.ZipFile] = OrderedDict()
         self._kept: OrderedDict[int, Block] = OrderedDict()
+
+
+def _everything(block: Block) -> BoolArray:
+    """A mask of the whole surface for each view."""
+    return np.ones((len(block.mask), len(block.whole)), dtype=bool)

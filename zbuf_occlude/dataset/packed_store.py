@@ -11,6 +11,8 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.clouds import ScanPoints
+from zbuf_occlude.dataset.packed_scans import pack_scans
 from zbuf_occlude.dataset.packing import (
     Grid,
     pack_colors,
@@ -21,8 +23,10 @@ from zbuf_occlude.dataset.packing import (
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Run
+from zbuf_occlude.dataset.scans import standing_points
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.sensors.capture import stand
 from zbuf_occlude.views import Views
 
 
@@ -43,17 +47,24 @@ class PackedStore:
     def keep(
         self, points: SurfacePoints, mask: BoolArray, views: Views, key: str, variation: int
     ) -> tuple[SurfacePoints, bytes, list[int]]:
-        """Keep one sampling of a mesh: its points, the bits, the views that see nothing."""
-        return points, pack_mask(mask), np.flatnonzero(~mask.any(axis=1)).tolist()
+        """Keep one sampling of a mesh, or its scans: the points, bits or scans as bytes, the views that see nothing."""
+        seen = pack_scans(points, mask, views) if isinstance(points, ScanPoints) else pack_mask(mask)
+        return points, seen, np.flatnonzero(~mask.any(axis=1)).tolist()
 
     def add(self, mesh_id: int, mesh: Mesh, kept: list[tuple[SurfacePoints, bytes, list[int]]]) -> None:
         """Take in what was kept of all samplings of a mesh."""
-        entry, grid = self._plan.meshes[mesh_id], Grid.of_box(mesh.bounds)
+        entry, recipe = self._plan.meshes[mesh_id], self._plan.recipe
+        kind, samples = "visible", [points for points, _, _ in kept]
+        if recipe.setup is not None:
+            kind = "scans"
+            samples = [standing_points(mesh, entry.label, recipe, entry.key, i) for i in range(len(kept))]
+            mesh, _ = stand(mesh, entry.label, recipe.setup)
+        grid = Grid.of_box(mesh.bounds)
         facts = {
             "key": entry.key,
             "label": entry.label,
             "split": entry.split,
-            "n_points": [len(points) for points, _, _ in kept],
+            "n_points": list(map(len, samples)),
             "low": grid.low.tolist(),
             "step": grid.step,
             "centre": mesh.centre.tolist(),
@@ -61,14 +72,14 @@ class PackedStore:
             "blind": [blind for _, _, blind in kept],
         }
         self._members.append((f"{mesh_id:06d}/mesh.json", json.dumps(facts).encode()))
-        for variation, (points, bits, _) in enumerate(kept):
+        for variation, (points, (_, seen, _)) in enumerate(zip(samples, kept, strict=True)):
             name = f"{mesh_id:06d}/{variation}"
             self._members.append((f"{name}.steps", pack_steps(grid.rounded(points.positions))))
             self._members.append((f"{name}.faces", pack_faces(points.face_ids)))
-            self._members.append((f"{name}.visible", bits))
-            if "normals" in self._plan.recipe.attributes:
+            self._members.append((f"{name}.{kind}", seen))
+            if "normals" in recipe.attributes:
                 self._members.append((f"{name}.normals", pack_normals(points.normals)))
-            if "colors" in self._plan.recipe.attributes:
+            if "colors" in recipe.attributes:
                 colors = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
                 self._members.append((f"{name}.colors", pack_colors(colors)))
 

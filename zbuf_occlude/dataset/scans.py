@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from zbuf_occlude.colors import GREY, Bytes, barycentric
 from zbuf_occlude.dataset.clouds import ScanPoints, point_columns
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
-from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept, lacks_colors
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept, lacks_colors, sample
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.seeds import seed_of
@@ -48,7 +48,8 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
     Returns
     -------
     kept : list
-        What `keep` returned, variation by variation.
+        What `keep` returned, variation by variation; of complete clouds it is given the whole object, and nothing is
+        scanned.
     counts, renderer
         As `pipeline.occlude` returns; a checked pair is a ray, false visible: what it is said to meet lies behind what
         the oracle says, false hidden: before it.
@@ -64,6 +65,12 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = sensor_places(plan.views_of(key), size, floor, setup, seeds)
+        if recipe.complete:
+            whole = standing_points(mesh, label, recipe, key, variation)
+            n_short = len(places) if len(whole) < (recipe.sample_size or 0) else 0
+            counts += Counts(n_clouds=len(places), n_with_repeats=n_short)
+            kept.append(keep(whole, np.ones((len(places), len(whole)), dtype=bool), places, key, variation))
+            continue
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
         n_checked = min(CHECKED_VIEWS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
@@ -98,6 +105,15 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         )
         kept.append(keep(points, mask, places, key, variation))
     return kept, counts, renderer
+
+
+def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:
+    """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
+    assert recipe.setup is not None
+    points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
+    _, size = stand(mesh, label, recipe.setup)
+    positions = (points.positions - mesh.centre) * (size / mesh.longest_side)
+    return ScanPoints(positions, points.face_ids, points.normals, points.colors, facts={"size": np.array([size])})
 
 
 def _column(name: str, scan: Scan, mesh: Mesh, standing: Mesh) -> NDArray[Any]:

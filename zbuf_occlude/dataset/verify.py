@@ -188,9 +188,9 @@ def verify(
             for split, names in jobs[job].items():
                 files.setdefault(split, []).extend(names)
         source = find_format(plan.format).load().read(out, plan, files)
-        if plan.recipe.setup is not None:
-            n_checked = scan_again(source, plan, meshes, n_samples, faults)
-        else:
+        if plan.recipe.setup is None:
             n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
+        elif not plan.recipe.complete:  # whole objects are no scans
+            n_checked = scan_again(source, plan, meshes, n_samples, faults)
     names = {name for job in mine for of_split in jobs[job].values() for name in of_split}
     return Verdict(len(names), sum(n_clouds.values()), n_checked, rate, faults)

@@ -121,14 +121,6 @@ class Format:
             )
         getattr(self.load(), "check", lambda plan: None)(plan)
 
-    def check_scans(self) -> None:
-        """Raise OptionError when it can hold no scans, whose points are not those of one sampling of the object."""
-        if self.keeps_points or self.complete:
-            raise OptionError(
-                f"--format {self.name} holds points sampled over whole objects; a sensor's are of one scan each. "
-                f"Choose {', '.join(row.name for row in FORMATS if not row.keeps_points and not row.complete)}."
-            )
-
     def redrawn(self, recipe: Recipe) -> Recipe:
         """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
         drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale")}
