@@ -64,15 +64,20 @@ def test_too_few_objects_of_a_class_are_an_error() -> None:
         find_preset("paper-modelnet8").choose(modelnet(40, 20))
 
 
-def test_modelnet40_c_has_the_camera_of_its_generator() -> None:
-    """A Kinect's: 512 x 424 pixels, focal length 365."""
-    name, _, numbers = find_preset("modelnet40-c-occlusion").options["sensor"].partition(":")
+@pytest.mark.parametrize(
+    ("preset", "width", "height", "focal_length"),
+    [("modelnet40-c-occlusion", 512, 424, 365.0), ("pcn", 160, 120, 100.0)],
+)
+def test_presets_have_the_cameras_of_their_generators(
+    preset: str, width: int, height: int, focal_length: float
+) -> None:
+    name, _, numbers = find_preset(preset).options["sensor"].partition(":")
     sensor = make(name, **{key: literal(value) for key, value in (pair.split("=") for pair in numbers.split(","))})
     directions = sensor.rays().directions
-    assert len(directions) == 512 * 424
+    assert len(directions) == width * height
     across, upwards = directions[:, 1] / directions[:, 0], directions[:, 2] / directions[:, 0]
-    assert np.abs(across).max() * 365 == pytest.approx(255.5, abs=0.05)
-    assert np.abs(upwards).max() * 365 == pytest.approx(211.5, abs=0.05)
+    assert np.abs(across).max() * focal_length == pytest.approx((width - 1) / 2, abs=0.05)
+    assert np.abs(upwards).max() * focal_length == pytest.approx((height - 1) / 2, abs=0.05)
 
 
 def test_an_unknown_preset_says_which_there_are() -> None:

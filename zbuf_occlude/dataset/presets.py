@@ -98,8 +98,16 @@ PRESETS: tuple[Preset, ...] = (
     ),
     Preset(
         "pcn",
-        "PCN's layout: 8 random poses at distance 1, 16,384 complete points",
-        MappingProxyType({"views": "random-so3:8", "distance": "1", "format": "pcn", "method": "exact"}),
+        "PCN's layout: 8 random poses at distance 1, its camera, 16,384 complete points",
+        MappingProxyType(
+            {
+                "views": "random-so3:8",
+                "distance": "1",
+                "format": "pcn",
+                "sensor": "pinhole:width=160,height=120,fov=77.3196",
+                "size": "1",
+            }
+        ),
         MeshCollection.interleaved,
         30_974,
     ),

@@ -1,0 +1,94 @@
+"""Scans in layouts of pairs: the complete cloud is the scanned object's, where and as large as it stood."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.cli.conftest import Run
+from zbuf_occlude.dataset.pcd import read_pcd
+from zbuf_occlude.meshes import shapes
+
+CAMERA = ("--sensor", "pinhole:width=40,height=30,fov=60", "--method", "embree", "--limit", 2, "--range", 4)
+CAMERA += ("--size", "airplane=2,bed=3", "--set-sensor", "noise=0")
+
+
+def generated(run: Run, out: Path, *more: object) -> None:
+    outcome = run("generate", *CAMERA, "--out", out, *more)
+    assert outcome.code == 0, outcome.err
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    made = {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    return {name: content for name, content in made.items() if name != "manifest.json"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pairs")
+
+
+@pytest.fixture
+def pcn(run: Run, folder: Path) -> Path:
+    """Scans as PCN has them, in metres, made once."""
+    out = folder / "pcn"
+    if not (out / "manifest.json").exists():
+        generated(run, out, "--format", "pcn", "--scale", "mesh", "--sample-size", 64, "--workers", 1)
+    return out
+
+
+def standing(key: str, size: float) -> Any:
+    """An object as it stands before the sensor, by another library."""
+    (entry,) = (entry for entry in shapes.collection() if entry.key == key)
+    mesh = entry.load()
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return trimesh.Trimesh((mesh.vertices - (low + high) / 2) * size / (high - low).max(), mesh.faces, process=False)
+
+
+def distances(mesh: Any, points: Any) -> Any:
+    """Of points from the nearest triangle, all asked."""
+    asked = np.repeat(points, len(mesh.faces), axis=0)
+    nearest = trimesh.triangles.closest_point(np.tile(mesh.triangles, (len(points), 1, 1)), asked)
+    return np.linalg.norm(nearest - asked, axis=1).reshape(len(points), -1).min(axis=1)
+
+
+def test_both_clouds_lie_on_the_object_as_it_stood(pcn: Path) -> None:
+    keys = (pcn / "mesh_keys.txt").read_text().split()
+    index = json.loads((pcn / "PCN.json").read_text())
+    assert {row["taxonomy_name"] for row in index} == {"airplane", "bed"}
+    for row in index:
+        (split,) = (split for split in ("train", "val", "test") if row[split])
+        (name,) = row[split]
+        (key,) = (key for key in keys if Path(key).stem == name)
+        truth = standing(key, {"airplane": 2.0, "bed": 3.0}[row["taxonomy_name"]])
+        complete = read_pcd(pcn / split / "complete" / row["taxonomy_id"] / f"{name}.pcd").astype(float)
+        partials = sorted((pcn / split / "partial" / row["taxonomy_id"] / name).glob("*.pcd"))
+        assert len(complete) == 16_384
+        assert len(np.unique(complete, axis=0)) == 16_384
+        assert len(partials) == {"train": 8}.get(split, 1)
+        for points in (complete, *(read_pcd(path).astype(float) for path in partials)):
+            assert distances(truth, points[:20]).max() < 1e-4
+        assert np.allclose(np.ptp(complete, axis=0), np.ptp(truth.vertices, axis=0), atol=0.15)
+        # the first points are as good a sample as all of them: loaders that take fewer take the first
+        assert np.allclose(complete[:2048].mean(axis=0), complete.mean(axis=0), atol=0.1)
+
+
+def test_interrupted_and_gone_on_with(run: Run, pcn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each object a shard: one is made, then the other, then the files; a damaged shard is made again."""
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 8)
+    given = ("--format", "pcn", "--scale", "mesh", "--sample-size", 64, "--workers", 1)
+    out = tmp_path / "halves"
+    generated(run, out, *given, "--shard", "0/2")
+    shard = out / "shards" / "000000.zip"
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1  # in the complete cloud
+    shard.write_bytes(content)
+    generated(run, out, *given, "--shard", "1/2")
+    assert run("merge", out).code != 0
+    generated(run, out, *given)
+    made, expected = files_of(out), files_of(pcn)
+    for name in expected.keys() - {"plan.json"}:
+        assert made[name] == expected[name], name
