@@ -31,7 +31,7 @@ MESHES = [
 NAMES = {"airplane": "02691156", "arm chair": "arm_chair"}
 PAIRS = [row.name for row in FORMATS if row.pairs]
 PUBLISHED = [row.name for row in FORMATS if row.name not in ("hdf5", "webdataset", "npz", "ply", "packed")]
-INDICES = ("PCN.json", "Completion3D.json")
+INDICES = ("PCN.json", "Completion3D.json", "shapenet_synset_dict.json")
 N_VIEWS = {"pcn": 8, "completion3d": 1, "mvp": 26, "projected-shapenet": 16, "shapenet55": 1}
 
 
@@ -138,6 +138,13 @@ def test_shapenet55_as_its_loaders_read_it(made: Made) -> None:
         cloud = np.load(root / "shapenet_pc" / line)
         assert (cloud.shape, cloud.dtype) == ((8_192, 3), np.float32)
         assert np.allclose(np.ptp(cloud, axis=0), [0.25, 0.5, 1.0], atol=0.01)
+
+
+@pytest.mark.parametrize("format", ["pcn", "completion3d", "projected-shapenet", "shapenet55"])
+def test_what_a_report_of_a_test_looks_up(made: Made, format: str) -> None:
+    """PoinTr's prints `shapenet_synset_dict.json`'s name of each taxonomy that it met."""
+    called = json.loads((made(format) / "shapenet_synset_dict.json").read_text())
+    assert called == {"02691156": "airplane", "arm_chair": "arm chair"}
 
 
 def test_mvp_as_its_loaders_read_it(made: Made) -> None:

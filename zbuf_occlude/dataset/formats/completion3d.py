@@ -4,6 +4,7 @@ SPLIT/partial/TAXONOMY/OBJECT.h5    data (2048, 3) float32
 SPLIT/gt/TAXONOMY/OBJECT.h5         data (2048, 3) float32
 SPLIT.list                          TAXONOMY/OBJECT, one per line, as TopNet's loaders read it
 Completion3D.json                   the same as PCN.json, as those of GRNet and PoinTr do
+shapenet_synset_dict.json           what each taxonomy is called
 """
 
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.pairs import Pairs, write_index
-from zbuf_occlude.dataset.formats.published import Names, check_pairs, names_of
+from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, names_of, write_synsets
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.meshes.collection import SPLITS
@@ -32,7 +33,7 @@ def check(plan: Plan) -> None:
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
-    yield from (INDEX, *(f"{split}.list" for split in plan.splits))
+    yield from (INDEX, SYNSETS, *(f"{split}.list" for split in plan.splits))
     yield from PAIRS.names(plan)
 
 
@@ -43,7 +44,8 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
     for split in files:
         atomic.write_lines(out / f"{split}.list", [_place(names, mesh_id) for mesh_id in mesh_ids[split]])
     write_index(out / INDEX, source.plan, mesh_ids)
-    return {split: [*of_split, f"{split}.list", INDEX] for split, of_split in files.items()}
+    synsets = write_synsets(out, source.plan)
+    return {split: [*of_split, f"{split}.list", INDEX, synsets] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -3,13 +3,14 @@
 SPLIT/complete/TAXONOMY/OBJECT.pcd           16,384 points
 SPLIT/partial/TAXONOMY/OBJECT/00.pcd ...     one per view: eight in train, one in val and test
 PCN.json                                     taxonomy_id, taxonomy_name, and the objects of train, val, test
+shapenet_synset_dict.json                    what each taxonomy is called
 """
 
 from collections.abc import Iterator
 from pathlib import Path
 
 from zbuf_occlude.dataset.formats.pairs import Pairs, write_index
-from zbuf_occlude.dataset.formats.published import Names, check_pairs
+from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, write_synsets
 from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
@@ -26,7 +27,7 @@ def check(plan: Plan) -> None:
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
-    yield INDEX
+    yield from (INDEX, SYNSETS)
     yield from PAIRS.names(plan)
 
 
@@ -34,7 +35,8 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write pairs, and the index of them."""
     files, mesh_ids = PAIRS.write(source, out)
     write_index(out / INDEX, source.plan, mesh_ids)
-    return {split: [*of_split, INDEX] for split, of_split in files.items()}
+    synsets = write_synsets(out, source.plan)
+    return {split: [*of_split, INDEX, synsets] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

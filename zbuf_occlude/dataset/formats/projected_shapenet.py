@@ -3,6 +3,7 @@
 projected_partial_noise/TAXONOMY/OBJECT/models/0.pcd ... 15.pcd    partial clouds
 shapenet_pc/TAXONOMY-OBJECT.npy                                    complete clouds, (8192, 3) float32
 train.txt, test.txt (and val.txt)                                  names of the latter, one per line
+shapenet_synset_dict.json                                          what each taxonomy is called
 """
 
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.pairs import Pairs
-from zbuf_occlude.dataset.formats.published import Names, check_pairs, names_of
+from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, names_of, write_synsets
 from zbuf_occlude.dataset.formats.shapenet55 import FOLDER, N_COMPLETE, complete_name, write_npy
 from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
 from zbuf_occlude.dataset.plan import Plan
@@ -27,7 +28,7 @@ def check(plan: Plan) -> None:
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
-    yield from (f"{split}.txt" for split in plan.splits)
+    yield from (SYNSETS, *(f"{split}.txt" for split in plan.splits))
     yield from PAIRS.names(plan)
 
 
@@ -37,7 +38,8 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
     names = names_of(source.plan)
     for split in files:
         atomic.write_lines(out / f"{split}.txt", [complete_name(names, mesh_id) for mesh_id in mesh_ids[split]])
-    return {split: [*of_split, f"{split}.txt"] for split, of_split in files.items()}
+    synsets = write_synsets(out, source.plan)
+    return {split: [*of_split, f"{split}.txt", synsets] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -26,6 +26,8 @@ from zbuf_occlude.meshes.files import SUFFIXES
 
 Records = NDArray[Any]
 CLOUDS_AT_ONCE = 256
+SYNSETS = "shapenet_synset_dict.json"
+"""As PoinTr calls it, which reads its own from ./data when it reports."""
 
 
 class Names(NamedTuple):
@@ -246,6 +248,14 @@ def write_list(out: Path, split: str, names: list[str]) -> str:
     """Write the list of all files of a split, in which checksums find them; return its name."""
     atomic.write_lines(out / f"{split}_files.txt", names)
     return f"{split}_files.txt"
+
+
+def write_synsets(out: Path, plan: Plan) -> str:
+    """Write what each taxonomy is called; PoinTr's report of a test ends at one that its own list lacks."""
+    names = names_of(plan)
+    called = {taxonomy: entry.label for taxonomy, entry in zip(names.taxonomies, plan.meshes, strict=True)}
+    atomic.write_json(out / SYNSETS, called)
+    return SYNSETS
 
 
 def _rest_type(recipe: Recipe) -> np.dtype[Any]:

@@ -2,6 +2,7 @@
 
 shapenet_pc/TAXONOMY-OBJECT.npy      (8192, 3) float32
 train.txt, test.txt (and val.txt)    names of these files, one per line
+shapenet_synset_dict.json            what each taxonomy is called
 """
 
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import numpy as np
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
+    SYNSETS,
     Names,
     Records,
     by_object,
@@ -21,6 +23,7 @@ from zbuf_occlude.dataset.formats.published import (
     rest_name,
     write_list,
     write_rest,
+    write_synsets,
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
@@ -37,6 +40,7 @@ def check(plan: Plan) -> None:
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
     names = names_of(plan)
+    yield SYNSETS
     yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.txt"))
     yield from (f"{FOLDER}/{complete_name(names, mesh_id)}" for mesh_id in range(len(plan.meshes)))
 
@@ -44,6 +48,7 @@ def names(plan: Plan) -> Iterator[str]:
 def write(source: Source, out: Path) -> dict[str, list[str]]:
     """Write one complete cloud per object."""
     names, files = names_of(source.plan), {}
+    synsets = write_synsets(out, source.plan)
     for split in source.order:
         listed: list[str] = []
 
@@ -56,7 +61,7 @@ def write(source: Source, out: Path) -> dict[str, list[str]]:
 
         rest = write_rest(out, split, objects(), source.plan.recipe)
         atomic.write_lines(out / f"{split}.txt", listed)
-        files[split] = [rest, write_list(out, split, [f"{FOLDER}/{name}" for name in listed]), f"{split}.txt"]
+        files[split] = [rest, write_list(out, split, [f"{FOLDER}/{name}" for name in listed]), f"{split}.txt", synsets]
     return files
 
 
