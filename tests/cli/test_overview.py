@@ -6,6 +6,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude.cli.overview import MOST_ROWS, overview
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
@@ -53,6 +54,13 @@ def test_a_preset_with_fewer_objects_than_its_paper_says_so(run: Run, modelnet: 
     assert "warning: paper-modelnet40 has 200 objects in its paper; here are 8." in outcome.err
 
 
+@pytest.mark.parametrize(("format", "warned"), [("pcn", True), ("projected-shapenet", False), ("hdf5", False)])
+def test_what_published_tests_cannot_divide_is_said(run: Run, modelnet: Path, format: str, warned: bool) -> None:
+    outcome = run("generate", modelnet, "--format", format, "--points", "20000", "--dry-run")
+    assert outcome.code == 0, outcome.err
+    assert ("there must be 10 or more; here are 4. Training is not concerned" in outcome.err) is warned
+
+
 def test_labels_classes_and_splits(run: Run, modelnet: Path, tmp_path: Path) -> None:
     (tmp_path / "labels.csv").write_text("file,class,split\nball_0,sphere,test\nball_1.off,sphere,val\n")
     some = run("generate", modelnet, "--dry-run", "--classes", "ball", "--splits", "test")
@@ -72,7 +80,7 @@ def test_many_classes_are_cut_short_and_counted() -> None:
     entries = [
         MeshEntry(f"{i}/{j}", f"class{i:03}", "train", lambda: None) for i in range(100) for j in range(2 + i // 50)
     ]  # type: ignore[arg-type,return-value]
-    rows = table(overview(MeshCollection(entries)))
+    rows = table(overview(MeshCollection(entries), find_format("hdf5")))
     assert len(rows) == MOST_ROWS + 3
     assert rows[-2] == ["40", "more", "80"]
     assert rows[-1] == ["100", "classes", "250"]

@@ -234,7 +234,7 @@ def command(
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"],
     )
-    echo(overview(collection, wanted), err=True)
+    echo(overview(collection, row, wanted), err=True)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,

@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.presets import Preset
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 
@@ -9,10 +10,10 @@ MOST_ROWS = 60
 """Of a collection of more classes the largest of them are shown."""
 
 
-def overview(meshes: MeshCollection, preset: Preset | None = None) -> str:
+def overview(meshes: MeshCollection, format: Format, preset: Preset | None = None) -> str:
     """Return remarks, the table of classes and splits, and warnings."""
     counts = Counter((entry.label, entry.split) for entry in meshes)
-    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, preset)])
+    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, format, preset)])
 
 
 def _table(counts: Counter[tuple[str, str]]) -> list[str]:
@@ -31,7 +32,9 @@ def _table(counts: Counter[tuple[str, str]]) -> list[str]:
     return [f"{str(name)[:40]:<{width}}" + "".join(f"{value:>9}" for value in values) for name, *values in rows]
 
 
-def _warnings(meshes: MeshCollection, counts: Counter[tuple[str, str]], preset: Preset | None) -> list[str]:
+def _warnings(
+    meshes: MeshCollection, counts: Counter[tuple[str, str]], format: Format, preset: Preset | None
+) -> list[str]:
     warnings = []
     if len(meshes) > 1:
         if len(meshes.classes) == 1:
@@ -43,4 +46,10 @@ def _warnings(meshes: MeshCollection, counts: Counter[tuple[str, str]], preset: 
             warnings.append("one object per class: are these folders of single models? --labels FILE says the classes.")
     if preset is not None and len(meshes) < preset.n_objects:
         warnings.append(f"{preset.name} has {preset.n_objects:,} objects in its paper; here are {len(meshes):,}.")
+    n_tested = sum(n for (_, split), n in counts.items() if split == "test")
+    if n_tested < format.least_tested:
+        warnings.append(
+            f"{format.name} is tested by published code that divides by a tenth of the test objects, so there must be "
+            f"{format.least_tested} or more; here are {n_tested}. Training is not concerned."
+        )
     return [f"warning: {warning}" for warning in warnings]

@@ -67,6 +67,8 @@ class Format:
         Whether it holds complete clouds alone.
     ragged : bool
         Whether its clouds may be of unequal size (`--sample-size all`).
+    least_tested : int
+        Test clouds below which the loaders' own test ends in an error.
     options : mapping
         What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     """
@@ -77,6 +79,7 @@ class Format:
     pairs: bool = False
     complete: bool = False
     ragged: bool = False
+    least_tested: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -148,12 +151,14 @@ FORMATS: tuple[Format, ...] = (
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",
         pairs=True,
+        least_tested=10,
         options={"views": "fibonacci:8", "scale": "object"},
     ),
     Format(
         "completion3d",
         "pairs as HDF5 files, 2,048 points, 1 view",
         pairs=True,
+        least_tested=10,
         options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
     Format(
@@ -172,6 +177,7 @@ FORMATS: tuple[Format, ...] = (
         "shapenet55",
         "complete clouds of 8,192 points",
         complete=True,
+        least_tested=10,
         options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),
 )
