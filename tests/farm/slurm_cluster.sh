@@ -2,7 +2,7 @@
 # A real SLURM of one node on this machine runs docs/slurm_array.sh and an array of merges; the dataset must equal a local run's.
 #
 #     sudo apt-get install slurm-wlm munge
-#     sudo tests/farm/slurm_cluster.sh [PYTHON [generate's arguments...]]
+#     sudo ./slurm_cluster.sh [PYTHON [generate's arguments...]]
 #
 # Root, because SLURM's daemons want it. All ports are on loopback, all state in a temporary folder; everything
 # started here is ended here. Exit code 0: the data equal.

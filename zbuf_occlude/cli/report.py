@@ -27,5 +27,5 @@ def summary(folder: Path) -> str:
     lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
     for one in representatives(ranking):
         time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
-        lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>10}")
+        lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>11}")
     return "\n".join(lines)
