@@ -5,7 +5,6 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import OptionError
-from zbuf_occlude.cli.options import literal
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import MODELNET8, find_preset, plan_of_originals
 from zbuf_occlude.meshes import shapes
@@ -66,13 +65,12 @@ def test_too_few_objects_of_a_class_are_an_error() -> None:
 
 @pytest.mark.parametrize(
     ("preset", "width", "height", "focal_length"),
-    [("modelnet40-c-occlusion", 512, 424, 365.0), ("pcn", 160, 120, 100.0)],
+    [("modelnet40-c-occlusion", 1080, 720, 365.0), ("pcn", 160, 120, 100.0)],
 )
 def test_presets_have_the_cameras_of_their_generators(
     preset: str, width: int, height: int, focal_length: float
 ) -> None:
-    name, _, numbers = find_preset(preset).options["sensor"].partition(":")
-    sensor = make(name, **{key: literal(value) for key, value in (pair.split("=") for pair in numbers.split(","))})
+    sensor = make(find_preset(preset).options["sensor"])
     directions = sensor.rays().directions
     assert len(directions) == width * height
     across, upwards = directions[:, 1] / directions[:, 0], directions[:, 2] / directions[:, 0]

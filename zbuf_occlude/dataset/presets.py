@@ -104,7 +104,7 @@ PRESETS: tuple[Preset, ...] = (
                 "views": "random-so3:8",
                 "distance": "1",
                 "format": "pcn",
-                "sensor": "pinhole:width=160,height=120,fov=77.3196",
+                "sensor": "pcn",
                 "size": "1",
             }
         ),
@@ -120,14 +120,14 @@ PRESETS: tuple[Preset, ...] = (
     ),
     Preset(
         "modelnet40-c-occlusion",
-        "ModelNet40-C's corruption by occlusion: the split test, 5 poses at distance 3, its camera",
+        "ModelNet40-C's corruption by occlusion: the split test, 5 poses from above at distance 3, its camera",
         MappingProxyType(
             {
-                "views": "random:5",
+                "views": "random:5@30..60",
                 "distance": "3",
                 "format": "modelnet40-c",
                 "splits": "test",
-                "sensor": "pinhole:width=512,height=424,fov=70.087",
+                "sensor": "modelnet40-c",
                 "size": "1",
             }
         ),
