@@ -77,6 +77,22 @@ def test_a_risley_sensor_fills_a_cone() -> None:
     assert (cells > 0).all()  # no hole anywhere
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-3, 0.2, 2.0, 4.0])
+@pytest.mark.parametrize("name", ["hdl-64e", "mid-40", "kinect-v1"])
+def test_the_rays_near_a_direction_are_those_a_cosine_finds(name: str, angle: float) -> None:
+    rays = make(name).rays()
+    for direction in (rays.directions[len(rays) // 3], *np.eye(3), -np.eye(3)[0]):
+        found = rays.near(direction, angle)
+        cosines = rays.directions @ direction
+        # a dot product of another length may be rounded in another way
+        sure = np.flatnonzero(cosines > np.cos(min(angle, np.pi)) + 1e-15)
+        maybe = np.flatnonzero(cosines >= np.cos(min(angle, np.pi)) - 1e-15)
+        assert np.all(np.diff(found) > 0)
+        assert np.isin(sure, found).all()
+        assert np.isin(found, maybe).all()
+    assert len(rays.select(np.zeros(0, dtype=int)).near(np.eye(3)[0], angle)) == 0
+
+
 def test_a_list_of_directions(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("azimuth,elevation,ring\n0,0,3\n90,0,4\n0,-90,5\n")

@@ -3,10 +3,11 @@
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
 from zbuf_occlude.checks import check_int
@@ -17,6 +18,18 @@ MOST_RAYS = 20_000_000
 
 MOST_REFRACTIVE = 5.0
 """No glass bends light more: germanium, of infrared prisms, has 4."""
+
+
+RUN = 64
+"""Neighbouring rays of a ring that are asked together whether they are near a direction."""
+
+
+class _Runs(NamedTuple):
+    """Runs of `RUN` rays of like ring; the last one filled up by repeating its last ray."""
+
+    rays: NDArray[np.intp]  # (runs, RUN)
+    middles: FloatArray  # (runs, 3), unit length
+    half_angles: FloatArray  # (runs,) to the farthest ray from the middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +72,25 @@ class Rays:
         """Return the rays that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
         return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen])
+
+    def near(self, direction: FloatArray, angle: float) -> NDArray[np.intp]:
+        """Return which rays are within an angle (radians) of a unit direction (3,), ascending; runs are asked first."""
+        rays, middles, half_angles = self._runs
+        maybe = np.arccos(np.clip(middles @ direction, -1.0, 1.0)) <= half_angles + (angle + 1e-6)
+        found = rays[maybe].reshape(-1)
+        near = np.zeros(len(self), dtype=bool)
+        near[found[self.directions[found] @ direction >= np.cos(min(angle, np.pi))]] = True
+        return np.flatnonzero(near)
+
+    @cached_property
+    def _runs(self) -> _Runs:
+        order = np.argsort(self.rings, kind="stable")
+        rays = np.pad(order, (0, -len(order) % RUN), mode="edge").reshape(-1, RUN)
+        directions = self.directions[rays]
+        middles = directions.sum(axis=1)
+        middles /= np.maximum(np.linalg.norm(middles, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+        cosines = np.einsum("rki,ri->rk", directions, middles).min(axis=1)
+        return _Runs(rays, middles, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def pinhole(

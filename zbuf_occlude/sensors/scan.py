@@ -158,12 +158,12 @@ def _may_meet(
     if distance <= radius * 1.001:
         return np.arange(len(rays))
     angle = np.arcsin(radius / distance) + divergence + 1e-6
-    near = np.flatnonzero(rays.directions @ (rotation.T @ to_middle / distance) >= np.cos(min(angle, np.pi)))
-    directions = rays.directions[near] @ rotation.T
+    near = rays.near(rotation.T @ to_middle / distance, angle)
+    directions = rotation @ rays.directions[near].T  # (3, n): numpy is slow along short rows
     half = half + (divergence + 1e-6) * (distance + radius)  # so far may a beam's edge be from its middle
     with np.errstate(divide="ignore"):
-        ends = (to_middle + np.stack([-half, half])[:, None]) / np.where(directions == 0.0, 1e-300, directions)
-    entered, left = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        ends = (to_middle + np.stack([-half, half]))[:, :, None] / np.where(directions == 0.0, 1e-300, directions)
+    entered, left = ends.min(axis=0).max(axis=0), ends.max(axis=0).min(axis=0)
     return np.asarray(near[(entered <= left) & (left >= 0.0)])
 
 
@@ -211,29 +211,30 @@ class _Echoes(NamedTuple):
 def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
     """One return per beam of five rays: near surfaces run together, of what is apart one is kept."""
     order = np.argsort(hits.distances, axis=1, kind="stable")
-    ranges = np.take_along_axis(hits.distances, order, axis=1)
-    faces = np.take_along_axis(hits.face_ids, order, axis=1)
+    # (5, n): numpy is slow along short rows
+    ranges = np.ascontiguousarray(np.take_along_axis(hits.distances, order, axis=1).T)
+    faces = np.ascontiguousarray(np.take_along_axis(hits.face_ids, order, axis=1).T)
     met = faces >= 0
     with np.errstate(invalid="ignore"):
-        apart = np.diff(ranges, axis=1) > faults.echo_separation
-    echo = np.concatenate([np.zeros((len(ranges), 1), dtype=int), np.cumsum(apart & met[:, 1:], axis=1)], axis=1)
-    n_returns = np.where(met[:, 0], 1 + np.where(met, echo, 0).max(axis=1), 0)
+        apart = np.diff(ranges, axis=0) > faults.echo_separation
+    echo = np.zeros(ranges.shape, dtype=np.int32)
+    np.cumsum(apart & met[1:], axis=0, out=echo[1:])
+    n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0)
     energy = np.where(met, 1.0 / np.where(met, ranges, 1.0) ** 2, 0.0)
     if faults.returns == "first":
-        chosen = np.zeros(len(ranges), dtype=int)
+        chosen = np.zeros(ranges.shape[1], dtype=int)
     elif faults.returns == "last":
         chosen = np.maximum(n_returns - 1, 0)
     else:
-        sums = np.stack([(energy * (echo == number)).sum(axis=1) for number in range(len(_CROSS))], axis=1)
-        chosen = sums.argmax(axis=1)
-    mine = met & (echo == chosen[:, None])
+        chosen = np.stack([(energy * (echo == number)).sum(axis=0) for number in range(len(_CROSS))]).argmax(axis=0)
+    mine = met & (echo == chosen)
     weights = np.where(mine, energy, 0.0)
-    total = weights.sum(axis=1)
-    moments = (weights * np.where(met, ranges, 0.0)).sum(axis=1)
-    mean = np.divide(moments, total, out=np.full(len(ranges), np.inf), where=total > 0)
+    total = weights.sum(axis=0)
+    moments = (weights * np.where(met, ranges, 0.0)).sum(axis=0)
+    mean = np.divide(moments, total, out=np.full(len(total), np.inf), where=total > 0)
     with np.errstate(invalid="ignore"):
-        best = np.where(mine, np.abs(ranges - mean[:, None]), np.inf).argmin(axis=1)
-    face_ids = np.where(total > 0, np.take_along_axis(faces, best[:, None], axis=1)[:, 0], -1)
+        best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
+    face_ids = np.where(total > 0, faces[best, np.arange(len(best))], -1)
     return _Echoes(face_ids.astype(np.int32), mean, n_returns.astype(np.int32))
 
 
@@ -250,11 +251,12 @@ def _beams(
         across = _unit(np.cross(directions, least))
         upwards = np.cross(directions, across)
         spread = _SPREAD * faults.divergence / 2.0
-        beams = directions[:, None] + spread * (
-            _CROSS[None, :, :1] * across[:, None] + _CROSS[None, :, 1:] * upwards[:, None]
-        )
+        beams = np.empty((len(directions), len(_CROSS), 3))
+        for number, (x, y) in enumerate(_CROSS):
+            beams[:, number] = directions + spread * (x * across + y * upwards)
     face_ids, distances = occluder.first_hits(origin[None], beams.reshape(-1, 3))
-    shape, back = beams.shape[:2], np.argsort(by_ring)
+    shape, back = beams.shape[:2], np.empty_like(by_ring)
+    back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
 
 
