@@ -29,8 +29,22 @@ settings.register_profile("unhurried", settings(), deadline=None)  # a busy mach
 settings.load_profile("unhurried")
 
 
+FIRST = (
+    "farm/test_ray.py", "visibility/test_contract.py", "farm/test_fault_run.py", "learn/test_study.py",
+    "farm/test_local.py", "examples/test_examples.py", "visibility/test_pyrender.py", "learn/test_train.py",
+    "visibility/test_first_hits.py", "farm/test_merge.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
+    "sensors/test_scenes.py", "learn/test_realism.py", "cli/test_experiment.py", "compare/test_figures.py",
+    "dataset/test_published.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "test_numba_cache.py",
+    "cli/test_pid_namespaces.py", "cli/test_no_gl.py", "dataset/test_attributes.py",
+)  # fmt: skip
+"""Files whose tests wait, or work for more than some five seconds: begun before the others, so that no process has a
+long one left when the others are done. A file is one process's, as are its fixtures."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A test that asks for the fixture `gl` has the marker `gl`, and the other way round: both are skipped alike."""
+    """Order the files, and mark: who asks for the fixture `gl` has the marker `gl`, and the other way round."""
+    place = {Path(__file__).parent / name: i for i, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(item.path, len(FIRST)))
     for item in items:
         names = getattr(item, "fixturenames", [])
         if "gl" in names:

@@ -17,8 +17,11 @@ from zbuf_occlude.meshes import MeshCollection, shapes
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`--quick` is still quicker, and trains in this process; tests/learn/test_study.py has processes of their own."""
+    """`--quick` is quicker: light networks, in this process; tests/learn/test_study.py has processes of their own."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    from tests.learn.light import put_in_place
+
+    put_in_place(monkeypatch)
     monkeypatch.setattr("zbuf_occlude.learn.experiments.trials.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
     monkeypatch.setattr("zbuf_occlude.learn.experiments.elevation.AREA_OBJECTS", 2)

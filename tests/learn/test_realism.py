@@ -10,6 +10,7 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
 
+from tests.learn import light  # noqa: E402
 from tests.learn.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.learn.hand_made import TINY, confusion, result  # noqa: E402
 from zbuf_occlude.cli.experiment import command  # noqa: E402
@@ -34,11 +35,13 @@ SMALL = replace(TINY, seeds=(0,))
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny study, tested on real objects of two layouts afterwards."""
     out = tmp_path_factory.mktemp("realism")
-    assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 6
-    assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 0
-    for write in (write_kitti, write_argoverse):
-        real = write(out / write.__name__)
-        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1, real=real) == 6, "tested on it"
+    with pytest.MonkeyPatch.context() as patch:
+        light.put_in_place(patch)
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 6
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 0
+        for write in (write_kitti, write_argoverse):
+            real = write(out / write.__name__)
+            assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1, real=real) == 6, "tested on it"
     return out / "study"
 
 

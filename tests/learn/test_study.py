@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
+from tests.learn import light  # noqa: E402
 from tests.learn.hand_made import TINY  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn import sydney  # noqa: E402
@@ -65,6 +67,13 @@ class Heard(Progress):
 
     def trial(self, key: str, share: float) -> None:
         self.trials.append((key, share))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def light_networks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        light.put_in_place(patch)
+        yield
 
 
 @pytest.fixture(scope="module")
