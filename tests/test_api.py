@@ -5,6 +5,7 @@ import inspect
 import re
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,6 +65,7 @@ class Function(NamedTuple):
     class_docstring: str
 
 
+@cache
 def functions() -> list[Function]:
     found: list[Function] = []
 
@@ -78,9 +80,6 @@ def functions() -> list[Function]:
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         collect(ast.parse(path.read_text(encoding="utf-8")).body, name, "")
     return found
-
-
-FUNCTIONS = functions()
 
 
 def parameters(node: ast.FunctionDef) -> list[ast.arg]:
@@ -130,8 +129,8 @@ def complaints(function: Function) -> Iterator[str]:
 
 
 def test_every_public_function() -> None:
-    assert len(FUNCTIONS) > 100
-    found = [line for function in FUNCTIONS for line in complaints(function)]
+    assert len(functions()) > 100
+    found = [line for function in functions() for line in complaints(function)]
     assert not found, "\n".join(found)
 
 

@@ -29,7 +29,8 @@ def test_outside_of_cells() -> None:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_each_figure_is_drawn(name: str) -> None:
+def test_each_figure_is_drawn(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zbuf_occlude.drawing.MESH_PIXELS", 150)  # a coarse picture has the same marks
     mesh = Mesh(sphere(6).vertices * [0.5, 0.4, 0.3], sphere(6).faces)
     figure = FIGURES[name].draw(Exhibit(mesh, make_mask("embree", {})))
     figure.canvas.draw()
