@@ -67,3 +67,12 @@ def test_two_runs_at_a_time_end_with_one_dataset(plan: Plan, tmp_path: Path, run
     document = generate(plan, out, run=run)
     assert document == json.loads((out / "manifest.json").read_text())
     assert files(out) == files(fresh)
+
+
+@pytest.mark.parametrize(("n_meshes", "n_shards"), [(10, 1), (12, 1), (13, 2), (400, 34), (1600, 32), (3200, 64)])
+def test_small_datasets_are_cut_into_small_shards(plan: Plan, n_meshes: int, n_shards: int) -> None:
+    entries = [MeshEntry(f"solid/{i}", "solid", "train", plan.meshes[0].load) for i in range(n_meshes)]
+    many = Plan(MeshCollection(entries), Recipe("oracle", views="ring:10@30", n_points=50, sample_size=8))
+    assert len(many.shards) == n_shards
+    document = {**many.document, "clouds_per_shard": 500}  # as all datasets once were cut
+    assert len(Plan.from_document(document).shards) == -(-n_meshes // 50)

@@ -22,7 +22,7 @@ from zbuf_occlude.meshes.mesh_files import origin_now
 from zbuf_occlude.meshes.shapes import families
 from zbuf_occlude.origin import Origin
 
-RECIPE = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)  # two meshes a shard
+RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)  # two meshes a shard
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
 
 
@@ -61,8 +61,8 @@ def test_a_mesh_that_changed_while_others_were_made_is_refused(meshes: Path, tmp
 
 
 def half_written(meshes: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two shards of a thousand clouds in five files, of which three are written; and one of those is lost."""
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 200)
+    """Two shards of 240 clouds in five files, of which three are written; and one of those is lost."""
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 48)
 
     def run(task: Task, jobs: list[int], done: Done) -> None:
         def stop(job: int, result: object) -> Iterable[int]:
@@ -108,7 +108,7 @@ def test_clouds_that_only_some_files_have_are_noticed_in_the_end(
         path.unlink()
     (meshes / "solid" / "solid_1.off").write_bytes(b"OFF")
     with pytest.raises(
-        DatasetError, match=r"must hold the clouds that were made, .'train': 750.; they hold .'train': 8"
+        DatasetError, match=r"must hold the clouds that were made, .'train': 180.; they hold .'train': 2"
     ):
         generate(plan_of(meshes), tmp_path / "out")
 
@@ -163,7 +163,7 @@ def test_the_buffers_of_gltf_are_part_of_a_mesh(tmp_path: Path) -> None:
 
 
 def test_a_shape_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recipe = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)
+    recipe = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
     generate(Plan(shapes.collection(n_members=1), recipe), tmp_path, part=(0, 2))
     monkeypatch.setattr("zbuf_occlude.meshes.shapes.families.VERSION", 1000)
     with pytest.raises(DatasetError, match="builtin/airplane/train/airplane_0000 must be what the data"):

@@ -27,7 +27,7 @@ from zbuf_occlude.farm.supervisor import Message
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
-RECIPE = Recipe(method="oracle", views="fibonacci:250", n_points=50, sample_size=8)
+RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 
 
@@ -117,7 +117,7 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     plan = plan_of(ball, suicide, ball, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "the worker was killed by signal 9 at it, 2 times"}
-    assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 250
+    assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 60
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_nothing_half_written_is_taken_for_done(out: Path) -> None:
     with pytest.raises(DatasetError, match="all 2 shards must be done; shard 1 is not"):
         merge(plan, out)
     run(plan, out)
-    assert len(records(plan, out, 1)) == 250
+    assert len(records(plan, out, 1)) == 60
 
 
 def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import zbuf_occlude as zo
 from tests.scenes import box, holed_plate_over_plate, sphere, two_plates
+from zbuf_occlude.predicates import blocks
 from zbuf_occlude.rational import sees
 from zbuf_occlude.visibility import oracle
 
@@ -153,3 +154,23 @@ def test_silhouette_distance_and_band_agree() -> None:
     distance = judge.silhouette_distance(free, eye, np.array([1e-3, 2e-3]))
     assert set(np.unique(distance)) == {1e-3, 2e-3, np.inf}
     assert (judge.decided(free, eye, width=1e-3) == (distance > 1e-3)).all()
+
+
+def test_runs_whose_boxes_are_passed_over_hide_nothing() -> None:
+    """Lines along axes, within flat boxes' planes and from far away too, against the definition asked face by face."""
+    rng = np.random.default_rng(5)
+    cells = np.repeat(rng.integers(-3, 4, (150, 1, 3)), 3, axis=1)
+    corners = np.concatenate([cells + rng.integers(-1, 2, (150, 3, 3)), cells + rng.normal(size=(150, 3, 3))]) / 4.0
+    mesh = zo.Mesh(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)).cleaned()
+    points = zo.SurfacePoints.free(np.concatenate([rng.integers(-4, 5, (60, 3)) / 4.0, rng.normal(size=(60, 3))]))
+    eyes = np.array([[3.0, 0.0, 0.0], [0.0, 0.25, -5.0], [0.3, 0.1, 0.2], [1e4, 2e4, -3e4], [2.0, 2.0, 2.0]])
+    with oracle.prepare(mesh) as occluder:
+        seen, contact = occluder.visible(points, eyes), occluder.contact
+    expected = [
+        [
+            not any(blocks(tuple(eye), tuple(p), *map(tuple, face), contact) for face in mesh.corners)
+            for p in points.positions
+        ]
+        for eye in eyes
+    ]
+    assert seen.tolist() == expected

@@ -156,29 +156,28 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    poses, turns = views.poses, recipe.frame == "camera"
+    poses, turns, upright = views.poses, recipe.frame == "camera", np.eye(4)
     whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
     size = ALL if recipe.sample_size is None else recipe.sample_size
     seed = seed_of(recipe.seed, key, variation, 0).generate_state(1, np.uint64)[0]
+    records["variation"], records["view_id"], records["pose"] = variation, seeing, poses[seeing]
+    records["view"] = np.stack([views.azimuth, views.elevation, views.distance], axis=1)[seeing]
     for record, view in zip(records, seeing, strict=True):
-        frame, centre = (poses[view], poses[view, :3, :3] @ whole) if turns else (np.eye(4), whole)
+        frame, centre = (poses[view], poses[view, :3, :3] @ whole) if turns else (upright, whole)
         if turns and recipe.scale == "object":
             centre = centre + poses[view, :3, 3]
-        chosen, n_visible = draw_visible(mask[view], size, seed, view)
-        if recipe.subset == "fps" and 0 < size < n_visible:
+        chosen, record["n_visible"] = draw_visible(mask[view], size, seed, view)
+        if recipe.subset == "fps" and 0 < size < record["n_visible"]:
             visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), int(view)])
             chosen = visible[farthest_points(points.positions[visible], size, rng)].astype(np.int32)
         record["data"], record["face_ids"], record["centre"], record["factor"] = placed(
             points.positions, points.face_ids, chosen, frame, recipe.scale == "cloud", centre, factor
         )
-        record["variation"], record["view_id"] = variation, view
-        record["view"] = views.azimuth[view], views.elevation[view], views.distance[view]
-        record["pose"] = poses[view]
-        record["n_visible"], record["visible_fraction"] = n_visible, n_visible / len(points)
         if isinstance(points, ScanPoints) and not recipe.complete:
             _fill_scan(record, points, chosen, recipe, int(view), poses[view] if recipe.frame == "camera" else None)
         elif recipe.attributes:
             _fill_attributes(record, points.select(chosen), recipe, views, int(view))
+    records["visible_fraction"] = records["n_visible"] / len(points)
     return records
 
 

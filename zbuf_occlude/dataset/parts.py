@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import SHARDS, checksums, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
@@ -161,8 +159,7 @@ def _sizes(out: Path, names: Collection[str]) -> dict[str, int]:
 
 def _records_of(plan: Plan, part: int, shards: list[Shard]) -> NDArray[Any]:
     run = part - plan.parts_of(plan.parts[part].group).start
-    pieces = [np.empty(0, record_type(plan.recipe))]
-    for path, runs in shards:
-        if runs[run][0]:
-            pieces.append(read_run(path, plan, sum(size for size, _ in runs[:run]), runs[run]))
-    return in_places(plan, np.concatenate(pieces))
+    return in_places(
+        plan,
+        (read_run(path, plan, sum(size for size, _ in runs[:run]), runs[run]) for path, runs in shards if runs[run][0]),
+    )

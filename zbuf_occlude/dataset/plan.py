@@ -34,8 +34,10 @@ DATA_VERSION = 5
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
-CLOUDS_PER_SHARD = 500
+CLOUDS_PER_SHARD, FEWEST_PER_SHARD = 500, 125
 """A shard is cut when it has this many clouds: seconds of work, some tens of megabytes, little to do again."""
+SHARDS = 32
+"""A small dataset is cut into this many, if not into fewer than the fewest clouds: so workers end together."""
 CLOUDS_PER_GROUP = 64 * CLOUDS_PER_FILE
 """Clouds are mixed among about this many: of each shard a file then takes a run of eight, long enough to read fast."""
 
@@ -251,7 +253,12 @@ class Plan:
     @cached_property
     def shards(self) -> Shards:
         """Mesh indices of each shard, group by group. Does not depend on the number of workers."""
-        return Shards(self.groups, max(1, CLOUDS_PER_SHARD // self.clouds_per_mesh))
+        return Shards(self.groups, max(1, self.clouds_per_shard // self.clouds_per_mesh))
+
+    @cached_property
+    def clouds_per_shard(self) -> int:
+        """Clouds at which a shard is cut."""
+        return min(CLOUDS_PER_SHARD, max(FEWEST_PER_SHARD, self.n_clouds // SHARDS))
 
     @cached_property
     def shards_of(self) -> list[range]:
@@ -278,7 +285,7 @@ class Plan:
             "views": self.views.table.tolist(),
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
-            "clouds_per_shard": CLOUDS_PER_SHARD,
+            "clouds_per_shard": self.clouds_per_shard,
             "clouds_per_group": CLOUDS_PER_GROUP,
             "data_version": DATA_VERSION,
         }
@@ -294,6 +301,7 @@ class Plan:
         plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
         plan.__dict__["document"] = stored  # by which it is known, whatever a later version would write
+        plan.__dict__["clouds_per_shard"] = stored["clouds_per_shard"]
         return plan
 
     def differences(self, document: Mapping[str, Any]) -> list[str]:

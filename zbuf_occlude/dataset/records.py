@@ -2,6 +2,7 @@
 
 import io
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset import atomic, ragged
+from zbuf_occlude.dataset import plan as plans
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.order import order_of
@@ -90,10 +92,14 @@ def are_whole(path: Path, runs: list[Run]) -> bool:
         return all(zlib.crc32(file.read(n_bytes)) == checksum for n_bytes, checksum in runs)
 
 
-def in_places(plan: Plan, records: NDArray[Any]) -> NDArray[Any]:
-    """Return the records of one part in its order."""
-    _, places = _places(plan, records)
-    return np.asarray(records[np.argsort(places)])
+def in_places(plan: Plan, pieces: Iterable[NDArray[Any]]) -> NDArray[Any]:
+    """Return the records of one part in its order, given piece by piece, so that they are in memory once."""
+    records = np.empty(plans.CLOUDS_PER_FILE, record_type(plan.recipe))
+    is_there = np.zeros(len(records), bool)
+    for piece in pieces:
+        _, places = _places(plan, piece)
+        records[places], is_there[places] = piece, True
+    return records if is_there.all() else records[is_there]
 
 
 def source_of_records(plan: Plan, paths: list[Path]) -> Source:

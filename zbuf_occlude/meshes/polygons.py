@@ -136,10 +136,11 @@ class Polygons:
 
 def _with_gaps(ears: Ints, n: int) -> Ints:
     """Add the corners that looked collinear and were left out; unless the polygon is flat, they stand out of it."""
-    kept = np.unique(ears)
+    is_kept = np.zeros(n, dtype=bool)
+    is_kept[ears] = True
+    kept, left_out = np.flatnonzero(is_kept), np.flatnonzero(~is_kept)
     if not len(kept):
         return np.stack([np.zeros(n - 2, dtype=np.int64), np.arange(1, n - 1), np.arange(2, n)], axis=1)
-    left_out = np.setdiff1d(np.arange(n), kept)
     # close the gap from each to the last corner before it that was not left out
     gaps = np.stack([kept[np.searchsorted(kept, left_out) - 1], left_out, (left_out + 1) % n], axis=1)
     return np.concatenate([ears, gaps])

@@ -17,6 +17,10 @@ from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 RUN = 64
 """Faces that a line is held against at a time."""
 
+ROUNDING = 1e-9
+"""By this share of the largest coordinate a run's box is wider than its faces: float64's rounding, a million times."""
+_TINY = 1e-200
+
 SLANT = 5.0
 """A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
 79 degrees, and no silhouette."""
@@ -177,24 +181,29 @@ def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
-    columns = np.full((9, -(-len(mesh.faces) // RUN) * RUN), np.nan)  # no line passes through what fills the last run
-    columns[:, : len(mesh.faces)] = mesh.corners.reshape(-1, 9).T
-    runs = np.ascontiguousarray(columns.reshape(9, -1, RUN).transpose(1, 0, 2))
-    together(_look, len(own), mesh.corners, runs, own, targets, eyes, contact, answer)
+    n_runs = -(-len(mesh.faces) // RUN)
+    faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)  # the last fills its run
+    runs = np.ascontiguousarray(mesh.corners[faces].reshape(n_runs, RUN, 9).transpose(0, 2, 1))
+    coordinates = runs.reshape(n_runs, 3, 3, RUN)
+    slack = ROUNDING * np.abs(mesh.bounds).max()
+    boxes = np.concatenate([coordinates.min(axis=(1, 3)) - slack, coordinates.max(axis=(1, 3)) + slack], axis=1)
+    together(_look, len(own), mesh.corners, runs, boxes, own, targets, eyes, contact, answer)
     return answer
 
 
 @shared
-def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
-    """Take point after point, and ask every face about it for each eye."""
+def _look(tasks, corners, runs, boxes, own, targets, eyes, contact, answer):
+    """Take point after point, and for each eye ask every face about it in whose run's box the line of sight is."""
     i = take(tasks)
     while i < len(own):
         for j in range(len(eyes)):
             eye = (eyes[j, 0], eyes[j, 1], eyes[j, 2])
             point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
+            direction = minus(eye, point)
+            inverse = (_inverse(direction[0]), _inverse(direction[1]), _inverse(direction[2]))
             answer[j, i] = True
             for run in range(len(runs)):
-                if not _passes_any(runs[run], eye, point):
+                if not _enters(boxes[run], point, inverse) or not _passes_any(runs[run], eye, point):
                     continue
                 for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
                     t = corners[face]
@@ -205,6 +214,22 @@ def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
                 if not answer[j, i]:
                     break
         i = take(tasks)
+
+
+@njit
+def _inverse(number):
+    """1 / number, finite."""
+    return 1.0 / number if abs(number) > _TINY else math.copysign(1.0 / _TINY, number)
+
+
+@njit
+def _enters(box, point, inverse):
+    """Whether the line of sight of a point, the inverse of its direction given, meets a box, (6,) low and high."""
+    begin, end = 0.0, 1.0
+    for axis in range(3):
+        one, other = (box[axis] - point[axis]) * inverse[axis], (box[3 + axis] - point[axis]) * inverse[axis]
+        begin, end = max(begin, min(one, other)), min(end, max(one, other))
+    return begin <= end
 
 
 @njit
