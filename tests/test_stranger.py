@@ -19,7 +19,7 @@ from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.views import Specification, Views
 from zbuf_occlude.visibility.interface import Method, Occluder
@@ -41,14 +41,14 @@ def prepare(mesh: Mesh) -> Near:
 
 def names(plan: Plan) -> Iterator[str]:
     """Name the toy format's files."""
-    return (f"toy_{split}.npy" for split in plan.splits)
+    return (f"toy_{part.split}{part.number}.npy" for part in plan.parts)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """A toy format: all records of a split in one .npy."""
-    for split in source.order:
-        np.save(out / f"toy_{split}.npy", np.concatenate(list(source.batches(split))))
-    return {split: [f"toy_{split}.npy"] for split in source.order}
+def write_part(content: Content, out: Path) -> list[str]:
+    """A toy format: records in .npy files."""
+    name = f"toy_{content.split}{content.number}.npy"
+    np.save(out / name, content.records)
+    return [name]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -69,9 +69,9 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setattr(specs, "SPECIFICATIONS", (*specs.SPECIFICATIONS, corners))
     module = ModuleType("zbuf_occlude.dataset.formats.toy")
-    module.names, module.write, module.read = names, write, read  # type: ignore[attr-defined]
+    module.names, module.write_part, module.read = names, write_part, read  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, Format("toy", "one array per split")))
+    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, Format("toy", "records in .npy files")))
 
 
 @pytest.mark.usefixtures("toys")

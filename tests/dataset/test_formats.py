@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.dataset.writing import write
 from tests.scenes import box
 from zbuf_occlude import DatasetError, OptionError
 from zbuf_occlude.dataset.clouds import record_type
@@ -72,7 +73,7 @@ def content(source: Source) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("row", DRAWN, ids=ids)
 def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
     before = content(source)
-    files = row.write(source, tmp_path)
+    files = write(row, source, tmp_path)
     back = row.load().read(tmp_path, source.plan, files)
     assert back.n_clouds == {"train": 4, "test": 7}
     for split, records in content(back).items():
@@ -87,7 +88,7 @@ def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
 def test_same_clouds_same_bytes_and_the_names_that_were_said(row: Format, source: Source, tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        row.write(source, tmp_path / name)
+        write(row, source, tmp_path / name)
     written = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*") if path.is_file())
     for path in written:
         assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "two" / path).read_bytes(), path
@@ -101,7 +102,7 @@ def test_same_clouds_same_bytes_and_the_names_that_were_said(row: Format, source
 
 def test_webdataset_reads_the_shards(source: Source, tmp_path: Path) -> None:
     wds = pytest.importorskip("webdataset", reason="the package webdataset is not installed")
-    files = find_format("webdataset").write(source, tmp_path)
+    files = write(find_format("webdataset"), source, tmp_path)
     assert files["test"] == ["test-000000.tar", "test-000001.tar", "test-000002.tar"]
     samples = list(wds.WebDataset(str(tmp_path / "test-{000000..000002}.tar"), shardshuffle=False).decode())
     before = content(source)["test"]
@@ -116,7 +117,7 @@ def test_webdataset_reads_the_shards(source: Source, tmp_path: Path) -> None:
 def test_trimesh_reads_the_ply(source: Source, tmp_path: Path) -> None:
     import trimesh
 
-    find_format("ply").write(source, tmp_path)
+    write(find_format("ply"), source, tmp_path)
     names = (tmp_path / "train_files.txt").read_text().splitlines()
     assert names[0].startswith("ply/train/bed/00000-a_b.0-")
     cloud = trimesh.load(tmp_path / names[0])
@@ -125,18 +126,13 @@ def test_trimesh_reads_the_ply(source: Source, tmp_path: Path) -> None:
 
 def test_numpy_reads_the_npz_and_h5py_the_hdf5(source: Source, tmp_path: Path) -> None:
     before = content(source)["test"]
-    find_format("npz").write(source, tmp_path)
+    write(find_format("npz"), source, tmp_path)
     with np.load(tmp_path / "test-000002.npz") as archive:
         assert np.array_equal(archive["data"], before["data"][6:])
-    find_format("hdf5").write(source, tmp_path)
+    write(find_format("hdf5"), source, tmp_path)
     with h5py.File(tmp_path / "ply_data_test1.h5") as h5:
         assert np.array_equal(h5["data"], before["data"][3:6])
         assert h5.attrs["fingerprint"] == source.plan.fingerprint
-
-
-def test_nothing_is_made_packed_of_what_was_drawn(source: Source, tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"must be made of all points .* `zbuf-occlude generate --format packed`"):
-        find_format("packed").write(source, tmp_path)
 
 
 def test_an_unknown_format_says_which_there_are() -> None:
@@ -146,7 +142,7 @@ def test_an_unknown_format_says_which_there_are() -> None:
 
 def test_a_damaged_ply_is_named(source: Source, tmp_path: Path) -> None:
     row = find_format("ply")
-    files = row.write(source, tmp_path)
+    files = write(row, source, tmp_path)
     victim = tmp_path / (tmp_path / "train_files.txt").read_text().splitlines()[0]
     victim.write_bytes(victim.read_bytes()[:-4])
     back = row.load().read(tmp_path, source.plan, files)

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.dataset.writing import write
 from tests.scenes import box, sphere
 from zbuf_occlude import DatasetError, OptionError
 from zbuf_occlude.dataset import ragged
@@ -67,7 +68,7 @@ def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> S
 @pytest.mark.parametrize("row", WRITTEN, ids=[row.name for row in WRITTEN])
 def test_round_trip(row: Format, source: Source, tmp_path: Path) -> None:
     before = {split: source.take(numbers) for split, numbers in source.order.items()}
-    back = row.load().read(tmp_path, source.plan, row.write(source, tmp_path))
+    back = row.load().read(tmp_path, source.plan, write(row, source, tmp_path))
     for split, numbers in back.order.items():
         assert equal(back.take(numbers), before[split])
         assert equal(back.take(numbers[[1, 0, 1]]), before[split][[1, 0, 1]])
@@ -91,7 +92,7 @@ def test_offsets_that_do_not_fit_are_named(
     source: Source, tmp_path: Path, spoil: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     row = find_format("hdf5")
-    files = row.write(source, tmp_path)
+    files = write(row, source, tmp_path)
     with h5py.File(tmp_path / "ply_data_train0.h5", "a") as h5:
         offsets = spoil(h5["offsets"][:])
         del h5["offsets"]

@@ -1,14 +1,17 @@
 """`zbuf-occlude convert`: a dataset in another format."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.engine import engine_options, pop_engine
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.limits import Limits
 
 
 @click.command()
@@ -21,15 +24,19 @@ from zbuf_occlude.dataset.formats import FORMATS
     help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
 )
 @click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
-def command(folder: Path, format: str, out: Path) -> None:
+@engine_options
+@click.pass_context
+def command(context: click.Context, /, folder: Path, format: str, out: Path, **options: Any) -> None:
     """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
 
     From `packed` they are drawn as `generate` would have drawn them, rounded to the packed step. Nothing converts to
-    `packed`: it needs all points of the objects; make it with `generate --format packed`.
+    `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again goes
+    on with what is missing.
     """
+    run = pop_engine(context, options, Limits())
     total = sum(open_dataset(folder).n_clouds.values())
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05) as bar:
-        document = convert(folder, out, format, progress=bar.update)
+        document = convert(folder, out, format, run=run, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
     n_clouds = document["counts"]["clouds"]
     echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

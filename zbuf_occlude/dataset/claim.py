@@ -23,9 +23,10 @@ from zbuf_occlude.dataset.folder import (
     read_plan,
 )
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.parts import mark_path, n_parts
+from zbuf_occlude.dataset.parts import mark_path, n_parts, shared_names
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import data_path, sidecar_path
+from zbuf_occlude.dataset.shared import unfinished
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import SPLITS
 
@@ -145,6 +146,7 @@ def own_names(plan: Plan) -> set[str]:
     for shard in range(len(plan.shards)):
         names |= {sidecar_path(here, shard).as_posix(), data_path(plan, here, shard).as_posix()}
     names |= {mark_path(here, part).as_posix() for part in range(n_parts(plan))}
+    names |= {unfinished(here, name).as_posix() for name in shared_names(plan)}
     for name in names:
         longest = max(map(len, os.fsencode(name).split(b"/")))
         if longest > LONGEST:

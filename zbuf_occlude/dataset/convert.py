@@ -1,23 +1,26 @@
-"""Convert a dataset from one format to another: the same clouds in the same order."""
+"""Convert a dataset from one format to another, part by part, by all workers: the same clouds in the same order."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.claim import claim, own_names
+from zbuf_occlude.dataset.claim import claim, own_names, remove_shards
 from zbuf_occlude.dataset.damage import REMEDY
-from zbuf_occlude.dataset.finish import write_names
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, checksums, read_finished, read_manifest
+from zbuf_occlude.dataset.finish import files_of, write_names
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, SHARDS, checksums, read_finished, read_manifest
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.generate import run_here
+from zbuf_occlude.dataset.jobs import Run
+from zbuf_occlude.dataset.parts import Places, look_at_part, placed, write_contents
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.source import IDS, Content, Numbers, Source
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.meshes.collection import SPLITS
 
 
 def open_dataset(folder: Path) -> Source:
@@ -37,8 +40,115 @@ def open_dataset(folder: Path) -> Source:
     return source
 
 
+Portions = Mapping[int, list[tuple[str, int, Numbers]]]
+"""For each part its splits, its number in each, and its clouds."""
+
+READ_AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class Copying:
+    """The task of writing clouds of one dataset as another: the jobs are the parts of the new one.
+
+    Parameters
+    ----------
+    folder : Path
+        The old dataset.
+    format : str
+        Its format.
+    files : mapping of split to list of file names
+        As in its manifest.
+    plan : Plan
+        The new dataset's.
+    out : Path
+    portions : Portions
+    places : Places or None
+        Where files hold a split whole.
+    """
+
+    folder: Path
+    format: str
+    files: dict[str, list[str]]
+    plan: Plan
+    out: Path
+    portions: Portions
+    places: Places | None
+    _source: list[Source] = field(default_factory=list, init=False, repr=False)
+
+    needs_gl = False
+
+    def do(self, job: int, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> int:
+        """Write a part; return how many clouds were read."""
+        if not self._source:
+            self._source.append(find_format(self.format).load().read(self.folder, self.plan, self.files))
+        (source,) = self._source
+        contents = [
+            Content(self.plan, split, number, source.take(numbers), source.complete)
+            for split, number, numbers in self.portions[job]
+        ]
+        write_contents(self.plan, self.out, job, contents, self.places)
+        return sum(len(content.records) for content in contents)
+
+
+def portions_of(source: Source, plan: Plan) -> Portions:
+    """Cut the clouds of a source into the parts of a dataset of this plan."""
+    if not find_format(plan.format).whole_objects:
+        part_of = {(part.split, part.number): i for i, part in enumerate(plan.parts)}
+        files = [(split, number, some) for split in source.order for number, some in source.files(split)]
+        return {part_of[split, number]: [(split, number, some)] for split, number, some in files}
+    numbers = np.concatenate([np.empty(0, int), *source.order.values()])
+    ids = _ids_of(source, numbers)
+    numbers = numbers[in_order := np.lexsort((ids["view_id"], ids["variation"], ids["mesh_id"]))]
+    mesh_ids = ids["mesh_id"][in_order]
+    shard_of = np.empty(len(plan.meshes), int)
+    for shard, of_shard in enumerate(plan.shards):
+        shard_of[of_shard] = shard
+    portions: dict[int, list[tuple[str, int, Numbers]]] = {}
+    for split in source.order:
+        mine = plan.split_of[mesh_ids] == SPLITS.index(split)
+        shards = shard_of[mesh_ids[mine]]
+        by_shard = np.argsort(shards, kind="stable")
+        found, begins = np.unique(shards[by_shard], return_index=True)
+        for shard, some in zip(found.tolist(), np.split(numbers[mine][by_shard], begins[1:]), strict=True):
+            portions.setdefault(shard, []).append((split, shard, some))
+    return portions
+
+
+def places_in(source: Source, plan: Plan, portions: Portions) -> Places | None:
+    """Return where clouds are to be in files that hold a split whole; None where there are none such."""
+    row = find_format(plan.format)
+    if not row.one_file:
+        return None
+    counts: list[Mapping[str, int]] = []
+    for part in range(max(portions) + 1):
+        of_part = portions.get(part, [])
+        if row.whole_objects:
+            kept = [row.kept(_ids_of(source, some), split, plan.clouds_per_mesh) for split, _, some in of_part]
+            counts.append({split: len(each) for (split, _, _), each in zip(of_part, kept, strict=True)})
+        else:
+            counts.append({split: len(some) for split, _, some in of_part})
+    return placed(counts)
+
+
+def _ids_of(source: Source, numbers: Numbers) -> Any:
+    """Return what some clouds are of, reading them if need be."""
+    if source.ids is not None:
+        return source.ids[numbers]
+    found = np.empty(len(numbers), IDS)
+    for begin in range(0, len(numbers), READ_AT_ONCE):
+        records = source.take(numbers[begin : begin + READ_AT_ONCE])
+        for name in IDS.names or ():
+            found[name][begin : begin + READ_AT_ONCE] = records[name]
+    return found
+
+
 def convert(
-    folder: Path, out: Path, format: str, *, progress: Callable[[int], None] = lambda clouds: None
+    folder: Path,
+    out: Path,
+    format: str,
+    *,
+    run: Run | None = None,
+    progress: Callable[[int], None] = lambda clouds: None,
 ) -> dict[str, Any]:
     """Write the clouds of a dataset in another format.
 
@@ -47,11 +157,13 @@ def convert(
     folder : Path
         A complete dataset.
     out : Path
-        Made when missing; otherwise empty, or of this same conversion.
+        Made when missing; otherwise empty, or of this same conversion, which goes on.
     format : str
         Name in the table of formats.
+    run : callable, optional
+        The engine; `run_here`, in this process, by default. The same bytes come of all.
     progress : callable
-        Told the number of clouds each time some were taken.
+        Told the number of clouds each time some were written.
 
     Returns
     -------
@@ -72,7 +184,10 @@ def convert(
     row, kept_points = find_format(format), find_format(old.format).all_points
     source = open_dataset(folder)
     if row.all_points:
-        row.load().write(source, out)  # says why it cannot
+        raise DatasetError(
+            f"a {format} dataset must be made of all points of its objects; {old.format} is read cloud by cloud. "
+            f"Make it with `zbuf-occlude generate --format {format}`."
+        )
     if (row.pairs or row.complete) and not kept_points:
         raise DatasetError(
             f"{format} must be made of all points of the objects, for it holds complete clouds; {old.format} keeps "
@@ -81,31 +196,38 @@ def convert(
     plan: Plan = replace(old, format=format)
     if kept_points:
         plan = replace(plan, recipe=row.redrawn(plan.recipe))
-        source = find_format(old.format).load().read(folder, plan, manifest["files"])
     row.check(plan)
-
-    def take(numbers: Numbers) -> NDArray[Any]:
-        progress(len(numbers))
-        return source.take(numbers)
-
     own_names(plan)  # a format that cannot write them says so
     claim(plan, out)
+    n_clouds = sum(map(np.size, source.order.values()))
     if (finished := read_manifest(out)) is not None:
-        progress(sum(map(np.size, source.order.values())))
+        progress(n_clouds)
         return finished
-    files = row.write(replace(source, plan=plan, take=take), out)
+    portions = portions_of(source, plan)
+    task = Copying(folder, old.format, manifest["files"], plan, out, portions, places_in(source, plan, portions))
+    left = [part for part in portions if look_at_part(plan, out, part)[0] is None]
+    progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
+
+    def done(job: int, n_read: int) -> tuple[int, ...]:
+        progress(n_read)
+        return ()
+
+    if left:
+        (out / SHARDS).mkdir(exist_ok=True)
+        (run or run_here)(task, left, done)
+    files = files_of(plan, out, sorted(portions))
     write_names(plan, out)
-    written = row.load().read(out, plan, files)
-    write_contact_sheet(out / CONTACT_SHEET, written)
+    write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files.shown))
     document = {
         **manifest,
         "fingerprint": plan.fingerprint,
         "format": format,
         "options": plan.document["recipe"],
-        "counts": manifest["counts"] | {"clouds": sum(written.n_clouds.values()), "clouds_by_split": written.n_clouds},
-        "files": files,
-        "sha256": checksums(out, files),
+        "counts": manifest["counts"] | {"clouds": sum(files.n_clouds.values()), "clouds_by_split": files.n_clouds},
+        "files": files.names,
+        "sha256": checksums(out, files.names, files.sha256),
         "converted_from": {"format": old.format, "fingerprint": old.fingerprint},
     }
     atomic.write_json(out / MANIFEST, document)
+    remove_shards(plan, out)
     return document

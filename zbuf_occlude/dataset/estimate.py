@@ -113,7 +113,5 @@ def _on_disk(plan: Plan, n_bytes: float) -> tuple[float, float]:
         return n_bytes, n_bytes
     size = plan.recipe.sample_size
     files = plan.n_clouds * record_type(plan.recipe).itemsize if size is not None else n_bytes
-    if not row.in_parts:
-        return files, files + n_bytes
     n = n_parts(plan)
     return files, files * (1 + n_at_once(n) / n)

@@ -11,9 +11,10 @@ from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, MESH_KEYS, SHAP
 from zbuf_occlude.dataset.formats import find_format, packed
 from zbuf_occlude.dataset.manifest import summed_up
 from zbuf_occlude.dataset.origins import check_origins, origins_of_made
-from zbuf_occlude.dataset.parts import look_at_part, n_parts
+from zbuf_occlude.dataset.parts import clouds_kept, look_at_part, n_parts, shared_names
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar, data_path, look_at
+from zbuf_occlude.dataset.shared import publish
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.garbage import nothing_to_collect
@@ -24,7 +25,7 @@ SHOWN = 16
 Found = TypeVar("Found")
 
 
-class _Files(NamedTuple):
+class Files(NamedTuple):
     """What was written: names and clouds of each split, checksums, and the names of files enough for a picture."""
 
     names: dict[str, list[str]]
@@ -61,15 +62,18 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
         for i in range(len(plan.shards))
     ]
     check_origins(plan.meshes, {key: each for s in sidecars for key, each in origins_of_made(s).items()}, out)
-    if not any(sidecar.counts.n_clouds for sidecar in sidecars):
+    if not any(sum(clouds_kept(plan, sidecar).values()) for sidecar in sidecars):
         reasons = [reason for sidecar in sidecars for reason in sidecar.failures.values()]
+        blind = (
+            f"a view sees nothing, and {row.name} keeps whole objects" if row.whole_objects else "its views see nothing"
+        )
         raise DatasetError(
             f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: "
-            f"{reasons[0] if reasons else 'its views see nothing'}"
+            f"{reasons[0] if reasons else blind}"
         )
-    files = _of_shards(plan, out, sidecars) if row.all_points else _of_parts(plan, out)
-    if not row.all_points and row.in_parts:
-        _check_all_there(out, files, _by_split(plan, [sidecar.n_clouds for sidecar in sidecars]))
+    files = _of_shards(plan, out, sidecars) if row.all_points else files_of(plan, out, range(n_parts(plan)))
+    if not row.all_points:
+        _check_all_there(out, files, _by_split(plan, [clouds_kept(plan, sidecar) for sidecar in sidecars]))
     write_names(plan, out)
     write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files.shown))
     writing = seconds.get("writing", 0.0) + time.perf_counter() - began
@@ -86,28 +90,36 @@ def write_names(plan: Plan, out: Path) -> None:
     atomic.write_lines(out / MESH_KEYS, [entry.key for entry in plan.meshes])
 
 
-def _of_shards(plan: Plan, out: Path, sidecars: list[Sidecar]) -> _Files:
+def _of_shards(plan: Plan, out: Path, sidecars: list[Sidecar]) -> Files:
     """Return the files that the shards are."""
     names = packed.files_of(plan)
     sha256 = {data_path(plan, out, i).name: sidecar.sha256 for i, sidecar in enumerate(sidecars)}
     n_clouds = _by_split(plan, [sidecar.n_clouds for sidecar in sidecars])
-    return _Files(names, n_clouds, sha256, {split: of_split[:SHOWN] for split, of_split in names.items()})
+    return Files(names, n_clouds, sha256, {split: of_split[:SHOWN] for split, of_split in names.items()})
 
 
-def _of_parts(plan: Plan, out: Path) -> _Files:
-    """Return the files of all parts, and write what comes beside them."""
-    row, n = find_format(plan.format), n_parts(plan)
-    marks = [_found(out, f"part {i}", look_at_part(plan, out, i), n) for i in range(n)]
+def files_of(plan: Plan, out: Path, parts: Iterable[int]) -> Files:
+    """Return the files of all parts, which have these numbers, and write what comes beside them.
+
+    Raises
+    ------
+    DatasetError
+        A part is missing or damaged.
+    """
+    row, parts = find_format(plan.format), list(parts)
+    marks = [_found(out, f"part {i}", look_at_part(plan, out, i), len(parts)) for i in parts]
     n_clouds = _by_split(plan, [mark.n_clouds for mark in marks])
-    names = {split: [name for mark in marks for name in mark.files.get(split, ())] for split in n_clouds}
-    sha256 = {name: digest for mark in marks for name, digest in mark.sha256.items()}
-    if not row.in_parts:
-        return _Files(names, n_clouds, sha256, names)
+    names = {
+        split: list(dict.fromkeys(name for mark in marks for name in mark.files.get(split, ()))) for split in n_clouds
+    }
+    for name in shared_names(plan):
+        publish(out, name)
     names = row.finish(out, plan, names, n_clouds)
-    return _Files(names, n_clouds, sha256, {split: of_split[:1] for split, of_split in names.items()})
+    sha256 = {name: digest for mark in marks for name, digest in mark.sha256.items()}
+    return Files(names, n_clouds, sha256, {split: of_split[:1] for split, of_split in names.items()})
 
 
-def _check_all_there(out: Path, files: _Files, made: Mapping[str, int]) -> None:
+def _check_all_there(out: Path, files: Files, made: Mapping[str, int]) -> None:
     """Check that files hold the clouds that shards were made of; one may have been made twice, with another outcome."""
     if files.n_clouds != made:
         raise DatasetError(

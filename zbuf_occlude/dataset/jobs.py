@@ -2,6 +2,7 @@
 
 import logging
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -12,17 +13,22 @@ from typing import Any, Protocol
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.origins import check_origins, origins_of_made, worth_another_try
 from zbuf_occlude.dataset.parts import (
+    Places,
     Shard,
     look_at_part,
     mark_path,
     n_parts,
+    parts_of,
+    places_of,
     runs_left,
     shards_of,
+    shared_names,
+    steps,
     write_part,
-    write_whole,
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar, look_at, run_shard
+from zbuf_occlude.dataset.shared import unfinished
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.limits import GivenUp, Limits
@@ -82,7 +88,8 @@ class Making:
     plan: Plan
     out: Path
     needs_gl: bool
-    _of_group: dict[int, list[Shard]] = field(default_factory=dict, init=False, repr=False)
+    _shards: dict[int, list[Shard]] = field(default_factory=dict, init=False, repr=False)
+    _places: list[Places] = field(default_factory=list, init=False, repr=False)
 
     def do(
         self,
@@ -94,17 +101,24 @@ class Making:
         """Make a shard, or write a part."""
         if job < len(self.plan.shards):
             run_shard(self.plan, job, self.out, gl, lost=lost, on_mesh=on_mesh)
-        elif find_format(self.plan.format).in_parts:
-            part = job - len(self.plan.shards)
-            write_part(self.plan, self.out, part, self._shards(self.plan.parts[part].group))
         else:
-            write_whole(self.plan, self.out)
+            part = job - len(self.plan.shards)
+            write_part(self.plan, self.out, part, self._shards_of(part), self._all_places())
 
-    def _shards(self, group: int) -> list[Shard]:
-        if group not in self._of_group:  # another's are not needed any more, as a rule
-            self._of_group.clear()
-            self._of_group[group] = shards_of(self.plan, self.out, group)
-        return self._of_group[group]
+    def _shards_of(self, part: int) -> list[Shard]:
+        whole = find_format(self.plan.format).whole_objects
+        key = part if whole else self.plan.parts[part].group
+        if key not in self._shards:  # others' are not needed any more, as a rule
+            self._shards.clear()
+            self._shards[key] = shards_of(self.plan, self.out, part)
+        return self._shards[key]
+
+    def _all_places(self) -> Places | None:
+        if not find_format(self.plan.format).one_file:
+            return None
+        if not self._places:  # when the first part is written, all shards are done
+            self._places.append(places_of(self.plan, self.out))
+        return self._places[0]
 
 
 class Jobs:
@@ -156,13 +170,13 @@ class Jobs:
         self._written = self._find_written()
         missing = self._find_missing(shards)
         self._parts = {part for part in parts if part not in self._written}
-        self._in_parts = find_format(plan.format).in_parts
-        needed = plan.shards_of if self._in_parts else [range(len(plan.shards))]
-        self._left = [len(missing.intersection(some)) for some in needed]
+        self._steps = steps(plan)
+        self._ends = [step.shards.stop for step in self._steps]
+        self._left = [len(missing.intersection(step.shards)) for step in self._steps]
         self._n_open, self._held = 0, deque[int]()
-        for group, left in enumerate(self._left):
+        for step, left in enumerate(self._left):
             if not left:
-                self._hold(group)
+                self._hold(step)
         self.first = [*self._released(), *sorted(missing)]
         self.task = Making(plan, out, bool(missing) and find_method(plan.recipe.method).needs_gl)
 
@@ -176,18 +190,17 @@ class Jobs:
         if job < len(self.plan.shards):
             self._on_shard(len(self.plan.shards[job]) * self.plan.clouds_per_mesh)
             self.made = time.perf_counter()
-            group = self.plan.group_of(job) if self._in_parts else 0
-            self._left[group] -= 1
-            if not self._left[group]:
-                self._hold(group)
+            step = bisect_right(self._ends, job)
+            self._left[step] -= 1
+            if not self._left[step]:
+                self._hold(step)
         else:
             self._n_open -= 1
             self._on_part(1)
         return self._released()
 
-    def _hold(self, group: int) -> None:
-        parts = self.plan.parts_of(group) if self._in_parts else range(n_parts(self.plan))
-        self._held.extend(part for part in reversed(parts) if part in self._parts)
+    def _hold(self, step: int) -> None:
+        self._held.extend(part for part in reversed(self._steps[step].parts) if part in self._parts)
 
     def _released(self) -> list[int]:
         jobs = []
@@ -210,19 +223,18 @@ class Jobs:
     @nothing_to_collect()
     def _find_missing(self, shards: Iterable[int]) -> set[int]:
         missing = set()
-        n_runs = [runs_left(self.plan, group, self._written) for group in range(len(self.plan.groups))]
+        n_runs = runs_left(self.plan, self._written)
+        begun = any(unfinished(self.out, name).exists() for name in shared_names(self.plan))
         for shard in shards:
-            group = self.plan.group_of(shard)
-            sidecar, fault = look_at(self.plan, self.out, shard, closely=True, n_runs=n_runs[group])
+            settled = begun or not self._written.isdisjoint(parts_of(self.plan, shard))
+            sidecar, fault = look_at(self.plan, self.out, shard, closely=True, n_runs=n_runs[shard])
             if sidecar is not None:
                 entries = [self.plan.meshes[i] for i in self.plan.shards[shard]]
                 check_origins(entries, origins_of_made(sidecar), self.out)
-                if not self._written.intersection(
-                    self.plan.parts_of(group)
-                ):  # else files without them are written already
+                if not settled:  # else files without them are written already
                     again = worth_another_try(self.plan, sidecar, self._limits)
                     fault = f"{again[0]}, which failed, may be made now" if again else ""
-            elif self._written.intersection(self.plan.parts_of(group)):
+            elif settled:
                 self._check_unchanged(shard)
             if fault:
                 _LOG.warning("shard %d is made again: %s", shard, fault)
@@ -260,12 +272,11 @@ def n_parts_written(plan: Plan, out: Path) -> int:
     return sum(look_at_part(plan, out, part)[0] is not None for part in range(n_parts(plan)))
 
 
-def look_at_shards(plan: Plan, out: Path, *, closely: bool = False) -> Iterator[tuple[Sidecar | None, str]]:
+def look_at_shards(plan: Plan, out: Path) -> Iterator[tuple[Sidecar | None, str]]:
     """Look at all shards, as `shard.look_at` does, for what of their data is not in files yet."""
     written = {part for part in range(n_parts(plan)) if look_at_part(plan, out, part)[0] is not None}
-    for group, shards in enumerate(plan.shards_of):
-        n_runs = runs_left(plan, group, written)
-        yield from (look_at(plan, out, shard, closely=closely, n_runs=n_runs) for shard in shards)
+    for shard, n_runs in enumerate(runs_left(plan, written)):
+        yield look_at(plan, out, shard, n_runs=n_runs)
 
 
 def check_all_done(plan: Plan, out: Path) -> None:
@@ -276,8 +287,7 @@ def check_all_done(plan: Plan, out: Path) -> None:
     DatasetError
         One is not.
     """
-    closely = not find_format(plan.format).in_parts  # else they are checked when they are read
-    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, out, closely=closely)):
+    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, out)):
         if sidecar is None:
             raise DatasetError(
                 f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not{fault and f': {fault}'}. "

@@ -25,7 +25,7 @@ from zbuf_occlude.dataset.packing import (
     unpack_steps,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Arranged, Numbers, Source, arranged
+from zbuf_occlude.dataset.source import IDS, Arranged, Numbers, Source, arranged
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
@@ -124,13 +124,20 @@ class PackedFiles:
     def source(self) -> Source:
         """Return the clouds, and the whole surfaces, as `generate` would draw them."""
         found = self.arranged()
-        return Source(self.plan, found.order, self.take, self.blocks_of, self.complete, found.sizes)
+        return Source(self.plan, found.order, self.take, self.blocks_of, self.complete, found.sizes, self._ids())
 
     def arranged(self) -> Arranged:
         """Return the numbers of the clouds as they stand in the files that are written of them."""
-        variations = np.repeat([v for _, v in self.blocks], [len(seeing) for seeing in self._seeing])
-        views = np.concatenate([np.empty(0, int), *self._seeing])
-        return arranged(self.plan, *order_of(self.plan).places(self.mesh_ids, variations, views))
+        ids = self._ids()
+        places = order_of(self.plan).places(ids["mesh_id"], ids["variation"], ids["view_id"])
+        return arranged(self.plan, *places)
+
+    def _ids(self) -> NDArray[Any]:
+        ids = np.empty(len(self.mesh_ids), IDS)
+        ids["mesh_id"] = self.mesh_ids
+        ids["variation"] = np.repeat([v for _, v in self.blocks], [len(seeing) for seeing in self._seeing])
+        ids["view_id"] = np.concatenate([np.empty(0, int), *self._seeing])
+        return ids
 
     def take(self, numbers: Numbers) -> NDArray[Any]:
         """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""

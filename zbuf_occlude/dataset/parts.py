@@ -1,29 +1,36 @@
-"""Final files, part by part: each of the clouds that its group's shards keep for it; then the shards give those up.
+"""Final files, part by part, of the clouds that shards keep; then the shards give those up.
 
-The parts of a group are written from the last to the first. A shard keeps its clouds in the order of the parts, so what
-is no longer needed of it is always its end, and is cut off as soon as the part's file and its mark are on the disk.
+A part is a file's clouds, of all shards of a group; of formats that want whole objects, the clouds of a shard. Parts of
+a group are written from the last to the first. A shard keeps its clouds in the order of the parts, so what is no longer
+needed of it is always its end, and is cut off as soon as the part's files and its mark are on the disk.
 """
 
 import os
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.folder import SHARDS, checksums, sha256_of
+from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.folder import SHARDS, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Run, in_places, read_run
 from zbuf_occlude.dataset.sealed import read_sealed, write_sealed
-from zbuf_occlude.dataset.shard import data_path, look_at, source_of_shards
+from zbuf_occlude.dataset.shard import Sidecar, data_path, look_at, read_shard
+from zbuf_occlude.dataset.shared import where
+from zbuf_occlude.dataset.source import Content
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.meshes.collection import SPLITS
 
 
 @dataclass(frozen=True)
 class Mark:
-    """What is known of a part that is written; of a layout that is written whole, of all.
+    """What is known of a part that is written.
 
     Parameters
     ----------
@@ -31,7 +38,9 @@ class Mark:
         Of its plan.
     files : mapping of split to list of file names
     n_clouds : mapping of split to int
+        In these files.
     sha256 : mapping of file name to checksum
+        None of files that have other parts' clouds too.
     sizes : mapping of file name to bytes
     """
 
@@ -43,9 +52,40 @@ class Mark:
 
 
 def n_parts(plan: Plan) -> int:
-    """Return how many parts there are to write: 1 of a layout that is written whole, 0 where shards are the files."""
+    """Return how many parts there are to write: 0 where shards are the files."""
     row = find_format(plan.format)
-    return 0 if row.all_points else len(plan.parts) if row.in_parts else 1
+    return 0 if row.all_points else len(plan.shards) if row.whole_objects else len(plan.parts)
+
+
+def parts_of(plan: Plan, shard: int) -> range:
+    """Return the parts that clouds of a shard may be in."""
+    row = find_format(plan.format)
+    if row.all_points:
+        return range(0)
+    return range(shard, shard + 1) if row.whole_objects else plan.parts_of(plan.group_of(shard))
+
+
+class Step(NamedTuple):
+    """Shards, and the parts that may be written when these are done."""
+
+    shards: range
+    parts: range
+
+
+def steps(plan: Plan) -> list[Step]:
+    """Return in what steps a dataset's shards become its files."""
+    row = find_format(plan.format)
+    if row.one_file or row.all_points:
+        return [Step(range(len(plan.shards)), range(n_parts(plan)))]
+    if row.whole_objects:
+        return [Step(range(shard, shard + 1), range(shard, shard + 1)) for shard in range(len(plan.shards))]
+    return [Step(shards, plan.parts_of(group)) for group, shards in enumerate(plan.shards_of)]
+
+
+def shared_names(plan: Plan) -> Iterator[str]:
+    """Yield the names of the files that hold a split whole."""
+    row = find_format(plan.format)
+    return row.load().names(plan) if row.one_file else iter(())
 
 
 def mark_path(out: Path, part: int) -> Path:
@@ -65,17 +105,25 @@ def look_at_part(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
     if mark is None:
         return None, fault
     for name, size in mark.sizes.items():
-        path = out / name
+        path = _path(plan, out, name)
         if not path.is_file() or path.stat().st_size != size:
             return None, f"its {name} is {'damaged' if path.is_file() else 'missing'}"
     return mark, ""
 
 
-def runs_left(plan: Plan, group: int, written: Collection[int]) -> int | None:
-    """Return how many runs of each of a group's shards are still needed, given the parts written; None: all of it."""
-    if not find_format(plan.format).in_parts:
-        return 0 if n_parts(plan) and 0 in written else None
-    parts = plan.parts_of(group)
+def runs_left(plan: Plan, written: Collection[int]) -> list[int | None]:
+    """Return how many runs of each shard are still needed, given the parts written; None: all of it."""
+    row = find_format(plan.format)
+    if row.all_points or row.whole_objects:
+        return [0 if row.whole_objects and shard in written else None for shard in range(len(plan.shards))]
+    return [
+        n_runs
+        for group, shards in enumerate(plan.shards_of)
+        for n_runs in [_n_runs(plan.parts_of(group), written)] * len(shards)
+    ]
+
+
+def _n_runs(parts: range, written: Collection[int]) -> int:
     return max((part + 1 - parts.start for part in parts if part not in written), default=0)
 
 
@@ -86,58 +134,120 @@ class Shard(NamedTuple):
     runs: list[Run]
 
 
-def shards_of(plan: Plan, out: Path, group: int) -> list[Shard]:
-    """Return the finished shards of a group, whatever is left of them.
+def shards_of(plan: Plan, out: Path, part: int) -> list[Shard]:
+    """Return the finished shards that a part is made of, whatever is left of them.
 
     Raises
     ------
     DatasetError
         One is not finished.
     """
-    found = []
-    for shard in plan.shards_of[group]:
-        sidecar, fault = look_at(plan, out, shard, n_runs=0)
-        if sidecar is None:
-            raise DatasetError(f"{out}: shard {shard} must be done; it is not{fault and f': {fault}'}.")
-        found.append(Shard(data_path(plan, out, shard), sidecar.runs))
-    return found
+    whole = find_format(plan.format).whole_objects
+    needed = range(part, part + 1) if whole else plan.shards_of[plan.parts[part].group]
+    return [Shard(data_path(plan, out, shard), _sidecar(plan, out, shard).runs) for shard in needed]
 
 
-def write_whole(plan: Plan, out: Path) -> None:
-    """Write all files of a layout that is not written in parts, then the mark, from all shards."""
+def _sidecar(plan: Plan, out: Path, shard: int) -> Sidecar:
+    sidecar, fault = look_at(plan, out, shard, n_runs=0)
+    if sidecar is None:
+        raise DatasetError(f"{out}: shard {shard} must be done; it is not{fault and f': {fault}'}.")
+    return sidecar
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the clouds of each part begin in files that hold a split whole, and how many there are.
+
+    Parameters
+    ----------
+    first : list of mapping of split to int
+        Clouds of the split in all parts before each.
+    total : mapping of split to int
+    """
+
+    first: list[Mapping[str, int]]
+    total: Mapping[str, int]
+
+
+def places_of(plan: Plan, out: Path) -> Places:
+    """Count the clouds of all finished shards, for files that hold a split whole.
+
+    Raises
+    ------
+    DatasetError
+        One is not finished.
+    """
+    sidecars = [_sidecar(plan, out, shard) for shard in range(len(plan.shards))]
+    if find_format(plan.format).whole_objects:
+        counts: list[Mapping[str, int]] = [clouds_kept(plan, sidecar) for sidecar in sidecars]
+    else:
+        itemsize = record_type(plan.recipe).itemsize
+        counts = []
+        for shards in plan.shards_of:
+            runs = np.array([[n_bytes for n_bytes, _ in sidecars[shard].runs] for shard in shards])
+            n_clouds = runs.sum(axis=0) // itemsize
+            counts += [{plan.parts[len(counts) + i].split: int(n)} for i, n in enumerate(n_clouds)]
+    return placed(counts)
+
+
+def placed(counts: list[Mapping[str, int]]) -> Places:
+    """Return where the clouds of each part begin, given how many of each split it has."""
+    first, total = list[Mapping[str, int]](), Counter[str]()
+    for of_part in counts:
+        first.append(dict(total))
+        total.update(of_part)
+    return Places(first, total)
+
+
+def clouds_kept(plan: Plan, sidecar: Sidecar) -> dict[str, int]:
+    """Return how many clouds of a shard go into files, by split."""
     row = find_format(plan.format)
-    files = row.write(source_of_shards(plan, [data_path(plan, out, i) for i in range(len(plan.shards))]), out)
-    n_clouds = row.load().read(out, plan, files).n_clouds
-    names = {name for of_split in files.values() for name in of_split}
-    _write_mark(out, 0, Mark(plan.fingerprint, files, n_clouds, checksums(out, files), _sizes(out, names)))
+    if not row.whole_objects:
+        return dict(sidecar.n_clouds)
+    return {split: n * row.n_kept(split, plan.clouds_per_mesh) for split, n in sidecar.n_whole.items()}
 
 
-def write_part(plan: Plan, out: Path, part: int, shards: list[Shard]) -> None:
-    """Write a part, then its mark, and cut off of its group's shards what is no longer needed.
+def write_part(plan: Plan, out: Path, part: int, shards: list[Shard], places: Places | None = None) -> None:
+    """Write a part, then its mark, and cut off of its shards what is no longer needed.
 
     Raises
     ------
     DatasetError
         A shard is missing or damaged.
     """
-    group, split, number = plan.parts[part]
     try:
-        records = _records_of(plan, part, shards)
+        contents = _contents(plan, part, shards)
     except DatasetError:
         if look_at_part(plan, out, part)[0] is None:
             raise
         return  # another run of the same command has written it, and cut the shards
-    written = find_format(plan.format).load().write_part(records, out, plan, split, number) if len(records) else []
-    digests = {name: sha256_of(out / name) for name in written}
-    mark = Mark(plan.fingerprint, {split: written}, {split: len(records)}, digests, _sizes(out, written))
-    _write_mark(out, part, mark)
-    trim(plan, out, group, shards)
+    write_contents(plan, out, part, contents, places)
+    trim(plan, out, part, shards)
 
 
-def trim(plan: Plan, out: Path, group: int, shards: list[Shard]) -> None:
-    """Cut off the shards of a group what files hold that are written."""
-    n_runs = runs_left(plan, group, [part for part in plan.parts_of(group) if mark_path(out, part).exists()])
-    assert n_runs is not None  # written in parts
+def write_contents(plan: Plan, out: Path, part: int, contents: list[Content], places: Places | None) -> None:
+    """Write a part of these clouds, then its mark."""
+    row, files, n_clouds = find_format(plan.format), dict[str, list[str]](), dict[str, int]()
+    for content in contents:
+        records, split = row.kept(content.records, content.split, plan.clouds_per_mesh), content.split
+        if len(records):
+            content = replace(content, records=records)
+            if places is not None:
+                content = replace(content, first=places.first[part].get(split, 0), total=places.total[split])
+            files[split] = row.load().write_part(content, out)
+            n_clouds[split] = len(records)
+    names = {name for of_split in files.values() for name in of_split}
+    digests = {} if row.one_file else {name: sha256_of(out / name) for name in sorted(names)}
+    sizes = {name: _path(plan, out, name).stat().st_size for name in sorted(names)}
+    _write_mark(out, part, Mark(plan.fingerprint, files, n_clouds, digests, sizes))
+
+
+def trim(plan: Plan, out: Path, part: int, shards: list[Shard]) -> None:
+    """Cut off the shards of a part what files hold that are written."""
+    n_runs = 0
+    if not find_format(plan.format).whole_objects:
+        parts = plan.parts_of(plan.parts[part].group)
+        n_runs = _n_runs(parts, [each for each in parts if mark_path(out, each).exists()])
     for path, runs in shards:
         n_bytes = sum(size for size, _ in runs[:n_runs])
         try:
@@ -153,8 +263,19 @@ def _write_mark(out: Path, part: int, mark: Mark) -> None:
     write_sealed(mark_path(out, part), mark.__dict__)
 
 
-def _sizes(out: Path, names: Collection[str]) -> dict[str, int]:
-    return {name: (out / name).stat().st_size for name in sorted(names)}
+def _path(plan: Plan, out: Path, name: str) -> Path:
+    return where(out, name) if find_format(plan.format).one_file else out / name
+
+
+def _contents(plan: Plan, part: int, shards: list[Shard]) -> list[Content]:
+    """Return what a part is written of: of each split that it has clouds of."""
+    if not find_format(plan.format).whole_objects:
+        _, split, number = plan.parts[part]
+        return [Content(plan, split, number, _records_of(plan, part, shards))]
+    records, complete = read_shard(plan, *shards[0])
+    split_of = plan.split_of[records["mesh_id"]]
+    splits = np.unique(split_of).tolist()
+    return [Content(plan, SPLITS[split], part, records[split_of == split], complete) for split in splits]
 
 
 def _records_of(plan: Plan, part: int, shards: list[Shard]) -> NDArray[Any]:

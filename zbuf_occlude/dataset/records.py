@@ -1,4 +1,4 @@
-"""Shards of records: the clouds of a few meshes, drawn already, in a run for each of the final files made of them."""
+"""Shards of records: the clouds of a few meshes, drawn already, in a run for each of the parts made of them."""
 
 import io
 import zlib
@@ -14,9 +14,10 @@ from zbuf_occlude.dataset import atomic, ragged
 from zbuf_occlude.dataset import plan as plans
 from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.order import order_of
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source, arranged, check_indices
+from zbuf_occlude.dataset.source import Numbers
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -24,7 +25,7 @@ from zbuf_occlude.views import Views
 REMEDY = "The same `zbuf-occlude generate` makes it again."
 
 Run = tuple[int, int]
-"""Of the records that go into one file: their bytes, and their CRC-32."""
+"""Of the records that go into one part: their bytes, and their CRC-32."""
 
 
 class RecordStore:
@@ -48,12 +49,20 @@ class RecordStore:
             self._kept.append(records)
 
     def write(self, path: Path, shard: int) -> list[Run]:
-        """Write the records, for each file of the shard's group a run of them; return the runs."""
+        """Write the records, for each file of the shard's group a run of them; return the runs.
+
+        Of formats that want whole objects, all are one run: by mesh, variation, view.
+        """
         records = np.concatenate(self._kept)
+        if find_format(self._plan.format).whole_objects:
+            return self._write_runs(path, [records])
         parts, places = _places(self._plan, records)
         rows = np.lexsort((places, parts))
         ends = np.searchsorted(parts[rows], np.array(self._plan.parts_of(self._plan.group_of(shard))), side="right")
-        runs = [_packed(records[some], self._plan) for some in np.split(rows, ends)[: len(ends)]]
+        return self._write_runs(path, [records[some] for some in np.split(rows, ends)[: len(ends)]])
+
+    def _write_runs(self, path: Path, clouds: list[NDArray[Any]]) -> list[Run]:
+        runs = [_packed(some, self._plan) for some in clouds]
         atomic.write(path, lambda file: file.writelines(runs))
         return [(len(run), zlib.crc32(run)) for run in runs]
 
@@ -102,49 +111,5 @@ def in_places(plan: Plan, pieces: Iterable[NDArray[Any]]) -> NDArray[Any]:
     return records if is_there.all() else records[is_there]
 
 
-def source_of_records(plan: Plan, paths: list[Path]) -> Source:
-    """Return the clouds of finished shards, in the order in which their files are to hold them.
-
-    Raises
-    ------
-    DatasetError
-        A shard cannot be read.
-
-    Notes
-    -----
-    The shards are mapped, not read: memory is needed for what is taken only. Clouds are numbered by mesh, variation,
-    view.
-    """
-    shards = []
-    for path in paths:
-        with reading(path, REMEDY):
-            shards.append(_mapped(path, plan))
-    owners = np.concatenate([np.full(len(shard), i) for i, shard in enumerate(shards)])
-    rows = np.concatenate([np.arange(len(shard)) for shard in shards])
-    facts = np.concatenate([shard[["mesh_id", "variation", "view_id"]] for shard in shards])
-    numbered = np.lexsort((facts["view_id"], facts["variation"], facts["mesh_id"]))
-    owners, rows, facts = owners[numbered], rows[numbered], facts[numbered]
-
-    def take(numbers: Numbers) -> NDArray[Any]:
-        records = np.empty(len(numbers), shards[0].dtype)
-        mine_of = owners[numbers]
-        for owner in np.unique(mine_of):
-            mine = mine_of == owner
-            records[mine] = shards[owner][rows[numbers[mine]]]
-        return records
-
-    found = arranged(plan, *_places(plan, facts))
-    return Source(plan, found.order, take, sizes=found.sizes)
-
-
 def _places(plan: Plan, records: NDArray[Any]) -> tuple[Numbers, Numbers]:
     return order_of(plan).places(records["mesh_id"], records["variation"], records["view_id"])
-
-
-def _mapped(path: Path, plan: Plan) -> NDArray[Any]:
-    kind = record_type(plan.recipe)
-    if not path.stat().st_size:  # which nothing can be mapped of
-        return np.empty(0, kind)
-    shard = np.memmap(path, kind, mode="r")
-    check_indices(shard["label"], shard["mesh_id"], plan)
-    return shard

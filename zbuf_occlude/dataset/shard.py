@@ -6,7 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import Counts
@@ -16,10 +19,9 @@ from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.packed_store import PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import RecordStore, Run, are_whole, source_of_records
+from zbuf_occlude.dataset.records import RecordStore, Run, are_whole, read_run
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.sealed import read_sealed, write_sealed
-from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.mesh import Mesh
@@ -62,8 +64,10 @@ class Sidecar:
     seconds : float
         That making it took.
     n_clouds : mapping of split to int
+    n_whole : mapping of split to int
+        Meshes that every view sees.
     runs : list of (int, int)
-        The bytes and the CRC-32 of what its data consist of: of records, what goes into each file of the shard's group.
+        The bytes and the CRC-32 of what its data consist of: of records, what goes into each part made of them.
     sha256 : str
         Of data that are a final file; empty of others.
     """
@@ -77,6 +81,7 @@ class Sidecar:
     renderer: str
     seconds: float
     n_clouds: Mapping[str, int]
+    n_whole: Mapping[str, int]
     runs: list[Run]
     sha256: str
 
@@ -109,11 +114,25 @@ def new_store(plan: Plan) -> Store:
     return PackedStore(plan) if find_format(plan.format).keeps_points else RecordStore(plan)
 
 
-def source_of_shards(plan: Plan, paths: list[Path]) -> Source:
-    """Return the clouds of finished shards, in the order in which their files are to hold them."""
-    return (
-        PackedFiles(plan, paths).source() if find_format(plan.format).keeps_points else source_of_records(plan, paths)
-    )
+class Made(NamedTuple):
+    """All clouds of a shard: by mesh, variation, view; and what says whole objects, where they were kept."""
+
+    records: NDArray[Any]
+    complete: Callable[[int, int], Any] | None
+
+
+def read_shard(plan: Plan, path: Path, runs: list[Run]) -> Made:
+    """Read all clouds of a shard of a format that wants whole objects.
+
+    Raises
+    ------
+    DatasetError
+        They cannot be read, or are not what was written.
+    """
+    if not find_format(plan.format).keeps_points:
+        return Made(read_run(path, plan, 0, runs[0]), None)
+    files = PackedFiles(plan, [path])
+    return Made(files.take(np.arange(len(files.mesh_ids))), files.complete)
 
 
 def data_path(plan: Plan, out: Path, shard: int) -> Path:
@@ -213,7 +232,7 @@ def run_shard(
     """
     began = time.perf_counter()
     store = new_store(plan)
-    counts, renderer, n_clouds = Counts(), "none", Counter[str]()
+    counts, renderer, n_clouds, n_whole = Counts(), "none", Counter[str](), Counter[str]()
     failures: dict[str, str] = {}
     origins: dict[str, Origin] = {}
     for mesh_id in plan.shards[shard]:
@@ -232,6 +251,7 @@ def run_shard(
             continue
         counts, renderer = counts + of_mesh, renderer_of_mesh
         n_clouds[entry.split] += of_mesh.n_clouds
+        n_whole[entry.split] += of_mesh.n_clouds == plan.clouds_per_mesh
     on_mesh(None)
     data = data_path(plan, out, shard)
     (out / SHARDS).mkdir(exist_ok=True)
@@ -246,6 +266,7 @@ def run_shard(
         renderer=renderer,
         seconds=time.perf_counter() - began,
         n_clouds=n_clouds,
+        n_whole=n_whole,
         runs=runs,
         sha256=sha256_of(data) if find_format(plan.format).all_points else "",
     )

@@ -15,6 +15,35 @@ from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.meshes.collection import SPLITS
 
 Numbers = NDArray[np.intp]
+IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
+"""What tells clouds apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a format's `write_part` is given: clouds of a split, and where they belong.
+
+    Parameters
+    ----------
+    plan : Plan
+    split : str
+    number : int
+        Of this part among those of its split; not all numbers need be there.
+    records : (n,) of `record_type`
+        Of formats that want whole objects, all clouds of an object one after the other: by mesh, variation, view.
+    complete : callable, optional
+        As of `Source`; only for formats of pairs.
+    first, total : int
+        Clouds of the split before these, and in all; only for formats whose files hold a split whole.
+    """
+
+    plan: Plan
+    split: str
+    number: int
+    records: NDArray[Any]
+    complete: Callable[[int, int], Any] | None = None
+    first: int = 0
+    total: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +65,8 @@ class Source:
         where neighbours in the order are.
     sizes : mapping of split to list of int
         How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
+    ids : (n,) of `IDS`, optional
+        What each cloud is of, by its number; where that is known without reading it.
     """
 
     plan: Plan
@@ -44,19 +75,20 @@ class Source:
     blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
+    ids: NDArray[Any] | None = None
 
     @property
     def n_clouds(self) -> dict[str, int]:
         """Clouds of each split."""
         return {split: len(numbers) for split, numbers in self.order.items()}
 
-    def files(self, split: str) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield the number and the records of each file that a split's clouds are to fill; empty files are left out."""
+    def files(self, split: str) -> Iterator[tuple[int, Numbers]]:
+        """Yield the number and the clouds of each file that a split's are to fill; empty files are left out."""
         numbers = self.order[split]
         sizes = self.sizes.get(split) or [CLOUDS_PER_FILE] * -(-len(numbers) // CLOUDS_PER_FILE)
         for number, (end, size) in enumerate(zip(np.cumsum(sizes).tolist(), sizes, strict=True)):
             if size:
-                yield number, self.take(numbers[end - size : end])
+                yield number, numbers[end - size : end]
 
     def batches(self, split: str, size: int = CLOUDS_PER_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
         """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""

@@ -75,10 +75,10 @@ class Verifying:
 
     @cached_property
     def jobs(self) -> list[dict[str, list[str]]]:
-        """For each job the files that it looks at, by split; in layouts that only read as a whole, one has them all."""
+        """For each job the files that it looks at, by split; where files hold a split whole, all of a split."""
         row = find_format(self.plan.format)
-        if not (row.in_parts or row.all_points):
-            return [dict(self.files)]
+        if row.one_file:
+            return [{split: names} for split, names in self.files.items()]
         jobs: dict[str, dict[str, list[str]]] = {}
         for split, names in self.files.items():
             for name in names:

@@ -3,8 +3,8 @@
 A format's module has three functions:
 
     names(plan) -> iterator of str                        names of all files that it may write for a plan
-    write_part(records, out, plan, split, number)         writes the clouds of a split's file of this number into a
-        -> list of str                                    folder, each file whole or not at all; returns the names
+    write_part(content, out) -> list of str               writes some clouds of a split (`source.Content`) into a
+                                                          folder, each file whole or not at all; returns the names
     read(out, plan, files) -> Source                      reads them back, when and as far as they are asked for
 
 and, where it has more than the clouds, its loaders have numbers in their code, or a package is needed, two more:
@@ -13,37 +13,35 @@ and, where it has more than the clouds, its loaders have numbers in their code, 
         -> dict of split to file names                    clouds by split; returns the files that `read` is to have
     check(plan)                                           raises what says which plan it can hold, before work begins
 
-Layouts whose files hold a split whole are written by one worker, and have instead of `write_part` and `finish`
-
-    write(source, out) -> dict of split to file names     writes all of its files into a folder
+Whoever is free writes the next part. What a part is, the row says: 2,048 clouds in the plan's mixed order; of formats
+that want `whole_objects`, those of a shard. Where files hold a split whole (`one_file`), every part writes its rows of
+them (`shared.py`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import Content, Source
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import SPLITS
 
 
 class Module(Protocol):
     """What a format's module has."""
 
     def names(self, plan: Plan) -> Iterator[str]:
-        """Yield the names of the files that `write` may write, lists of files left out; refuse those that cannot be."""
+        """Yield the names of all files that there may be, lists of files left out; refuse those that cannot be."""
 
-    def write_part(self, records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
-        """Write the clouds of one file; return the names of what was written."""
-
-    def write(self, source: Source, out: Path) -> dict[str, list[str]]:
-        """Write all clouds of a source; return the names of the files of each split."""
+    def write_part(self, content: Content, out: Path) -> list[str]:
+        """Write some clouds of a split; return the names of the files that they are in."""
 
     def read(self, out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
         """Return the clouds of these files."""
@@ -67,6 +65,12 @@ class Format:
         Whether it holds complete clouds alone.
     ragged : bool
         Whether its clouds may be of unequal size (`--sample-size all`).
+    whole_objects : bool
+        Whether it keeps all clouds of an object together, and leaves out objects with a view that sees nothing.
+    one_file : bool
+        Whether its files hold a split whole, so that nothing is written before all shards are done.
+    fewer_views : mapping of split to int
+        Views that it keeps of each object, the first; all of splits that are not named.
     least_tested : int
         Test clouds below which the loaders' own test ends in an error.
     options : mapping
@@ -79,6 +83,9 @@ class Format:
     pairs: bool = False
     complete: bool = False
     ragged: bool = False
+    whole_objects: bool = False
+    one_file: bool = False
+    fewer_views: Mapping[str, int] = field(default_factory=dict)
     least_tested: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -92,21 +99,17 @@ class Format:
         module: Module = import_module(f"{__name__}.{self.name.replace('-', '_')}")
         return module
 
-    @cached_property
-    def in_parts(self) -> bool:
-        """Whether it is written file by file, by as many workers as there are."""
-        return hasattr(self.load(), "write_part")
+    def n_kept(self, split: str, n_views: int) -> int:
+        """Return how many clouds it keeps of an object that has this many."""
+        return min(self.fewer_views.get(split, n_views), n_views)
 
-    def write(self, source: Source, out: Path) -> dict[str, list[str]]:
-        """Write all clouds of a source, one file after the other; return the names of the files of each split."""
-        module = self.load()
-        if not self.in_parts:
-            return module.write(source, out)
-        names: dict[str, list[str]] = {}
-        for split in source.order:
-            written = (module.write_part(records, out, source.plan, split, n) for n, records in source.files(split))
-            names[split] = [name for some in written for name in some]
-        return self.finish(out, source.plan, names, source.n_clouds)
+    def kept(self, records: NDArray[Any], split: str, n_views: int) -> NDArray[Any]:
+        """Return those of some clouds of whole objects (`Content.records`) that it keeps; objects have `n_views`."""
+        if not self.whole_objects:
+            return records
+        _, objects, n_seeing = np.unique(records["mesh_id"], return_inverse=True, return_counts=True)
+        whole = records[n_seeing[objects] == n_views]
+        return whole.reshape(-1, n_views)[:, : self.n_kept(split, n_views)].reshape(-1)
 
     def finish(
         self, out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]
@@ -144,13 +147,15 @@ FORMATS: tuple[Format, ...] = (
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
     Format("ply", "a file for each cloud, to look at", ragged=True),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ragged=True),
-    Format("scanobjectnn", "data, label, mask"),
-    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy"),
+    Format("scanobjectnn", "data, label, mask", one_file=True),
+    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy", whole_objects=True, one_file=True),
     Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz"),
     Format(
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",
         pairs=True,
+        whole_objects=True,
+        fewer_views={"val": 1, "test": 1},
         least_tested=10,
         options={"views": "fibonacci:8", "scale": "object"},
     ),
@@ -158,6 +163,7 @@ FORMATS: tuple[Format, ...] = (
         "completion3d",
         "pairs as HDF5 files, 2,048 points, 1 view",
         pairs=True,
+        whole_objects=True,
         least_tested=10,
         options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
@@ -165,18 +171,23 @@ FORMATS: tuple[Format, ...] = (
         "mvp",
         "pairs in HDF5, 2,048 points, 26 views",
         pairs=True,
+        whole_objects=True,
+        one_file=True,
         options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
         pairs=True,
+        whole_objects=True,
         options={"views": "fibonacci:16", "scale": "object"},
     ),
     Format(
         "shapenet55",
         "complete clouds of 8,192 points",
         complete=True,
+        whole_objects=True,
+        fewer_views=dict.fromkeys(SPLITS, 1),
         least_tested=10,
         options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),

@@ -17,10 +17,17 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.pairs import Pairs, write_index
-from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, names_of, write_synsets
+from zbuf_occlude.dataset.formats.published import (
+    SYNSETS,
+    Names,
+    check_pairs,
+    listed,
+    mesh_ids_of,
+    names_of,
+    write_synsets,
+)
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.meshes.collection import SPLITS
+from zbuf_occlude.dataset.source import Content, Source
 
 INDEX = "Completion3D.json"
 SIZE = 2_048
@@ -37,15 +44,19 @@ def names(plan: Plan) -> Iterator[str]:
     yield from PAIRS.names(plan)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a pair of files per object, the lists and the index of them."""
-    files, mesh_ids = PAIRS.write(source, out)
-    names = names_of(source.plan)
-    for split in files:
-        atomic.write_lines(out / f"{split}.list", [_place(names, mesh_id) for mesh_id in mesh_ids[split]])
-    write_index(out / INDEX, source.plan, mesh_ids)
-    synsets = write_synsets(out, source.plan)
-    return {split: [*of_split, f"{split}.list", INDEX, synsets] for split, of_split in files.items()}
+def write_part(content: Content, out: Path) -> list[str]:
+    """Write pairs."""
+    return PAIRS.write_part(content, out)
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the lists and the index of objects."""
+    mesh_ids = {split: mesh_ids_of(out, of_split) for split, of_split in names.items()}
+    for split, of_split in mesh_ids.items():
+        atomic.write_lines(out / f"{split}.list", [_place(names_of(plan), mesh_id) for mesh_id in of_split])
+    write_index(out / INDEX, plan, mesh_ids)
+    files = listed(out, names, INDEX, write_synsets(out, plan))
+    return {split: [*of_split, f"{split}.list"] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -78,4 +89,4 @@ def _read_h5(path: Path) -> NDArray[Any]:
         return np.asarray(h5["data"][:])
 
 
-PAIRS = Pairs(SIZE, dict.fromkeys(SPLITS, 1), _complete, _partial, _write_h5, _write_h5, _read_h5)
+PAIRS = Pairs(SIZE, _complete, _partial, _write_h5, _write_h5, _read_h5)

@@ -14,7 +14,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
-from zbuf_occlude.dataset.source import Numbers, Source, source_of_files
+from zbuf_occlude.dataset.source import Content, Numbers, Source, source_of_files
 
 UNITS = {
     OFFSETS: "points of cloud i are those from offsets[i] to offsets[i + 1]",
@@ -34,10 +34,11 @@ def names(plan: Plan) -> Iterator[str]:
     return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write one file."""
-    _write_file(out / _name(split, number), records, plan)
-    return [_name(split, number)]
+    name = _name(content.split, content.number)
+    _write_file(out / name, content.records, content.plan)
+    return [name]
 
 
 def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:

@@ -17,7 +17,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
 from zbuf_occlude.errors import UnavailableError
 
 CARD = "README.md"
@@ -35,11 +35,12 @@ def names(plan: Plan) -> Iterator[str]:
     yield from (_name(part.split, part.number) for part in plan.parts)
 
 
-def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write one shard."""
     (out / "data").mkdir(exist_ok=True)
-    _write_shard(out / _name(split, number), records, plan)
-    return [_name(split, number)]
+    name = _name(content.split, content.number)
+    _write_shard(out / name, content.records, content.plan)
+    return [name]
 
 
 def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Names,
-    Records,
+    listed,
     names_of,
     read_cloud_files,
     rest_name,
-    write_list,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import Content, Source
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -29,23 +28,18 @@ def names(plan: Plan) -> Iterator[str]:
         yield from (_name(entry.split, names, mesh_id, number) for number in range(plan.clouds_per_mesh))
 
 
-def write_part(records: Records, out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write a file per cloud, and what they lack."""
-    names, written = names_of(plan), []
-    for record in records:
-        written.append(_name_of(split, names, record, plan))
+    names, written = names_of(content.plan), []
+    for record in content.records:
+        written.append(_name_of(content.split, names, record, content.plan))
         _write_xyz(out / written[-1], record["data"])
-    return [write_rest(out, split, [records], plan.recipe, number), *written]
+    return [write_rest(out, content), *written]
 
 
 def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
     """Write for each split the list of its clouds."""
-    files = {}
-    for split, of_split in names.items():
-        clouds = [name for name in of_split if name.endswith(".xyz")]
-        rests = [name for name in of_split if not name.endswith(".xyz")]
-        files[split] = [*rests, write_list(out, split, clouds)]
-    return files
+    return listed(out, names)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

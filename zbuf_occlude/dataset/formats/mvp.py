@@ -10,22 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import h5py
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Records,
-    by_object,
     check_pairs,
-    complete_cloud,
     read_published,
     read_rows,
     rest_name,
-    write_rest,
+    rows_of_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.shared import Rows, contiguous, write_hdf5, write_npy
+from zbuf_occlude.dataset.source import Content, Numbers, Source
 
 N_VIEWS, SIZE = 26, 2_048
 """Loaders find the complete cloud of a partial one by dividing its number by 26."""
@@ -41,38 +38,18 @@ def names(plan: Plan) -> Iterator[str]:
     return (name for split in plan.splits for name in (_name(split), rest_name(split)))
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a file per split; objects with a view that sees nothing are left out."""
-    files = {}
-    for split in source.order:
-        name = _name(split)
-
-        def fill(file: Any, split: str = split) -> None:
-            with h5py.File(file, "w") as h5:
-                growing = {
-                    field: h5.create_dataset(
-                        field, (0, *shape), kind, maxshape=(None, *shape), chunks=(chunk, *shape), track_times=False
-                    )
-                    for field, shape, kind, chunk in (
-                        ("incomplete_pcds", (SIZE, 3), "<f4", N_VIEWS),
-                        ("complete_pcds", (SIZE, 3), "<f4", 1),
-                        ("labels", (), "<i8", 26 * N_VIEWS),
-                    )
-                }
-
-                def pairs() -> Iterator[Records]:
-                    for records in by_object(source, split):
-                        if len(records) == N_VIEWS:
-                            _append(growing["incomplete_pcds"], records["data"])
-                            _append(growing["complete_pcds"], complete_cloud(source, records, SIZE)["data"][None])
-                            _append(growing["labels"], records["label"][:, 0])
-                            yield records
-
-                write_rest(out, split, pairs(), source.plan.recipe)
-
-        atomic.write(out / name, fill)
-        files[split] = [f"clouds_{split}.npy", name]
-    return files
+def write_part(content: Content, out: Path) -> list[str]:
+    """Write rows of a split's file."""
+    assert content.complete is not None  # the table says that it is needed
+    first, total, records = content.first, content.total, content.records
+    complete = [content.complete(int(mesh_id), SIZE)["data"] for mesh_id in records["mesh_id"][::N_VIEWS]]
+    arrays = {
+        "incomplete_pcds": Rows(first, total, contiguous(records["data"], "<f4")),
+        "complete_pcds": Rows(first // N_VIEWS, total // N_VIEWS, contiguous(complete, "<f4")),
+        "labels": Rows(first, total, contiguous(records["label"][:, 0], "<i8")),
+    }
+    name, rest = _name(content.split), rest_name(content.split)
+    return [write_npy(out, rest, rows_of_rest(content)), write_hdf5(out, name, arrays, {})]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -86,8 +63,3 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
 
 def _name(split: str) -> str:
     return f"MVP_{split.capitalize()}_CP.h5"
-
-
-def _append(dataset: Any, rows: NDArray[Any]) -> None:
-    dataset.resize(len(dataset) + len(rows), axis=0)
-    dataset[-len(rows) :] = rows

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import laid_out, taken
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -21,11 +21,11 @@ def names(plan: Plan) -> Iterator[str]:
     return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write one archive."""
-    fields = laid_out(records, plan.recipe)
-    atomic.write(out / _name(split, number), lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
-    return [_name(split, number)]
+    name, fields = _name(content.split, content.number), laid_out(content.records, content.plan.recipe)
+    atomic.write(out / name, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
+    return [name]
 
 
 def _name(split: str, number: int) -> str:

@@ -7,20 +7,6 @@ from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.packed_store import shard_name
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import DatasetError
-
-
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Refuse: what a source gives has been drawn; the other points of the objects are gone.
-
-    Raises
-    ------
-    DatasetError
-    """
-    raise DatasetError(
-        "a packed dataset must be made of all points of its objects; other formats keep only those drawn for each "
-        "cloud. Make it with `zbuf-occlude generate --format packed`."
-    )
 
 
 def names(plan: Plan) -> Iterator[str]:

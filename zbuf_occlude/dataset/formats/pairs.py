@@ -1,6 +1,6 @@
 """Layouts with a file for each complete cloud and for each partial one of it: what their files are called, and hold."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,21 +10,15 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Names,
-    Records,
     by_object,
-    complete_cloud,
     names_of,
     read_cloud_files,
-    rest_name,
-    write_list,
+    rest_names,
     write_rest,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import Content, Source
 from zbuf_occlude.meshes.collection import SPLITS
-
-MeshIds = dict[str, list[int]]
-"""Of each split the objects that were written, in order."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +29,6 @@ class Pairs:
     ----------
     n_complete : int
         Points of a complete cloud.
-    views : mapping of split to int
-        Views of an object that there are files of.
     complete, partial : callable
         Return the names of an object's files: of a split, with these names, of this mesh index; and of this view.
     write_complete, write_partial : callable
@@ -46,7 +38,6 @@ class Pairs:
     """
 
     n_complete: int
-    views: Mapping[str, int]
     complete: Callable[[str, Names, int], str]
     partial: Callable[[str, Names, int, int], str]
     write_complete: Callable[[Path, Any], None]
@@ -56,27 +47,33 @@ class Pairs:
     def names(self, plan: Plan) -> Iterator[str]:
         """Yield the names of all files, lists apart."""
         names = names_of(plan)
-        yield from map(rest_name, plan.splits)
+        yield from rest_names(plan)
         for mesh_id, entry in enumerate(plan.meshes):
             yield self.complete(entry.split, names, mesh_id)
-            yield from (self.partial(entry.split, names, mesh_id, view) for view in range(self.views[entry.split]))
+            yield from (self.partial(entry.split, names, mesh_id, view) for view in range(len(plan.views)))
 
-    def write(self, source: Source, out: Path) -> tuple[dict[str, list[str]], MeshIds]:
-        """Write pairs; objects with a view that sees nothing are left out, for loaders count on every view.
-
-        Returns
-        -------
-        files : dict of split to file names
-        mesh_ids : dict of split to list of int
-        """
-        files: dict[str, list[str]] = {}
-        mesh_ids: MeshIds = {}
-        for split in source.order:
-            mesh_ids[split], written = [], list[str]()
-            pairs = self._written(source, out, split, mesh_ids[split], written)
-            rest = write_rest(out, split, pairs, source.plan.recipe)
-            files[split] = [rest, write_list(out, split, written)]
-        return files, mesh_ids
+    def write_part(self, content: Content, out: Path) -> list[str]:
+        """Write pairs."""
+        assert content.complete is not None  # the table says that it is needed
+        names, written = names_of(content.plan), list[str]()
+        for clouds in by_object(content.records):
+            mesh_id = int(clouds["mesh_id"][0])
+            pair = [
+                (
+                    self.complete(content.split, names, mesh_id),
+                    self.write_complete,
+                    content.complete(mesh_id, self.n_complete),
+                ),
+                *(
+                    (self.partial(content.split, names, mesh_id, int(record["view_id"])), self.write_partial, record)
+                    for record in clouds
+                ),
+            ]
+            for name, write, record in pair:
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                write(out / name, record)
+                written.append(name)
+        return [write_rest(out, content), *written]
 
     def read(self, out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
         """Return the partial clouds."""
@@ -86,33 +83,8 @@ class Pairs:
 
         return read_cloud_files(out, plan, files, self.read_partial, name_of)
 
-    def _written(
-        self, source: Source, out: Path, split: str, mesh_ids: list[int], written: list[str]
-    ) -> Iterator[Records]:
-        names = names_of(source.plan)
-        for clouds in by_object(source, split):
-            if len(clouds) < len(source.plan.views):
-                continue
-            mesh_ids.append(mesh_id := int(clouds["mesh_id"][0]))
-            records = clouds[: self.views[split]]
-            pair = [
-                (self.complete(split, names, mesh_id), self.write_complete, self._whole(source, records)),
-                *(
-                    (self.partial(split, names, mesh_id, int(record["view_id"])), self.write_partial, record)
-                    for record in records
-                ),
-            ]
-            for name, write, record in pair:
-                (out / name).parent.mkdir(parents=True, exist_ok=True)
-                write(out / name, record)
-                written.append(name)
-            yield records
 
-    def _whole(self, source: Source, records: Records) -> Any:
-        return complete_cloud(source, records, self.n_complete)
-
-
-def write_index(path: Path, plan: Plan, mesh_ids: MeshIds) -> None:
+def write_index(path: Path, plan: Plan, mesh_ids: dict[str, list[int]]) -> None:
     """Write what the loaders of GRNet and its successors begin with: the objects of each taxonomy and split."""
     names = names_of(plan)
     index: dict[str, dict[str, Any]] = {}

@@ -10,19 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zbuf_occlude.dataset.formats.pairs import Pairs, write_index
-from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, write_synsets
+from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, listed, mesh_ids_of, write_synsets
 from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import Content, Source
 
 INDEX = "PCN.json"
 N_COMPLETE = 16_384
-VIEWS = {"train": 8, "val": 1, "test": 1}
+N_VIEWS = 8
 
 
 def check(plan: Plan) -> None:
     """Raise OptionError unless the plan is as the loaders expect."""
-    check_pairs(plan, "pcn", n_complete=N_COMPLETE, n_views=VIEWS["train"])
+    check_pairs(plan, "pcn", n_complete=N_COMPLETE, n_views=N_VIEWS)
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -31,12 +31,15 @@ def names(plan: Plan) -> Iterator[str]:
     yield from PAIRS.names(plan)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write pairs, and the index of them."""
-    files, mesh_ids = PAIRS.write(source, out)
-    write_index(out / INDEX, source.plan, mesh_ids)
-    synsets = write_synsets(out, source.plan)
-    return {split: [*of_split, INDEX, synsets] for split, of_split in files.items()}
+def write_part(content: Content, out: Path) -> list[str]:
+    """Write pairs."""
+    return PAIRS.write_part(content, out)
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the index of objects, and lists."""
+    write_index(out / INDEX, plan, {split: mesh_ids_of(out, of_split) for split, of_split in names.items()})
+    return listed(out, names, INDEX, write_synsets(out, plan))
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -52,4 +55,4 @@ def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
     return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}/{view:02d}.pcd"
 
 
-PAIRS = Pairs(N_COMPLETE, VIEWS, _complete, _partial, write_pcd, write_pcd, read_pcd)
+PAIRS = Pairs(N_COMPLETE, _complete, _partial, write_pcd, write_pcd, read_pcd)

@@ -21,7 +21,7 @@ from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ply import RGB, write_table
-from zbuf_occlude.dataset.source import Source, source_of_files
+from zbuf_occlude.dataset.source import Content, Source, source_of_files
 
 SPLIT = {"data": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": RGB}
 """Fields of a record that are several properties of a vertex."""
@@ -35,10 +35,10 @@ def names(plan: Plan) -> Iterator[str]:
     )
 
 
-def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write a file a cloud."""
-    names = []
-    for record in records:
+    names, plan = list[str](), content.plan
+    for record in content.records:
         names.append(_name(plan, int(record["mesh_id"]), int(record["variation"]), int(record["view_id"])))
         (out / names[-1]).parent.mkdir(parents=True, exist_ok=True)
         _write_cloud(out / names[-1], record, plan.recipe)

@@ -9,14 +9,12 @@ shapenet_synset_dict.json                                          what each tax
 from collections.abc import Iterator
 from pathlib import Path
 
-from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.pairs import Pairs
-from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs, names_of, write_synsets
-from zbuf_occlude.dataset.formats.shapenet55 import FOLDER, N_COMPLETE, complete_name, write_npy
+from zbuf_occlude.dataset.formats.published import SYNSETS, Names, check_pairs
+from zbuf_occlude.dataset.formats.shapenet55 import FOLDER, N_COMPLETE, complete_name, listed_complete, write_npy
 from zbuf_occlude.dataset.pcd import read_pcd, write_pcd
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.meshes.collection import SPLITS
+from zbuf_occlude.dataset.source import Content, Source
 
 N_VIEWS = 16
 
@@ -32,14 +30,14 @@ def names(plan: Plan) -> Iterator[str]:
     yield from PAIRS.names(plan)
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write pairs, and the lists of them."""
-    files, mesh_ids = PAIRS.write(source, out)
-    names = names_of(source.plan)
-    for split in files:
-        atomic.write_lines(out / f"{split}.txt", [complete_name(names, mesh_id) for mesh_id in mesh_ids[split]])
-    synsets = write_synsets(out, source.plan)
-    return {split: [*of_split, f"{split}.txt", synsets] for split, of_split in files.items()}
+def write_part(content: Content, out: Path) -> list[str]:
+    """Write pairs."""
+    return PAIRS.write_part(content, out)
+
+
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the lists of objects."""
+    return listed_complete(out, plan, names)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -56,4 +54,4 @@ def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
     return f"projected_partial_noise/{where}/models/{view}.pcd"
 
 
-PAIRS = Pairs(N_COMPLETE, dict.fromkeys(SPLITS, N_VIEWS), _complete, _partial, write_npy, write_pcd, read_pcd)
+PAIRS = Pairs(N_COMPLETE, _complete, _partial, write_npy, write_pcd, read_pcd)

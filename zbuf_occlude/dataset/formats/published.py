@@ -1,16 +1,16 @@
 """What the layouts of published benchmarks share: names of classes and objects, whole objects, and what they lack.
 
-Such a layout holds points and little else. What a record holds besides them (view, pose, face ids, ...) goes into one
-more file per split, ``clouds_SPLIT.npy`` (one per part, where workers write a layout in parts), a row per cloud in the
-order of writing. Published loaders do not look at it;
-with it a dataset in such a layout is read back, verified and shown like any other.
+Such a layout holds points and little else. What a record holds besides them (view, pose, face ids, ...) goes into
+further files, a row per cloud in the order of writing: ``clouds_SPLIT.npy`` of a layout whose files hold a split whole,
+``clouds_SPLIT0.npy`` and so on, one per part, of others. Published loaders do not look at them; with them a dataset in
+such a layout is read back, verified and shown like any other.
 """
 
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Numbers, Source, check_indices
+from zbuf_occlude.dataset.shared import Rows
+from zbuf_occlude.dataset.source import Content, Numbers, Source, check_indices
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.files import SUFFIXES
 
 Records = NDArray[Any]
-CLOUDS_AT_ONCE = 256
+_REST = re.compile(r"clouds_[a-z]+\d*\.npy")
 SYNSETS = "shapenet_synset_dict.json"
 """As PoinTr calls it, which reads its own from ./data when it reports."""
 
@@ -102,48 +104,39 @@ def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None =
         )
 
 
-def by_object(source: Source, split: str) -> Iterator[Records]:
-    """Yield all clouds of an object together, in the order of the plan: by mesh, variation, view."""
-    numbers = np.sort(source.order[split])
-    left = np.empty(0, record_type(source.plan.recipe))
-    for start in range(0, len(numbers), CLOUDS_AT_ONCE):
-        records = np.concatenate([left, source.take(numbers[start : start + CLOUDS_AT_ONCE])])
-        *whole, left = np.split(records, np.flatnonzero(np.diff(records["mesh_id"])) + 1)
-        yield from whole
-    if len(left):
-        yield left
-
-
-def complete_cloud(source: Source, records: Records, n_points: int) -> Any:
-    """Return a record of `n_points` of an object's whole surface, in the frame of its occluded clouds."""
-    assert source.complete is not None  # the table says which formats need it, and convert asks
-    return source.complete(int(records["mesh_id"][0]), n_points)
+def by_object(records: Records) -> list[Records]:
+    """Return the clouds of each object together."""
+    return np.split(records, np.flatnonzero(np.diff(records["mesh_id"])) + 1)
 
 
 def rest_name(split: str, number: int | None = None) -> str:
-    """Return the name of the file of what a published layout lacks; where one is written in parts, of that part's."""
+    """Return the name of the file of what a published layout lacks: of a whole split, or of this part of it."""
     return f"clouds_{split}{'' if number is None else number}.npy"
 
 
-def write_rest(out: Path, split: str, parts: Iterable[Records], recipe: Recipe, number: int | None = None) -> str:
-    """Write what records hold besides their points, part by part as `parts` yields them; return the file's name."""
-    kind, name = _rest_type(recipe), rest_name(split, number)
+def rest_names(plan: Plan) -> Iterator[str]:
+    """Yield these names, of a layout of whole objects that has one per part."""
+    for shard, mesh_ids in enumerate(plan.shards):
+        yield from (rest_name(split, shard) for split in {plan.meshes[mesh_id].split for mesh_id in mesh_ids})
 
-    def fill(file: IO[bytes]) -> None:
-        def write_header(n_clouds: int) -> None:  # NumPy leaves room in it for the number to grow
-            file.seek(0)
-            header = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": (n_clouds,)}
-            np.lib.format.write_array_header_2_0(file, header)
 
-        n_clouds = 0
-        write_header(n_clouds)
-        for records in parts:
-            file.write(without_points(records, recipe).tobytes())
-            n_clouds += len(records)
-        write_header(n_clouds)
-
-    atomic.write(out / name, fill)
+def write_rest(out: Path, content: Content) -> str:
+    """Write what the records of a part hold besides their points; return the file's name."""
+    name = rest_name(content.split, content.number)
+    rest = without_points(content.records, content.plan.recipe)
+    atomic.write(out / name, lambda file: np.save(file, rest))
     return name
+
+
+def rows_of_rest(content: Content) -> Rows:
+    """Return what the records of a part hold besides their points, as rows of the split's file of it."""
+    return Rows(content.first, content.total, without_points(content.records, content.plan.recipe))
+
+
+def mesh_ids_of(out: Path, names: list[str]) -> list[int]:
+    """Return the objects whose clouds were written, in order, from the names of a split's files."""
+    rests = [np.load(out / name, mmap_mode="r")["mesh_id"] for name in names if _REST.fullmatch(name)]
+    return list(dict.fromkeys(np.concatenate(rests).tolist())) if rests else []
 
 
 def read_published(
@@ -157,13 +150,14 @@ def read_published(
     plan : Plan
     files : dict of split to file names
     points : callable
-        Returns the points (m, size, 3) of some clouds of a split, from their records without points and their rows.
+        Returns the points (m, size, 3) of some clouds of a split, from their records without points and their rows in
+        the first of these files that the split has.
     """
     rests: list[tuple[str, Records]] = []
     order, begin = {}, 0
     for split, names in files.items():
         for name in names:
-            if re.fullmatch(rf"clouds_{split}\d*\.npy", name):
+            if _REST.fullmatch(name):
                 rests.append((split, _read_rest(out / name, plan)))
         order[split] = np.arange(begin, begin := sum(len(rest) for _, rest in rests))
     ends = np.cumsum([len(rest) for _, rest in rests])
@@ -244,10 +238,14 @@ def read_rows(path: Path, name: str, rows: Numbers) -> NDArray[Any]:
         return np.asarray(h5[name][ascending][back])
 
 
-def write_list(out: Path, split: str, names: list[str]) -> str:
-    """Write the list of all files of a split, in which checksums find them; return its name."""
-    atomic.write_lines(out / f"{split}_files.txt", names)
-    return f"{split}_files.txt"
+def listed(out: Path, names: dict[str, list[str]], *more: str) -> dict[str, list[str]]:
+    """Write for each split the list of its clouds' files, in which checksums find them; return what `read` needs."""
+    files = {}
+    for split, of_split in names.items():
+        rests = [name for name in of_split if _REST.fullmatch(name)]
+        atomic.write_lines(out / list_of(split), [name for name in of_split if not _REST.fullmatch(name)])
+        files[split] = [*rests, list_of(split), *more]
+    return files
 
 
 def write_synsets(out: Path, plan: Plan) -> str:

@@ -9,13 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import h5py
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.formats.published import Records, read_published, read_rows, rest_name, write_rest
+from zbuf_occlude.dataset.formats.published import Records, read_published, read_rows, rest_name, rows_of_rest
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.shared import Rows, contiguous, write_hdf5, write_npy
+from zbuf_occlude.dataset.source import Content, Numbers, Source
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -23,33 +22,16 @@ def names(plan: Plan) -> Iterator[str]:
     return (name for split in plan.splits for name in (_name(split), rest_name(split)))
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
-    """Write a file per split."""
-    files = {}
-    size = source.plan.recipe.equal_size
-    for split, numbers in source.order.items():
-        name, n_clouds = _name(split), len(numbers)
-
-        def fill(file: Any, split: str = split, n_clouds: int = n_clouds) -> None:
-            with h5py.File(file, "w") as h5:
-                data = h5.create_dataset("data", (n_clouds, size, 3), "<f4", track_times=False)
-                label = h5.create_dataset("label", (n_clouds,), "<i8", track_times=False)
-                mask = h5.create_dataset("mask", (n_clouds, size), "<i8", track_times=False)
-                mask[:] = 0
-
-                def parts() -> Iterator[Records]:
-                    begin = 0
-                    for records in source.batches(split):
-                        end = begin + len(records)
-                        data[begin:end], label[begin:end] = records["data"], records["label"][:, 0]
-                        begin = end
-                        yield records
-
-                write_rest(out, split, parts(), source.plan.recipe)
-
-        atomic.write(out / name, fill)
-        files[split] = [f"clouds_{split}.npy", name]
-    return files
+def write_part(content: Content, out: Path) -> list[str]:
+    """Write rows of a split's file."""
+    first, total, records = content.first, content.total, content.records
+    arrays = {
+        "data": Rows(first, total, contiguous(records["data"], "<f4")),
+        "label": Rows(first, total, contiguous(records["label"][:, 0], "<i8")),
+    }
+    name, rest = _name(content.split), rest_name(content.split)
+    mask = {"mask": (total, content.plan.recipe.equal_size)}
+    return [write_npy(out, rest, rows_of_rest(content)), write_hdf5(out, name, arrays, mask)]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -15,18 +15,17 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     SYNSETS,
     Names,
-    Records,
-    by_object,
     check_pairs,
+    listed,
+    mesh_ids_of,
     names_of,
     read_cloud_files,
-    rest_name,
-    write_list,
+    rest_names,
     write_rest,
     write_synsets,
 )
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.source import Content, Source
 
 FOLDER = "shapenet_pc"
 N_COMPLETE = 8_192
@@ -41,28 +40,33 @@ def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
     names = names_of(plan)
     yield SYNSETS
-    yield from (name for split in plan.splits for name in (rest_name(split), f"{split}.txt"))
+    yield from (f"{split}.txt" for split in plan.splits)
+    yield from rest_names(plan)
     yield from (f"{FOLDER}/{complete_name(names, mesh_id)}" for mesh_id in range(len(plan.meshes)))
 
 
-def write(source: Source, out: Path) -> dict[str, list[str]]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write one complete cloud per object."""
-    names, files = names_of(source.plan), {}
-    synsets = write_synsets(out, source.plan)
-    for split in source.order:
-        listed: list[str] = []
+    names, written = names_of(content.plan), list[str]()
+    (out / FOLDER).mkdir(exist_ok=True)
+    for record in content.records:
+        written.append(f"{FOLDER}/{complete_name(names, int(record['mesh_id']))}")
+        write_npy(out / written[-1], record)
+    return [write_rest(out, content), *written]
 
-        def objects(split: str = split, listed: list[str] = listed) -> Iterator[Records]:
-            for clouds in by_object(source, split):
-                listed.append(complete_name(names, int(clouds["mesh_id"][0])))
-                (out / FOLDER).mkdir(exist_ok=True)
-                write_npy(out / FOLDER / listed[-1], clouds[0])
-                yield clouds[:1]
 
-        rest = write_rest(out, split, objects(), source.plan.recipe)
-        atomic.write_lines(out / f"{split}.txt", listed)
-        files[split] = [rest, write_list(out, split, [f"{FOLDER}/{name}" for name in listed]), f"{split}.txt", synsets]
-    return files
+def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
+    """Write the lists of objects."""
+    return listed_complete(out, plan, names)
+
+
+def listed_complete(out: Path, plan: Plan, names: dict[str, list[str]]) -> dict[str, list[str]]:
+    """Write for each split the names of its complete clouds, as loaders read them, and the other lists."""
+    for split, of_split in names.items():
+        complete = [complete_name(names_of(plan), mesh_id) for mesh_id in mesh_ids_of(out, of_split)]
+        atomic.write_lines(out / f"{split}.txt", complete)
+    files = listed(out, names, write_synsets(out, plan))
+    return {split: [*of_split, f"{split}.txt"] for split, of_split in files.items()}
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

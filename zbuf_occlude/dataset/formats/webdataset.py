@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan, Recipe
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
 
 TEXTS = 2
 """Members of each cloud that hold no array: its label, and its other fields."""
@@ -36,10 +36,11 @@ def names(plan: Plan) -> Iterator[str]:
     return (_name(part.split, part.number) for part in plan.parts)
 
 
-def write_part(records: NDArray[Any], out: Path, plan: Plan, split: str, number: int) -> list[str]:
+def write_part(content: Content, out: Path) -> list[str]:
     """Write one shard."""
-    _write_shard(out / _name(split, number), records, number * CLOUDS_PER_FILE, plan)
-    return [_name(split, number)]
+    name = _name(content.split, content.number)
+    _write_shard(out / name, content.records, content.number * CLOUDS_PER_FILE, content.plan)
+    return [name]
 
 
 def _name(split: str, number: int) -> str:
