@@ -1,6 +1,7 @@
 """What a dataset's administration costs as it grows: plan, resume, status, merge, verify of many tiny meshes.
 
-    python benchmarks/scale.py [N ...] [--clouds-per-mesh 1] [--points 16] [--workers 2] [--json FILE]
+    python benchmarks/scale.py [N ...] [--clouds-per-mesh 1] [--points 16] [--workers 2] [--format hdf5]
+                               [--json FILE]
 
 For each number of meshes (10,000, 30,000 and 100,000 when none is given) that many files of a tetrahedron lie in class
 folders. Their shards are filled with clouds of random numbers: what is measured is all but the making.
@@ -21,6 +22,7 @@ import json
 import multiprocessing
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -32,6 +34,7 @@ from zbuf_occlude.cli.status import gather
 from zbuf_occlude.dataset.claim import claim
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import SHARDS, read_plan
+from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate, merge, run_here
 from zbuf_occlude.dataset.jobs import Done, Jobs, Making, Task
 from zbuf_occlude.dataset.parts import n_parts
@@ -55,16 +58,17 @@ STEPS = ("plan", "resume", "status", "merge", "verify", "again")
 
 
 class Made(NamedTuple):
-    """Clouds of each mesh, points of each cloud, and by how many workers files are written and verified."""
+    """Clouds of each mesh, points of each cloud, by how many workers files are written and verified, and as what."""
 
     n_clouds: int
     size: int
     n_workers: int
+    format: str
 
 
 def plan_of(meshes: Path, made: Made) -> Plan:
     recipe = Recipe(method="oracle", views=f"ring:{made.n_clouds}@30", n_points=made.size, sample_size=made.size)
-    return Plan(MeshCollection.from_paths([meshes]), recipe)
+    return Plan(MeshCollection.from_paths([meshes]), recipe, made.format)
 
 
 def lay_out(meshes: Path, n: int) -> None:
@@ -88,19 +92,19 @@ def fill(plan: Plan, out: Path) -> None:
     for shard, mesh_ids in enumerate(plan.shards):
         store = RecordStore(plan)
         kind = store._kept[0].dtype
-        n_clouds: dict[str, int] = {}
+        n_clouds, n_whole = Counter[str](), Counter[str]()
         for i in mesh_ids:
             records = np.zeros(plan.clouds_per_mesh, kind)
             records["data"] = rng.uniform(-0.5, 0.5, (len(records), size, 3))
             records["factor"], records["pose"] = 1.0, CAMERA
             records["view_id"], records["n_visible"] = np.arange(len(records)), size
             store.add(i, None, [records])  # type: ignore[arg-type]  # its mesh is not looked at
-            split = plan.meshes[i].split
-            n_clouds[split] = n_clouds.get(split, 0) + len(records)
+            n_clouds[plan.meshes[i].split] += len(records)
+            n_whole[plan.meshes[i].split] += 1
         runs = store.write(data_path(plan, out, shard), shard)
         origins = {plan.meshes[i].key: origin_of(plan.meshes[i], sha256) for i in mesh_ids}
         counts = Counts(n_clouds=sum(n_clouds.values()), n_checked=64 * len(mesh_ids))
-        sidecar = Sidecar(plan.fingerprint, shard, counts, {}, {}, origins, "none", 1.0, n_clouds, runs, "")
+        sidecar = Sidecar(plan.fingerprint, shard, counts, {}, {}, origins, "none", 1.0, n_clouds, n_whole, runs, "")
         write_sealed(sidecar_path(out, shard), sidecar.document)
 
 
@@ -171,9 +175,11 @@ def main() -> None:
     parser.add_argument("--clouds-per-mesh", type=int, default=1)
     parser.add_argument("--points", type=int, default=16)
     parser.add_argument("--workers", type=int, default=2)
+    records = [row.name for row in FORMATS if not (row.keeps_points or row.complete)]
+    parser.add_argument("--format", choices=records, default="hdf5")
     parser.add_argument("--json", type=Path)
     known = parser.parse_args()
-    made = Made(known.clouds_per_mesh, known.points, known.workers)
+    made = Made(known.clouds_per_mesh, known.points, known.workers, known.format)
     rows: list[dict[str, Any]] = []
     for n in known.numbers:
         with tempfile.TemporaryDirectory() as name:
@@ -186,7 +192,7 @@ def main() -> None:
                     fill(plan_of(meshes, made), out)
                 elif step == "resume":
                     do("half", meshes, out, made)
-            row["files"] = len(read_plan(out).parts)
+            row["parts"] = n_parts(read_plan(out))
             rows.append(row)
             print(f"{n:,} meshes: " + ", ".join(f"{step} {told(row[step])}" for step in STEPS), flush=True)
             if len(rows) > 1:

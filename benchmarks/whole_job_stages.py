@@ -24,7 +24,6 @@ STAGES = (
     ("gather", "zbuf_occlude.dataset.records:RecordStore.keep"),
     ("write", "zbuf_occlude.dataset.records:RecordStore.write"),
     ("merge", "zbuf_occlude.dataset.parts:write_part"),
-    ("merge", "zbuf_occlude.dataset.parts:write_whole"),
     ("merge", "zbuf_occlude.dataset.finish:finish"),
     ("merge", "zbuf_occlude.dataset.generate:merge"),  # of older versions
 )

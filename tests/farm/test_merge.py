@@ -165,6 +165,25 @@ def test_peak_while_a_file_is_there_and_the_shards_are_not_cut(
     assert 0 < peak <= 1.2 * on_disk(tmp_path)
 
 
+def test_peak_where_all_clouds_are_of_one_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts that were handed out first must not be written last: shards can only be cut at their ends."""
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 10)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 20)
+    plan, peak, trim = Plan(collection(60), RECIPE), 0, parts.trim
+    assert (len(plan.groups), len(plan.parts)) == (1, 30)
+
+    def looked(*arguments: Any) -> None:
+        nonlocal peak
+        peak = max(peak, on_disk(tmp_path))
+        trim(*arguments)
+
+    claim(plan, tmp_path)
+    make_shards(plan, tmp_path)
+    monkeypatch.setattr(parts, "trim", looked)
+    merge(plan, tmp_path)
+    assert 0 < peak <= 1.2 * on_disk(tmp_path)
+
+
 class Killed(BaseException):
     """As by SIGKILL: nothing is tidied up."""
 

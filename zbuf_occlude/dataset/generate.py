@@ -11,7 +11,7 @@ from zbuf_occlude.dataset.claim import claim, own_names, remove, remove_shards
 from zbuf_occlude.dataset.finish import finish
 from zbuf_occlude.dataset.folder import read_manifest
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.jobs import Done, Jobs, Run, Task, check_all_done
+from zbuf_occlude.dataset.jobs import Done, Jobs, Run, Task, check_all_done, put_ahead
 from zbuf_occlude.dataset.origins import check_finished
 from zbuf_occlude.dataset.parts import look_at_part, n_parts
 from zbuf_occlude.dataset.plan import Plan
@@ -163,4 +163,4 @@ def run_here(task: Task, jobs: list[int], done: Done) -> None:
         queue = deque(jobs)
         while queue:
             job = queue.popleft()
-            queue.extendleft(reversed(list(done(job, task.do(job, gl)))))
+            put_ahead(queue, done(job, task.do(job, gl)))

@@ -257,6 +257,15 @@ class Jobs:
             )
 
 
+def put_ahead(queue: deque[int], jobs: Iterable[int]) -> None:
+    """Put jobs that may be begun now at the front of a queue, behind those there with higher numbers.
+
+    So the parts of a group are written from the last to the first, and what they hold is always the end of its shards.
+    """
+    for job in jobs:
+        queue.insert(next((place for place, other in enumerate(queue) if other < job), len(queue)), job)
+
+
 def n_at_once(n_parts: int) -> int:
     """Return how many of this many parts may be written at a time."""
     return n_parts // MOST_AT_ONCE or min(2, n_parts)

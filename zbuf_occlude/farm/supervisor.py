@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from zbuf_occlude.dataset.jobs import put_ahead
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits
 
@@ -191,7 +192,7 @@ def _hear(seat: _Seat, book: _Book, message: Message, done: Callable[[int, Any],
         book.deaths_at_job.pop(value[0], None)
         seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
         following = list(done(*value) or ())
-        book.queue.extendleft(reversed(following))
+        put_ahead(book.queue, following)
         book.left.update(following)
         book.left.discard(value[0])
     elif kind == "broken":
