@@ -281,11 +281,11 @@ def n_parts_written(plan: Plan, out: Path) -> int:
     return sum(look_at_part(plan, out, part)[0] is not None for part in range(n_parts(plan)))
 
 
-def look_at_shards(plan: Plan, out: Path) -> Iterator[tuple[Sidecar | None, str]]:
+def look_at_shards(plan: Plan, out: Path, *, closely: bool = False) -> Iterator[tuple[Sidecar | None, str]]:
     """Look at all shards, as `shard.look_at` does, for what of their data is not in files yet."""
     written = {part for part in range(n_parts(plan)) if look_at_part(plan, out, part)[0] is not None}
     for shard, n_runs in enumerate(runs_left(plan, written)):
-        yield look_at(plan, out, shard, n_runs=n_runs)
+        yield look_at(plan, out, shard, closely=closely, n_runs=n_runs)
 
 
 def check_all_done(plan: Plan, out: Path) -> None:
@@ -296,7 +296,8 @@ def check_all_done(plan: Plan, out: Path) -> None:
     DatasetError
         One is not.
     """
-    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, out)):
+    closely = find_format(plan.format).all_points  # else they are checked when they are read
+    for shard, (sidecar, fault) in enumerate(look_at_shards(plan, out, closely=closely)):
         if sidecar is None:
             raise DatasetError(
                 f"{out}: all {len(plan.shards)} shards must be done; shard {shard} is not{fault and f': {fault}'}. "

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import Counts
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import SHARDS, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.packed_files import PackedFiles
 from zbuf_occlude.dataset.packed_store import PackedStore, shard_name
 from zbuf_occlude.dataset.pipeline import occlude
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import RecordStore, Run, are_whole, read_run
+from zbuf_occlude.dataset.records import REMEDY, RecordStore, Run, are_whole, read_run
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.sealed import read_sealed, write_sealed
 from zbuf_occlude.errors import ArgumentError, MeshError
@@ -131,6 +132,9 @@ def read_shard(plan: Plan, path: Path, runs: list[Run]) -> Made:
     """
     if not find_format(plan.format).keeps_points:
         return Made(read_run(path, plan, 0, runs[0]), None)
+    with reading(path, REMEDY):
+        if not are_whole(path, runs):
+            raise ValueError("its checksum is another")
     files = PackedFiles(plan, [path])
     return Made(files.take(np.arange(len(files.mesh_ids))), files.complete)
 
