@@ -53,6 +53,28 @@ def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "manifest.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("before", "code", "said"),
+    [
+        (
+            "export NUMBA_NUM_THREADS=0",
+            2,
+            "NUMBA_NUM_THREADS must be 1 or more; it is 0. Unset it, or give a number.",
+        ),
+        (
+            "ulimit -v 200000",
+            1,
+            "a process must be allowed 786,432 kB of address space; this one is allowed 200,000 kB. Raise the limit, "
+            "as ulimit -v 786432 does.",
+        ),
+    ],
+)
+def test_a_shell_that_lets_nothing_compiled_run_is_told_in_a_line(before: str, code: int, said: str) -> None:
+    command = f"{before}; exec {sys.executable} -m zbuf_occlude generate --limit 1 --dry-run"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", f"error: {said}\n")
+
+
 def test_methods_lists_the_table(run: Run) -> None:
     rows = json.loads(run("methods", "--json").out)
     assert [row["name"] for row in rows] == [method.name for method in METHODS]

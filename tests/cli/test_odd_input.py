@@ -147,6 +147,13 @@ def test_an_output_folder_that_is_a_file_is_a_usage_error(run: Run, tetrahedron:
     assert tetrahedron.read_bytes() == before
 
 
+def test_an_output_folder_that_is_a_broken_link_is_a_usage_error(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "gone")
+    outcome = run("generate", *SMALL, "--out", tmp_path / "link")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"a link to {str(tmp_path / 'gone')!r}, which is not there. Make that folder first." in outcome.err
+
+
 def test_auto_is_for_generate_and_the_others_say_so(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
     where = ("--azimuth", 0, "--elevation", 0, "--out", tmp_path / "a.ply")
     for command in (("visible", tetrahedron, *where), ("compare", tetrahedron, "--out", tmp_path / "rows")):

@@ -1,5 +1,7 @@
 """Objects of real drives: read back out of files in KITTI's and Argoverse 2's layouts, and what is wrong in a line."""
 
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -158,6 +160,16 @@ def test_what_is_wrong_is_said(
     root = write(tmp_path / "drive")
     damage(root)
     with pytest.raises(DatasetError, match=message):
+        check_drive(root)
+
+
+def test_damage_in_a_later_sweep_is_known_too(tmp_path: Path) -> None:
+    root = write_kitti(tmp_path / "drive")
+    for folder, ending in (("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt")):
+        shutil.copy(root / f"training/{folder}/000007.{ending}", root / f"training/{folder}/000008.{ending}")
+    check_drive(root)
+    os.truncate(root / "training/velodyne" / "000008.bin", 1_001)
+    with pytest.raises(DatasetError, match=r"000008\.bin must be records of four float32"):
         check_drive(root)
 
 

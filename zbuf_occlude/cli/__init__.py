@@ -1,8 +1,11 @@
 """The command line: one command a file, imported when it is called or asked for help."""
 
 from importlib import import_module
+from typing import Any
 
 import click
+
+from zbuf_occlude.cli.surroundings import check_surroundings
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -40,6 +43,11 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = import_module(f"zbuf_occlude.cli.{name}").command
         return command
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run a command, once the shell lets it run at all."""
+        check_surroundings()
+        return super().invoke(context)
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands from the table."""

@@ -45,6 +45,10 @@ class OutFolder(click.Path):
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.exists() and not path.is_dir():
             self.fail(f"it must be a folder; {str(path)!r} is a file. Choose another.", param, ctx)
+        if path.is_symlink() and not path.exists():
+            target = str(path.readlink())
+            message = f"{str(path)!r} is a link to {target!r}, which is not there. Make that folder first."
+            self.fail(f"it must be a folder; {message}", param, ctx)
         return path
 
 

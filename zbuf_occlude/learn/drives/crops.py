@@ -70,15 +70,14 @@ def layout_of(root: Path) -> Layout:
 
 
 def check_drive(root: Path) -> None:
-    """Find the layout and read the first sweep, so that what is wrong is known before classifiers are trained.
+    """Read all sweeps that will be read, so that what is wrong is known before classifiers are trained.
 
     Raises
     ------
     DatasetError
-        As `layout_of`; the first sweep is damaged.
+        As `read_clouds`.
     """
-    layout = layout_of(root)
-    layout.read(layout.find(root)[0])
+    read_clouds(root, 1)
 
 
 def read_clouds(root: Path, n_points: int, *, seed: int = 0) -> CloudSet:

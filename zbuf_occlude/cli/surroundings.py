@@ -1,0 +1,33 @@
+"""What a shell hands to every command, looked at before anything compiled is loaded, which would end in a traceback."""
+
+import os
+
+from zbuf_occlude.errors import OccludeError, OptionError
+
+LEAST_MEMORY = 768 * 2**20
+"""Bytes of address space: with 500 MB compiling ends in an abort of LLVM's, with 800 MB a small dataset is made."""
+
+
+def check_surroundings() -> None:
+    """Look at what numba would refuse while it is imported.
+
+    Raises
+    ------
+    OptionError
+        NUMBA_NUM_THREADS is a whole number below 1. (numba takes no notice of words.)
+    OccludeError
+        The process may have less than `LEAST_MEMORY` of address space.
+    """
+    threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
+    if threads.lstrip("+-").isdecimal() and int(threads) < 1:
+        raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        return
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
+        raise OccludeError(
+            f"a process must be allowed {LEAST_MEMORY // 1024:,} kB of address space; this one is allowed "
+            f"{allowed // 1024:,} kB. Raise the limit, as ulimit -v {LEAST_MEMORY // 1024} does."
+        )
