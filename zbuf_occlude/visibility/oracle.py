@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
+from zbuf_occlude.lanes import inner
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.predicates import blocks, meeting, of_one_sign, volumes
 from zbuf_occlude.sampling import SurfacePoints
@@ -216,13 +216,13 @@ def _look(tasks, corners, runs, boxes, own, targets, eyes, contact, answer):
         i = take(tasks)
 
 
-@njit
+@inner
 def _inverse(number):
     """1 / number, finite."""
     return 1.0 / number if abs(number) > _TINY else math.copysign(1.0 / _TINY, number)
 
 
-@njit
+@inner
 def _enters(box, point, inverse):
     """Whether the line of sight of a point, the inverse of its direction given, meets a box, (6,) low and high."""
     begin, end = 0.0, 1.0
@@ -232,7 +232,7 @@ def _enters(box, point, inverse):
     return begin <= end
 
 
-@njit
+@inner
 def _passes_any(run, eye, point):
     """Whether the line passes through any face of a run, (9, RUN): what `blocks` asks first, of several at a time."""
     direction = minus(point, eye)
