@@ -80,6 +80,15 @@ def test_presets_plan_the_papers_numbers(run: Run, tmp_path: Path, preset: str) 
     assert not (tmp_path / "out").exists()
 
 
+def test_a_presets_sensor_can_be_left_out(run: Run, tmp_path: Path) -> None:
+    common = ("generate", "--preset", "pcn", "--limit", 1, "--sensor", "surface", "--method", "exact", "--dry-run")
+    common += ("--out", tmp_path / "out")
+    plain = run(*common)
+    assert plain.code == 0, plain.err
+    asked = run(*common, "--size", 2)
+    assert (asked.code, "--size needs a sensor" in asked.err) == (2, True)
+
+
 def test_options_given_override_the_preset(run: Run, tmp_path: Path) -> None:
     common = ("generate", "--preset", "paper-modelnet40", "--dry-run", "--out", tmp_path)
     assert "by occupancy_grid" in run(*common, "--method", "occupancy_grid", "--set", "n=32").out

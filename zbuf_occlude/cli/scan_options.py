@@ -97,7 +97,8 @@ def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: 
     """
     taken = {name: given.pop(name) for name in SCAN_OPTIONS}
     if taken["sensor"] == SURFACE:
-        return parse_setup("", taken)
+        preset = {name for name in taken if context.get_parameter_source(name) is ParameterSource.DEFAULT_MAP}
+        return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # it goes with the preset's sensor
     for name in ("settings",) if sampled else ("points", "density", "settings"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             flag = {"settings": "--set"}.get(name, f"--{name}")
