@@ -90,7 +90,7 @@ def test_interrupted_and_gone_on_with(run: Run, pcn: Path, tmp_path: Path, monke
     assert run("merge", out).code != 0
     generated(run, out, *given)
     made, expected = files_of(out), files_of(pcn)
-    rests = {name for name in expected if name.startswith("clouds_")}  # a file per shard
+    rests = {name for name in expected if name.startswith("clouds_")}  # a file per part
     for name in expected.keys() - rests - {"plan.json"}:
         assert made[name] == expected[name], name
     for split in [split for split in ("train", "test", "val") if f"clouds_{split}0.npy" in rests]:

@@ -38,7 +38,7 @@ def broken() -> Mesh:
 
 @pytest.fixture
 def plan(row: Format, monkeypatch: pytest.MonkeyPatch) -> Plan:
-    """Ten objects, one of which fails, in two groups, and shards of two objects."""
+    """Ten objects, one of which fails, in two groups, a shard each; parts are of two."""
     n_points = 16_384 if row.pairs or row.complete else 64
     recipe = Recipe(
         method="oracle", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
@@ -49,11 +49,11 @@ def plan(row: Format, monkeypatch: pytest.MonkeyPatch) -> Plan:
     ]
     entries[4] = replace(entries[4], load=broken)
     plan = Plan(MeshCollection(entries), row.redrawn(recipe), row.name)
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 2 * plan.clouds_per_mesh - 1)
-    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", 2 * plan.clouds_per_mesh)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 2 * plan.clouds_per_mesh + 1)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_SHARD", plan.clouds_per_mesh)
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 5 * plan.clouds_per_mesh)
-    assert (len(plan.groups), len(plan.shards)) == (2, 6)
-    assert n_parts(plan) >= 6
+    assert (len(plan.groups), len(plan.shards)) == (2, 10)
+    assert n_parts(plan) >= 4
     return plan
 
 

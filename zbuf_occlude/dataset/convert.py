@@ -100,17 +100,17 @@ def portions_of(source: Source, plan: Plan) -> Portions:
     ids = _ids_of(source, numbers)
     numbers = numbers[in_order := np.lexsort((ids["view_id"], ids["variation"], ids["mesh_id"]))]
     mesh_ids = ids["mesh_id"][in_order]
-    shard_of = np.empty(len(plan.meshes), int)
+    part_of_mesh = np.empty(len(plan.meshes), int)
     for shard, of_shard in enumerate(plan.shards):
-        shard_of[of_shard] = shard
+        part_of_mesh[of_shard] = shard // plan.shards_per_part
     portions: dict[int, list[tuple[str, int, Numbers]]] = {}
     for split in source.order:
         mine = plan.split_of[mesh_ids] == SPLITS.index(split)
-        shards = shard_of[mesh_ids[mine]]
-        by_shard = np.argsort(shards, kind="stable")
-        found, begins = np.unique(shards[by_shard], return_index=True)
-        for shard, some in zip(found.tolist(), np.split(numbers[mine][by_shard], begins[1:]), strict=True):
-            portions.setdefault(shard, []).append((split, shard, some))
+        parts = part_of_mesh[mesh_ids[mine]]
+        by_part = np.argsort(parts, kind="stable")
+        found, begins = np.unique(parts[by_part], return_index=True)
+        for part, some in zip(found.tolist(), np.split(numbers[mine][by_part], begins[1:]), strict=True):
+            portions.setdefault(part, []).append((split, part, some))
     return portions
 
 

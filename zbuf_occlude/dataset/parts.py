@@ -1,8 +1,8 @@
 """Final files, part by part, of the clouds that shards keep; then the shards give those up.
 
-A part is a file's clouds, of all shards of a group; of formats that want whole objects, the clouds of a shard. Parts of
-a group are written from the last to the first. A shard keeps its clouds in the order of the parts, so what is no longer
-needed of it is always its end, and is cut off as soon as the part's files and its mark are on the disk.
+A part is a file's clouds, of all shards of a group; of formats that want whole objects, all clouds of a few shards.
+Parts of a group are written from the last to the first. A shard keeps its clouds in the order of the parts, so what is
+no longer needed of it is always its end, and is cut off as soon as the part's files and its mark are on the disk.
 """
 
 import os
@@ -54,7 +54,16 @@ class Mark:
 def n_parts(plan: Plan) -> int:
     """Return how many parts there are to write: 0 where shards are the files."""
     row = find_format(plan.format)
-    return 0 if row.all_points else len(plan.shards) if row.whole_objects else len(plan.parts)
+    if row.all_points:
+        return 0
+    return -(-len(plan.shards) // plan.shards_per_part) if row.whole_objects else len(plan.parts)
+
+
+def shards_in(plan: Plan, part: int) -> range:
+    """Return the shards that clouds of a part may be in."""
+    if not find_format(plan.format).whole_objects:
+        return plan.shards_of[plan.parts[part].group]
+    return range(part * plan.shards_per_part, min((part + 1) * plan.shards_per_part, len(plan.shards)))
 
 
 def parts_of(plan: Plan, shard: int) -> range:
@@ -62,7 +71,9 @@ def parts_of(plan: Plan, shard: int) -> range:
     row = find_format(plan.format)
     if row.all_points:
         return range(0)
-    return range(shard, shard + 1) if row.whole_objects else plan.parts_of(plan.group_of(shard))
+    if not row.whole_objects:
+        return plan.parts_of(plan.group_of(shard))
+    return range(part := shard // plan.shards_per_part, part + 1)
 
 
 class Step(NamedTuple):
@@ -78,7 +89,7 @@ def steps(plan: Plan) -> list[Step]:
     if row.one_file or row.all_points:
         return [Step(range(len(plan.shards)), range(n_parts(plan)))]
     if row.whole_objects:
-        return [Step(range(shard, shard + 1), range(shard, shard + 1)) for shard in range(len(plan.shards))]
+        return [Step(shards_in(plan, part), range(part, part + 1)) for part in range(n_parts(plan))]
     return [Step(shards, plan.parts_of(group)) for group, shards in enumerate(plan.shards_of)]
 
 
@@ -115,7 +126,8 @@ def runs_left(plan: Plan, written: Collection[int]) -> list[int | None]:
     """Return how many runs of each shard are still needed, given the parts written; None: all of it."""
     row = find_format(plan.format)
     if row.all_points or row.whole_objects:
-        return [0 if row.whole_objects and shard in written else None for shard in range(len(plan.shards))]
+        n = plan.shards_per_part
+        return [0 if row.whole_objects and shard // n in written else None for shard in range(len(plan.shards))]
     return [
         n_runs
         for group, shards in enumerate(plan.shards_of)
@@ -142,9 +154,7 @@ def shards_of(plan: Plan, out: Path, part: int) -> list[Shard]:
     DatasetError
         One is not finished.
     """
-    whole = find_format(plan.format).whole_objects
-    needed = range(part, part + 1) if whole else plan.shards_of[plan.parts[part].group]
-    return [Shard(data_path(plan, out, shard), _sidecar(plan, out, shard).runs) for shard in needed]
+    return [Shard(data_path(plan, out, i), _sidecar(plan, out, i).runs) for i in shards_in(plan, part)]
 
 
 def _sidecar(plan: Plan, out: Path, shard: int) -> Sidecar:
@@ -179,7 +189,9 @@ def places_of(plan: Plan, out: Path) -> Places:
     """
     sidecars = [_sidecar(plan, out, shard) for shard in range(len(plan.shards))]
     if find_format(plan.format).whole_objects:
-        counts: list[Mapping[str, int]] = [clouds_kept(plan, sidecar) for sidecar in sidecars]
+        kept = [Counter(clouds_kept(plan, sidecar)) for sidecar in sidecars]
+        parts = [shards_in(plan, part) for part in range(n_parts(plan))]
+        counts: list[Mapping[str, int]] = [sum((kept[i] for i in some), Counter()) for some in parts]
     else:
         itemsize = record_type(plan.recipe).itemsize
         counts = []
@@ -272,7 +284,15 @@ def _contents(plan: Plan, part: int, shards: list[Shard]) -> list[Content]:
     if not find_format(plan.format).whole_objects:
         _, split, number = plan.parts[part]
         return [Content(plan, split, number, _records_of(plan, part, shards))]
-    records, complete = read_shard(plan, *shards[0])
+    made = [read_shard(plan, *shard) for shard in shards]
+    records = np.concatenate([each.records for each in made])
+    by_mesh = {mesh_id: each.complete for each in made for mesh_id in np.unique(each.records["mesh_id"]).tolist()}
+
+    def complete(mesh_id: int, n_points: int) -> Any:
+        found = by_mesh[mesh_id]
+        assert found is not None  # only formats of pairs ask, whose shards have it
+        return found(mesh_id, n_points)
+
     split_of = plan.split_of[records["mesh_id"]]
     splits = np.unique(split_of).tolist()
     return [Content(plan, SPLITS[split], part, records[split_of == split], complete) for split in splits]

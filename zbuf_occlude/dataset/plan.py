@@ -261,6 +261,11 @@ class Plan:
         return min(CLOUDS_PER_SHARD, max(FEWEST_PER_SHARD, self.n_clouds // SHARDS))
 
     @cached_property
+    def shards_per_part(self) -> int:
+        """Shards that formats of whole objects write at once: about as many clouds as a file of others has."""
+        return max(1, CLOUDS_PER_FILE // max(self.clouds_per_shard, self.clouds_per_mesh))
+
+    @cached_property
     def shards_of(self) -> list[range]:
         """The shards of each group."""
         return self.shards.of_groups

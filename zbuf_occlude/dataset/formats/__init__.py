@@ -14,8 +14,8 @@ and, where it has more than the clouds, its loaders have numbers in their code, 
     check(plan)                                           raises what says which plan it can hold, before work begins
 
 Whoever is free writes the next part. What a part is, the row says: 2,048 clouds in the plan's mixed order; of formats
-that want `whole_objects`, those of a shard. Where files hold a split whole (`one_file`), every part writes its rows of
-them (`shared.py`).
+that want `whole_objects`, those of a few shards. Where files hold a split whole (`one_file`), every part writes its
+rows of them (`shared.py`).
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -117,7 +117,8 @@ def rest_name(split: str, number: int | None = None) -> str:
 def rest_names(plan: Plan) -> Iterator[str]:
     """Yield these names, of a layout of whole objects that has one per part."""
     for shard, mesh_ids in enumerate(plan.shards):
-        yield from (rest_name(split, shard) for split in {plan.meshes[mesh_id].split for mesh_id in mesh_ids})
+        part = shard // plan.shards_per_part
+        yield from (rest_name(split, part) for split in {plan.meshes[mesh_id].split for mesh_id in mesh_ids})
 
 
 def write_rest(out: Path, content: Content) -> str:
