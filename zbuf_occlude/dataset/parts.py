@@ -286,6 +286,7 @@ def _contents(plan: Plan, part: int, shards: list[Shard]) -> list[Content]:
         return [Content(plan, split, number, _records_of(plan, part, shards))]
     made = [read_shard(plan, *shard) for shard in shards]
     records = np.concatenate([each.records for each in made])
+    records = records[np.argsort(records["mesh_id"], kind="stable")]  # shards of two groups may meet in a part
     by_mesh = {mesh_id: each.complete for each in made for mesh_id in np.unique(each.records["mesh_id"]).tolist()}
 
     def complete(mesh_id: int, n_points: int) -> Any:
