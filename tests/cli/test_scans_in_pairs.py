@@ -24,6 +24,16 @@ def made(run: Run, out: Path, *more: object) -> Path:
     return out
 
 
+def fields_of(path: Path) -> bytes:
+    return next(line for line in path.read_bytes().splitlines() if line.startswith(b"FIELDS"))
+
+
+def test_normals_that_were_asked_for_are_of_both_clouds(run: Run, tmp_path: Path) -> None:
+    out = made(run, tmp_path / "pcn", "--format", "pcn", "--views", "ring:8@0", "--workers", 1, "--with", "normals")
+    found = {fields_of(path) for path in out.glob("*/*/*/**/*.pcd")}
+    assert found == {b"FIELDS x y z normal_x normal_y normal_z"}
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("packed")
@@ -83,6 +93,7 @@ def test_partial_clouds_lie_on_the_complete_one(run: Run, packed: Path, tmp_path
         assert np.abs(whole.max(axis=0) + whole.min(axis=0)).max() < 4e-3
         parts = sorted((path.parents[2] / "partial" / path.parent.name / path.stem).glob("*.pcd"))
         assert len(parts) == (8 if path.parts[-4] == "train" else 1)
+        assert {fields_of(part) for part in parts} == {fields_of(path)} == {b"FIELDS x y z"}
         for part in parts:
             distances, _ = cKDTree(whole).query(read_pcd(part))
             assert distances.max() < 0.04  # sixteen thousand points leave no larger gap; another pose or size would

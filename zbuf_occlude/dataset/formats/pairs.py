@@ -56,7 +56,9 @@ class Pairs:
         """Write pairs."""
         assert content.complete is not None  # the table says that it is needed
         names, written = names_of(content.plan), list[str]()
+        with_normals = "normals" in content.plan.recipe.attributes  # of scans they are in each record
         for clouds in by_object(content.records):
+            fields = [name for name in clouds.dtype.names or () if name != "normal" or with_normals]
             mesh_id = int(clouds["mesh_id"][0])
             pair = [
                 (
@@ -66,7 +68,7 @@ class Pairs:
                 ),
                 *(
                     (self.partial(content.split, names, mesh_id, int(record["view_id"])), self.write_partial, record)
-                    for record in clouds
+                    for record in clouds[fields]
                 ),
             ]
             for name, write, record in pair:
