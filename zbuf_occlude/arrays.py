@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.kernels import njit
 
 LARGEST = 1e70
 """Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
@@ -66,6 +67,16 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
     ArgumentError
         Not (n, 3), not numeric, with NaN or infinity, or beyond `LARGEST`.
     """
+    array = as_triples(values, name)
+    if not (array.max(initial=0.0) <= LARGEST and array.min(initial=0.0) >= -LARGEST):  # NaN is neither
+        bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
+        what = f"at most {LARGEST:g} in size" if np.isfinite(array).all() else "finite"
+        raise ArgumentError(f"{name} must be {what}; row {bad} is {array[bad].tolist()}. Remove or repair it.")
+    return array
+
+
+def as_triples(values: ArrayLike, name: str) -> FloatArray:
+    """Return values as `as_vectors` does, without a look at the numbers themselves."""
     array = as_array(values, name, "(n, 3) float")
     if array.dtype.kind not in "fiu":
         raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}. Convert it to numbers.")
@@ -76,12 +87,30 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
         elif array.ndim == 2 and array.shape[0] == 3:
             hint = " Transpose it?"
         raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}.{hint}")
-    array = np.ascontiguousarray(array, dtype=np.float64)
-    if not (array.max(initial=0.0) <= LARGEST and array.min(initial=0.0) >= -LARGEST):  # NaN is neither
-        bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
-        what = f"at most {LARGEST:g} in size" if np.isfinite(array).all() else "finite"
-        raise ArgumentError(f"{name} must be {what}; row {bad} is {array[bad].tolist()}. Remove or repair it.")
-    return array
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+@njit(cache=True)
+def extreme_sizes(bits: NDArray[np.int64]) -> tuple[np.int64, np.int64]:
+    """Return the least of the largest component's size of each of n vectors, and the largest of all.
+
+    Parameters
+    ----------
+    bits : (3 n,) int64, n > 0
+        The bits of float64, which without their sign are in the order of the sizes: so several are compared at a time,
+        and what is not a number is larger than any.
+
+    Returns
+    -------
+    least, largest : int64, bits of float64
+    """
+    size = np.int64(2**63 - 1)
+    least, largest = size, np.int64(0)
+    for i in range(len(bits) // 3):
+        x, y, z = bits[3 * i] & size, bits[3 * i + 1] & size, bits[3 * i + 2] & size
+        most = max(max(x, y), z)
+        least, largest = min(least, most), max(largest, most)
+    return least, largest
 
 
 def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int, lowest: int = 0) -> IntArray:

@@ -46,6 +46,35 @@ def test_many_rays_are_shared_out_among_threads() -> None:
     assert (all_of_them.face_ids == prepare_oracle(mesh).first_hits([[0.1, 0.2, 0.3]], directions).face_ids).all()
 
 
+@pytest.mark.parametrize("origin", [(0.1, 0.2, 0.3), (0.0, 5.0, 1.0)])
+@pytest.mark.parametrize("level", [2, 5])  # with few rays per cluster, too, blocks are sorted as a whole
+def test_any_order_of_rays_has_the_same_answers(origin: tuple[float, float, float], level: int) -> None:
+    """A sensor's columns, its rows, and no order: several blocks of each, some of whose rays miss or change frames."""
+    mesh = solids.icosphere(level)
+    heights, turns = np.radians(np.linspace(-80, 80, 90)), np.radians(np.linspace(-180, 180, 120))
+    columns = np.stack(
+        [
+            np.cos(heights) * np.cos(turns)[:, None],
+            np.cos(heights) * np.sin(turns)[:, None],
+            np.sin(heights) + 0 * turns[:, None],
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    assert len(columns) > 2 * 4096
+    rng = np.random.default_rng(3)
+    orders = [rng.permutation(len(columns)), np.arange(len(columns)).reshape(120, 90).T.reshape(-1)]
+    with zo.prepare(mesh, "exact") as occluder:
+        found = occluder.first_hits([origin], columns)
+        for order in orders:
+            turned = occluder.first_hits([origin], columns[order])
+            assert (turned.face_ids == found.face_ids[order]).all()
+            assert (turned.distances == found.distances[order]).all()
+    some = rng.choice(len(columns), 500)
+    truth = prepare_oracle(mesh).first_hits([origin], columns[some])
+    assert (truth.face_ids == found.face_ids[some]).all()
+    assert np.allclose(truth.distances, found.distances[some], rtol=1e-12)
+
+
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.2), (3.0, 1.0, 2.0), (300.0, 1.0, 2.0)])
 def test_rays_of_one_origin(origin: tuple[float, float, float]) -> None:
     """From inside, where a cube's frames meet too, and from outside; directions of sizes that float32 does not know."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, extreme_sizes
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -147,17 +147,16 @@ class Occluder(ABC):
             The method casts no rays.
         """
         self._check_open()
-        origins, directions = as_vectors(origins, "origins"), as_vectors(directions, "directions")
+        origins, directions = as_vectors(origins, "origins"), as_triples(directions, "directions")
         if len(origins) not in (1, len(directions)):
             raise ArgumentError(
                 f"origins must be one, or one per direction ({len(directions)}); got {len(origins)}. Repeat them."
             )
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
-        some = np.flatnonzero(np.abs(directions[:, 0]) < SHORTEST)  # few, of most rays: all need not be looked at
-        largest = max(float(directions.max()), -float(directions.min()))
-        if largest > 1.0 / SHORTEST or (np.abs(directions[some]).max(axis=1) < SHORTEST).any():
-            directions = _of_usual_length(directions)
+        least, largest = np.array(extreme_sizes(directions.reshape(-1).view(np.int64))).view(np.float64)
+        if not (least >= SHORTEST and largest <= 1.0 / SHORTEST):
+            directions = _of_usual_length(as_vectors(directions, "directions"))
         return self._first_hits(origins, directions)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:

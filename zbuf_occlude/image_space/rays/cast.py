@@ -1,7 +1,9 @@
 """Rays, shared out among threads: those of one origin as what an eye there sees, others one by one.
 
-Whoever gives one origin for all rays need not think of their order: they are sorted by their place in the image, and
-neighbours share lists of clusters as the points of a search do.
+Whoever gives one origin for all rays need not think of their order. They are taken in blocks, as they come: a sensor's
+follow each other. A block is sorted by their places in the image while it is in the cache, and neighbours share lists
+of clusters as the points of a search do. Rays in no order are sorted as a whole first, which costs as much as it gains
+where they are in one.
 """
 
 import math
@@ -11,33 +13,18 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.layout import (
-    BOTTOM,
-    CHUNK,
-    CHUNK_POINTS,
-    CLUSTER,
-    COORDINATE_ERROR,
-    LEFT,
-    PACKET,
-    RIGHT,
-    TOP,
-)
-from zbuf_occlude.image_space.rays.packet import State, first_hits_of_packet, make_state, window_of
-from zbuf_occlude.image_space.rays.places import sort_by_place
+from zbuf_occlude.image_space.layout import CHUNK_POINTS, CLUSTER, ENDLESS, PACKET
+from zbuf_occlude.image_space.rays.packet import State, Window, first_hits_of_packet, make_state, window_of
+from zbuf_occlude.image_space.rays.places import BLOCK_RAYS, MOST_BITS, Places, find_places, make_places, sort_places
 from zbuf_occlude.image_space.rays.single import Stack, first_hit
 from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene import Scene
-from zbuf_occlude.image_space.scene.scene import Float32
 from zbuf_occlude.image_space.search.listing import choose, list_clusters
-from zbuf_occlude.image_space.search.project import project_boxes
 from zbuf_occlude.image_space.search.search import project_nodes
 from zbuf_occlude.image_space.search.workspace import Workspace, make_workspace
-from zbuf_occlude.image_space.view import Views, make_views, view_of
-from zbuf_occlude.lanes import inner
-from zbuf_occlude.threads import shared, take, together
-
-BLOCK_RAYS = CHUNK * CHUNK_POINTS
-"""Rays that a thread takes at a time: a list of clusters is made for them, from which each `CHUNK_POINTS` choose."""
+from zbuf_occlude.image_space.view import make_views, view_of
+from zbuf_occlude.lanes import inner, load, store
+from zbuf_occlude.threads import n_blocks, shared, take, take_block, together
 
 SINGLE_RAYS = 512
 """Rays that a thread takes at a time, in the caller's order, where they go one by one."""
@@ -47,6 +34,16 @@ FARTHEST_ORIGIN = 1e6
 
 CLUSTERS_PER_RAY = 8
 """Fewer rays than a cluster per this many go one by one: an eye looks at all boxes of a scene."""
+
+
+RAYS_PER_CLUSTER = 16
+"""Fewer rays per cluster are sorted as a whole in any case: compact blocks share what they set up."""
+
+SAMPLE_STEP = 251
+"""Of each block every so many-th ray is asked whether the rays are in any order."""
+
+SCATTERED = 0.925
+"""Of the directions' variance, what is within blocks where rays are in no order."""
 
 
 class Frame(NamedTuple):
@@ -82,32 +79,26 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
         together(_cast_singles, -(-n // SINGLE_RAYS), scene, origins, directions, np.arange(n), face_ids, distances)
         return face_ids, distances
     views = make_views(scene, origins, 1.0)
-    axes = views.axes[0, : views.n_frames[0]]
-    places = sort_by_place(axes, _window(scene, views), directions, face_ids, distances)
-    n_blocks = int((-(-np.diff(places.starts[:-1]) // BLOCK_RAYS)).sum())
-    rays = (origins[0], directions, face_ids, distances)
-    together(_cast_blocks, n_blocks, scene, views, axes, places, away, rays, own=lambda: _make_memory(scene))
-    singles = places.order[places.starts[-2] :]
-    if len(singles):
-        together(_cast_singles, 1, scene, origins, directions, singles, face_ids, distances)
-    return face_ids, distances
+    bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
+    sort = n > BLOCK_RAYS and (n < RAYS_PER_CLUSTER * len(scene.used) or _are_scattered(directions))
+    order, cells = np.empty(0, dtype=np.int64), np.empty(n if sort else 0, dtype=np.uint16)
+    while True:
+        question = (scene, views, (bits, away), (origins[0], directions.reshape(-1)), order, cells)
+        together(
+            _cast_blocks, n_blocks(n, BLOCK_RAYS), *question, (face_ids, distances), own=lambda: _make_memory(scene)
+        )
+        if len(cells) == 0:
+            return face_ids, distances
+        order, cells = np.argsort(cells, kind="stable"), cells[:0]
 
 
-def _window(scene: Scene, views: Views) -> tuple[np.float32, ...]:
-    """Rectangle around the scene in the first frame."""
-    n = int(scene.level_counts[-1])
-    rectangles = np.empty((6, -(-n // CLUSTER) * CLUSTER), dtype=np.float32)
-    _project_top(scene, views, rectangles)
-    left, right, bottom, top = rectangles[[LEFT, RIGHT, BOTTOM, TOP], :n]
-    return left.min(), right.max(), bottom.min(), top.max()
-
-
-@njit(_nrt=False, cache=True)
-def _project_top(scene, views, rectangles):
-    """Fill in the rectangles of the top level's nodes."""
-    view, start = view_of(views, 0, 0), scene.level_starts[-1]
-    error = COORDINATE_ERROR * view.reach
-    project_boxes(scene.nodes, start, start + rectangles.shape[1], view, error, rectangles)
+def _are_scattered(directions: FloatArray) -> bool:
+    """Whether rays that follow each other go anywhere, so that a block of them, as they come, has nothing in common."""
+    n = len(directions) // BLOCK_RAYS
+    if n < 2:
+        return False
+    some = directions[: n * BLOCK_RAYS].reshape(n, BLOCK_RAYS, 3)[:, ::SAMPLE_STEP]
+    return bool(some.var(axis=1).sum() > SCATTERED * n * some.reshape(-1, 3).var(axis=0).sum())
 
 
 @shared
@@ -138,55 +129,103 @@ def _cast_one_by_one(tasks, scene, origins, directions, chosen, hits, memory):
         block = take(tasks)
 
 
-def _make_memory(scene: Scene) -> tuple[Workspace, State, Float32]:
-    """What a thread works with alone: the search's workspace, a packet's state, a block's coordinates."""
-    return make_workspace(scene), make_state(), np.empty((2, BLOCK_RAYS), dtype=np.float32)
+class Block(NamedTuple):
+    """A block's rays where the caller's are sorted first, and what any meet, ``height / slope`` directions away."""
+
+    directions: FloatArray  # (3 x BLOCK_RAYS,)
+    face_ids: IntArray  # (BLOCK_RAYS,)
+    distances: FloatArray  # (BLOCK_RAYS,)
+    heights: FloatArray  # (BLOCK_RAYS,)
+    slopes: FloatArray  # (BLOCK_RAYS,)
+
+
+def _make_memory(scene: Scene) -> tuple[Workspace, Places, State, Block]:
+    """What a thread works with alone: the search's workspace, a block's places, a packet's state, a block's answers."""
+    block = Block(
+        directions=np.empty(3 * BLOCK_RAYS),
+        face_ids=np.empty(BLOCK_RAYS, dtype=np.int32),
+        distances=np.empty(BLOCK_RAYS),
+        heights=np.empty(BLOCK_RAYS),
+        slopes=np.empty(BLOCK_RAYS),
+    )
+    return make_workspace(scene), make_places(), make_state(), block
 
 
 @shared
-def _cast_blocks(tasks, scene, views, axes, places, away, rays, memory):
-    """Take blocks of rays of a frame and fill in their answers."""
-    _cast_tasks(tasks, reference(scene), views, axes, places, away, rays, memory[0], memory[1], memory[2])
+def _cast_blocks(tasks, scene, views, numbers, rays, order, cells, answers, memory):
+    """Take blocks of rays, in an order or as they come, and fill in their answers, or `cells` where it has room."""
+    space, places, state = reference(memory[0]), reference(memory[1]), reference(memory[2])
+    _cast_tasks(tasks, reference(scene), views, numbers, rays, order, cells, answers, space, places, state, memory[3])
 
 
 @inner
-def _cast_tasks(tasks, scene, views, axes, places, away, rays, workspace, memory, coordinates):
-    space, state, projected = reference(workspace), reference(memory), -1
-    block, before = take(tasks), 0  # blocks of the frames before
-    for frame in range(len(axes)):
-        first, last = places.starts[frame], places.starts[frame + 1]
-        n_blocks = (last - first + BLOCK_RAYS - 1) // BLOCK_RAYS
-        view = view_of(views, 0, frame)
-        view_at = reference(view)
-        frame_at = Frame(len(axes) > 1, axes[frame, 2], 1.0 / max(away, 1e-300))
-        while block - before < n_blocks:
-            if projected != frame:
-                project_nodes(scene, view_at, space)
-                projected = frame
-            begin = first + (block - before) * BLOCK_RAYS
-            chosen = places.order[begin : min(begin + BLOCK_RAYS, last)]
-            _cast_block(scene, view_at, frame_at, rays, places, chosen, coordinates, space, state)
-            block = take(tasks)
-        before += n_blocks
+def _cast_tasks(tasks, scene, views, numbers, rays, order, cells, answers, space, places, state, memory):
+    bits, away = numbers
+    axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(away, 1e-300)
+    half = np.float32(1.01 / math.sqrt(max(1.0 - inverse_away * inverse_away, 0.5)))  # of what holds the unit sphere
+    projected, window = -1, Window(-half, half, -half, half, ENDLESS)
+    first, last = take_block(tasks, len(answers[0]), BLOCK_RAYS)
+    while first < last:
+        n = last - first
+        directions, face_ids, distances = rays[1][3 * first : 3 * last], answers[0][first:last], answers[1][first:last]
+        if len(order):
+            directions, face_ids, distances = memory.directions[: 3 * n], memory.face_ids[:n], memory.distances[:n]
+            _gather(rays[1], order[first:last], directions)
+        find_places(axes, window, bits, directions, places)
+        if len(cells):
+            for i in range(n):
+                cells[first + i] = places.cells[i]
+        else:
+            sort_places(n, len(axes), bits, places)
+            face_ids[:], memory.heights[:], memory.slopes[:] = -1, np.inf, 1.0
+            found, before = (rays[0], directions, face_ids, memory.heights, memory.slopes), max(projected, 0)
+            for i in range(len(axes)):
+                frame = (before + i) % len(axes)  # first the one whose boxes have been projected
+                if places.ends[frame] > places.starts[frame]:
+                    view = view_of(views, 0, frame)
+                    view_at = reference(view)
+                    if projected != frame:
+                        project_nodes(scene, view_at, space)
+                        projected = frame
+                    frame_at = Frame(len(axes) > 1, axes[frame, 2], inverse_away)
+                    _cast_frame(scene, view_at, frame_at, found, places, frame, space, state)
+            _measure(directions, memory.heights, memory.slopes, distances)
+            if len(order):
+                for i in range(n):
+                    answers[0][order[first + i]], answers[1][order[first + i]] = face_ids[i], distances[i]
+        first, last = take_block(tasks, len(answers[0]), BLOCK_RAYS)
 
 
 @inner
-def _cast_block(scene, view, frame, rays, places, chosen, coordinates, space, state):
-    n, farthest = len(chosen), np.float32(2.1) * view.reach
-    for i in range(n):
-        at = 2 * chosen[i]
-        coordinates[0, i], coordinates[1, i] = places.coordinates[at], places.coordinates[at + 1]
-    n_before = list_clusters(scene, window_of(coordinates, 0, n, farthest), space)
+def _gather(directions, order, chosen):
+    """Copy the directions of an order."""
+    for i in range(len(order)):
+        for axis in range(3):
+            chosen[3 * i + axis] = directions[3 * order[i] + axis]
+
+
+@njit(_nrt=False, error_model="numpy")
+def _measure(directions, heights, slopes, distances):
+    """Turn quotients into distances; a loop without branches, which takes several rays at a time."""
+    for i in range(len(distances)):
+        x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
+        distances[i] = heights[i] / slopes[i] * math.sqrt(x * x + y * y + z * z)
+
+
+@inner
+def _cast_frame(scene, view, frame, rays, places, number, space, state):
+    first, end = places.starts[number], places.ends[number]
+    farthest = np.float32(2.1) * view.reach
+    n_before = list_clusters(scene, window_of(places.coordinates, first, end, farthest), space)
     if n_before == 0:
         return
-    for chunk in range(0, n, CHUNK_POINTS):
-        end = min(chunk + CHUNK_POINTS, n)
-        n_listed = choose(n_before, window_of(coordinates, chunk, end, farthest), space)
+    for chunk in range(first, end, CHUNK_POINTS):
+        last = min(chunk + CHUNK_POINTS, end)
+        n_listed = choose(n_before, window_of(places.coordinates, chunk, last, farthest), space)
         if n_listed == 0:
             continue
-        for packet in range(chunk, end, PACKET):
-            for lane in range(PACKET):
-                i = min(packet + lane, end - 1)
-                state.coordinates[0, lane], state.coordinates[1, lane] = coordinates[0, i], coordinates[1, i]
-            taken = chosen[packet : min(packet + PACKET, end)]
+        for packet in range(chunk, last, PACKET):
+            store(state.coordinates, 0, load(places.coordinates, packet))
+            store(state.coordinates, PACKET, load(places.coordinates, places.coordinates.shape[1] + packet))
+            taken = places.order[packet : min(packet + PACKET, last)]
             first_hits_of_packet(scene, view, frame, rays, taken, n_listed, farthest, space, state)

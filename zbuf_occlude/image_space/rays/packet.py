@@ -46,6 +46,7 @@ from zbuf_occlude.lanes import (
     load,
     load3,
     lowest,
+    maximum,
     minimum,
     muladd,
     not_less,
@@ -123,12 +124,13 @@ def make_state() -> State:
 
 @inner
 def window_of(coordinates, first, last, farthest):
-    """Return the window of the rays from one to another, of (2, n) coordinates."""
-    left, right, bottom, top = ENDLESS, -ENDLESS, ENDLESS, -ENDLESS
-    for i in range(first, last):
-        x, y = coordinates[0, i], coordinates[1, i]
-        left, right, bottom, top = min(left, x), max(right, x), min(bottom, y), max(top, y)
-    return Window(left, right, bottom, top, farthest)
+    """Return the window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
+    x, y, room = load(coordinates, first), load(coordinates, coordinates.shape[1] + first), coordinates.shape[1]
+    left, right, bottom, top = x, x, y, y
+    for i in range(first + PACKET, last, PACKET):
+        x, y = load(coordinates, i), load(coordinates, room + i)
+        left, right, bottom, top = minimum(left, x), maximum(right, x), minimum(bottom, y), maximum(top, y)
+    return Window(lowest(left), highest(right), lowest(bottom), highest(top), farthest)
 
 
 @inner
@@ -139,8 +141,9 @@ def first_hits_of_packet(scene, view, frame, rays, chosen, n_listed, farthest, s
     ----------
     scene, view, frame
         The scene, a `View`, and the frame's `Frame`.
-    rays : (origin, directions, face_ids, distances)
-        The caller's, and the answers.
+    rays : (origin, directions, face_ids, heights, slopes)
+        The block's, of any origin but with directions (3 m,), and its answers: a face is met height / slope directions
+        away.
     chosen : (m,) int32
         Which of them; at most 16. Their coordinates are in `state`.
     n_listed, farthest, space
@@ -282,7 +285,7 @@ def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, s
 @njit(_nrt=False, error_model="numpy")
 def _decide(scene, frame, rays, i, candidate, lane, state):
     """Decide in float64 whether ray i meets a face nearer than its nearest so far; return whether it does."""
-    origin, direction = rays[0], rays[1][i]
+    origin, direction = rays[0], rays[1][3 * i : 3 * i + 3]
     face, fraction = np.int64(state.face_ids[lane]), math.inf
     if (state.decided[0] >> lane) & 1:
         fraction = state.fractions[lane]
@@ -310,10 +313,10 @@ def _plane(corners, origin):
     return n, dot(minus(a, origin), n)
 
 
-@njit(_nrt=False, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner
 def _finish(scene, rays, chosen, state):
-    """Write the answers."""
-    origin, directions, face_ids, distances = rays
+    """Write the answers: faces, and distances as quotients."""
+    origin, directions, face_ids, heights, slopes = rays
     before, normal, height = -1, (0.0, 0.0, 0.0), 0.0
     for lane in range(len(chosen)):
         face = state.face_ids[lane]
@@ -323,8 +326,7 @@ def _finish(scene, rays, chosen, state):
             before = face
             normal, height = _plane(scene.world_corners[face], origin)
         i = chosen[lane]
-        d = directions[i]
-        fraction = height / dot(d, normal)
+        face_ids[i], heights[i] = face, height
+        slopes[i] = dot((directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]), normal)
         if (state.decided[0] >> lane) & 1:
-            fraction = state.fractions[lane]
-        face_ids[i], distances[i] = face, fraction * math.sqrt(dot(d, d))
+            heights[i], slopes[i] = state.fractions[lane], 1.0

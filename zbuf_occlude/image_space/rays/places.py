@@ -1,4 +1,4 @@
-"""Rays of one origin as an eye sees them: each has a place in the image of one frame; they are sorted by it."""
+"""Rays of one origin as an eye sees them: each has a place in the image of one frame, and a block is sorted by it."""
 
 from typing import NamedTuple
 
@@ -6,93 +6,129 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.layout import PACKET
+from zbuf_occlude.arrays import IntArray
+from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS, PACKET
 from zbuf_occlude.image_space.scene.scene import Float32
-from zbuf_occlude.lanes import inlined
-from zbuf_occlude.threads import n_threads, shared, take, together
+from zbuf_occlude.lanes import inlined, inner
+
+BLOCK_RAYS = CHUNK * CHUNK_POINTS
+"""Rays that a thread takes at a time: a list of clusters is made for them, from which each `CHUNK_POINTS` choose."""
 
 MOST_BITS = 6
 """Of a cell's column and of its row, at most."""
 
-NEAR_RAYS = 2048
-"""Rays that go through all loops together, while they are in the cache."""
-
-LEAST_SIZE, MOST_SIZE = 1e-100, 1e100
-"""Directions of other sizes go one by one: their products vanish or overflow; float64 is to say what comes of it."""
-
-
+N_FRAMES = 6
 LEAST_WIDTH = np.float32(1e-30)
 
 
 class Places(NamedTuple):
-    """Rays in the order of their places.
+    """The rays of a block, frame by frame, each along a Morton curve of cells; what misses the scene is left out.
 
     Parameters
     ----------
-    coordinates : (2 n,) float32
-        x / w and y / w of each ray in turn, in the caller's order.
+    coordinates : (2, m) float32
+        x / w and y / w. Each frame begins at a multiple of 16, and repeats its last ray up to the next.
     order : (m,) int32
-        The rays frame by frame, each along a Morton curve of cells; then those that go one by one. What certainly
-        misses the scene is left out.
-    starts : (f + 2,) int64
-        Where each frame begins, where those begin that go one by one, and the end.
+        Which ray of the block that is.
+    starts, ends : (6,) int64
+        Where each frame begins and ends.
+    unsorted : (2 x BLOCK_RAYS,) float32
+        x / w and y / w of each ray in turn, as the block has them.
+    cells : (BLOCK_RAYS,) int32
+    counts : (6 x 2^(2 x MOST_BITS) + 1,) int32
     """
 
     coordinates: Float32
     order: IntArray
     starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    unsorted: Float32
+    cells: IntArray
+    counts: IntArray
 
 
-def sort_by_place(
-    axes: FloatArray, window: tuple[np.float32, ...], directions: FloatArray, face_ids: IntArray, distances: FloatArray
-) -> Places:
-    """Find the rays' places, and write "no face" as all their answers.
+def make_places() -> Places:
+    """Allocate a thread's `Places`."""
+    room = BLOCK_RAYS + (N_FRAMES + 1) * PACKET  # what misses comes last
+    return Places(
+        coordinates=np.empty((2, room), dtype=np.float32),
+        order=np.empty(room, dtype=np.int32),
+        starts=np.zeros(N_FRAMES, dtype=np.int64),
+        ends=np.zeros(N_FRAMES, dtype=np.int64),
+        unsorted=np.empty(2 * BLOCK_RAYS, dtype=np.float32),
+        cells=np.empty(BLOCK_RAYS, dtype=np.int32),
+        counts=np.empty((N_FRAMES << (2 * MOST_BITS)) + 1, dtype=np.int32),
+    )
+
+
+@inner
+def find_places(axes, window, bits, directions, places):
+    """Fill in the places of a block's rays, and their cells.
 
     Parameters
     ----------
     axes : (f, 3, 3) float64
         Rows x, y, w of each frame: one from outside, six of a cube (`view.Views`).
-    window : (left, right, bottom, top), float32
+    window : Window
         What holds the scene in an only frame; the rest of the image shows nothing.
-    directions : (n, 3) float64
-    face_ids, distances : (n,) int32, float64
-        Receive -1 and infinity, here, where several threads share the work.
+    bits : int
+        Of a cell's column and of its row.
+    directions : (3 m,) float64
+    places : Places
     """
-    n, n_frames = len(directions), len(axes)
-    bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
-    n_parts = min(4 * n_threads(), -(-n // 4096))
-    cells, coordinates = np.empty(n, dtype=np.int32), np.empty(2 * n, dtype=np.float32)
-    counts = np.zeros((n_parts, (n_frames << (2 * bits)) + 2), dtype=np.int32)
-    flat = directions.reshape(-1)
-    together(_find_cells, n_parts, axes, window, flat, bits, cells, coordinates, counts, face_ids, distances)
-    starts = np.empty(n_frames + 2, dtype=np.int64)
-    _accumulate(counts, bits, starts)
-    order = np.empty(starts[-1], dtype=np.int32)
-    together(_scatter, n_parts, cells, counts, order)
-    return Places(coordinates, order, starts)
+    n = len(directions) // 3
+    if len(axes) == 1:
+        _place_from_outside(axes[0], directions, places.unsorted[: 2 * n])
+        _number_cells(window, bits, places.unsorted[: 2 * n], places.cells[:n])
+    else:
+        _place_on_cube(directions, bits, places.unsorted[: 2 * n], places.cells[:n])
 
 
-@shared
-def _find_cells(tasks, axes, window, directions, bits, cells, coordinates, counts, face_ids, distances):
-    """Find the cell of each ray of a part, and count the part's rays of each cell."""
-    n, n_parts, nowhere = len(cells), len(counts), np.int32(counts.shape[1] - 1)
-    part = take(tasks)
-    while part < n_parts:
-        end = n * (part + 1) // n_parts
-        for first in range(n * part // n_parts, end, NEAR_RAYS):
-            last = min(first + NEAR_RAYS, end)
-            face_ids[first:last], distances[first:last] = -1, np.inf
-            three, two = directions[3 * first : 3 * last], coordinates[2 * first : 2 * last]
-            if len(axes) == 1:
-                _place_from_outside(axes[0], three, two)
-                _number_cells(window, bits, two, cells[first:last])
-            else:
-                _place_on_cube(three, bits, two, cells[first:last])
-            for i in range(first, last):
-                if cells[i] != nowhere:
-                    counts[part, cells[i]] += 1
-        part = take(tasks)
+@inner
+def sort_places(n, n_frames, bits, places):
+    """Sort the n rays of a block by their cells."""
+    cells, counts, size = places.cells[:n], places.counts, 1 << (2 * bits)
+    present, total = 0, 0
+    for i in range(n):
+        present |= 1 << (cells[i] >> (2 * bits))
+    for frame in range(n_frames):
+        if present >> frame & 1:
+            counts[frame * size : (frame + 1) * size] = 0
+    counts[n_frames * size] = 0
+    for i in range(n):
+        counts[cells[i]] += 1
+    for frame in range(n_frames):
+        places.starts[frame] = total
+        if present >> frame & 1:
+            total = _accumulate(counts[frame * size : (frame + 1) * size], total)
+        places.ends[frame] = total
+        total = (total + PACKET - 1) // PACKET * PACKET
+    counts[n_frames * size] = total
+    x, y = places.coordinates[0], places.coordinates[1]
+    _scatter(cells, places.unsorted, counts, x, y, places.order)
+    for frame in range(n_frames):
+        last = places.ends[frame] - 1
+        for at in range(last + 1, last + 1 + -(last + 1) % PACKET):
+            x[at], y[at] = x[last], y[last]
+
+
+@inner
+def _accumulate(counts, total):
+    """Turn counts of cells into where each begins; return where the last one ends."""
+    for cell in range(len(counts)):
+        count = counts[cell]
+        counts[cell] = total
+        total += count
+    return total
+
+
+@inner
+def _scatter(cells, unsorted, starts, x, y, order):
+    """Write the places and numbers of rays where they go."""
+    for i in range(len(cells)):
+        at = starts[cells[i]]
+        starts[cells[i]] = at + 1
+        x[at], y[at], order[at] = unsorted[2 * i], unsorted[2 * i + 1], i
 
 
 # The loops below take several rays at a time: they have no branches, and arrays of one axis, whose strides are known.
@@ -100,30 +136,27 @@ def _find_cells(tasks, axes, window, directions, bits, cells, coordinates, count
 
 @njit(_nrt=False, error_model="numpy")
 def _place_from_outside(axes, directions, coordinates):
-    """Find places; infinity for a ray that goes away, no number for one of an odd size."""
+    """Find places; infinity for a ray that goes away."""
     for i in range(len(coordinates) // 2):
         x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
-        size = _largest(abs(x), abs(y), abs(z))
         u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
         v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
         w = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
         inverse = 1.0 / w
-        u, v = (u * inverse if w > 0.0 else np.inf), v * inverse
-        coordinates[2 * i] = u if (size > LEAST_SIZE) & (size < MOST_SIZE) else np.nan
-        coordinates[2 * i + 1] = v
+        coordinates[2 * i], coordinates[2 * i + 1] = (u * inverse if w > 0.0 else np.inf), v * inverse
 
 
 @njit(_nrt=False, error_model="numpy")
 def _number_cells(window, bits, coordinates, cells):
     """Number the cells of an only frame, which cover a window; beyond it nothing is met."""
-    nowhere, most = np.int32((1 << (2 * bits)) + 1), np.float32((1 << bits) - 1)
-    left, right, bottom, top = window
-    across, upwards = most / max(right - left, LEAST_WIDTH), most / max(top - bottom, LEAST_WIDTH)
+    nowhere, most = np.int32(1 << (2 * bits)), np.float32((1 << bits) - 1)
+    across = most / max(window.right - window.left, LEAST_WIDTH)
+    upwards = most / max(window.top - window.bottom, LEAST_WIDTH)
     for i in range(len(cells)):
         x, y = coordinates[2 * i], coordinates[2 * i + 1]
-        within = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
-        cell = _cell_at(np.int32((x - left) * across), np.int32((y - bottom) * upwards))
-        cells[i] = cell if within else nowhere - np.int32((x != x) | (y != y))
+        within = (x >= window.left) & (x <= window.right) & (y >= window.bottom) & (y <= window.top)
+        cell = _cell_at(np.int32((x - window.left) * across), np.int32((y - window.bottom) * upwards))
+        cells[i] = cell if within else nowhere
 
 
 @njit(_nrt=False, error_model="numpy")
@@ -140,8 +173,7 @@ def _place_on_cube(directions, bits, coordinates, cells):
         u, v = (v if behind else u) * inverse, (u if behind else v) * inverse
         coordinates[2 * i], coordinates[2 * i + 1] = u, v
         frame = np.int32(0 if first else (2 if second else 4)) + np.int32(behind)
-        cell = frame * n_cells + _cell_at(np.int32(u * half + half), np.int32(v * half + half))
-        cells[i] = cell if (size > LEAST_SIZE) & (size < MOST_SIZE) else np.int32(6) * n_cells
+        cells[i] = frame * n_cells + _cell_at(np.int32(u * half + half), np.int32(v * half + half))
 
 
 @inlined
@@ -162,31 +194,3 @@ def _spread_bits(i):
     i = (i | (i << np.int32(4))) & np.int32(0x30F)
     i = (i | (i << np.int32(2))) & np.int32(0x333)
     return (i | (i << np.int32(1))) & np.int32(0x555)
-
-
-@njit(nogil=True, cache=True)
-def _accumulate(counts, bits, starts):
-    """Turn counts into where each part's rays of each cell go; those of the last cell go nowhere."""
-    total, last = 0, counts.shape[1] - 1
-    for cell in range(last):
-        if cell & ((1 << (2 * bits)) - 1) == 0:
-            starts[cell >> (2 * bits)] = total
-        for part in range(len(counts)):
-            count = counts[part, cell]
-            counts[part, cell] = total
-            total += count
-    starts[-1] = total
-
-
-@shared
-def _scatter(tasks, cells, starts, order):
-    """Write the number of each ray of a part where it goes."""
-    n, n_parts, nowhere = len(cells), len(starts), starts.shape[1] - 1
-    part = take(tasks)
-    while part < n_parts:
-        for i in range(n * part // n_parts, n * (part + 1) // n_parts):
-            cell = cells[i]
-            if cell != nowhere:
-                order[starts[part, cell]] = i
-                starts[part, cell] += 1
-        part = take(tasks)
