@@ -162,8 +162,9 @@ def test_runs_whose_boxes_are_passed_over_hide_nothing() -> None:
     cells = np.repeat(rng.integers(-3, 4, (150, 1, 3)), 3, axis=1)
     corners = np.concatenate([cells + rng.integers(-1, 2, (150, 3, 3)), cells + rng.normal(size=(150, 3, 3))]) / 4.0
     mesh = zo.Mesh(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)).cleaned()
-    points = zo.SurfacePoints.free(np.concatenate([rng.integers(-4, 5, (60, 3)) / 4.0, rng.normal(size=(60, 3))]))
-    eyes = np.array([[3.0, 0.0, 0.0], [0.0, 0.25, -5.0], [0.3, 0.1, 0.2], [1e4, 2e4, -3e4], [2.0, 2.0, 2.0]])
+    far = rng.normal(size=(60, 3)) * 10.0 ** rng.uniform(4, 14, (60, 1))
+    points = zo.SurfacePoints.free(np.concatenate([rng.integers(-4, 5, (60, 3)) / 4.0, rng.normal(size=(60, 3)), far]))
+    eyes = np.array([[3.0, 0.0, 0.0], [0.0, 0.25, -5.0], [0.3, 0.1, 0.2], [1e4, 2e4, -3e4], [1e14, 0.0, 1.0]])
     with oracle.prepare(mesh) as occluder:
         seen, contact = occluder.visible(points, eyes), occluder.contact
     expected = [

@@ -1,6 +1,8 @@
 """What a shell hands to every command, looked at before anything compiled is loaded, which would end in a traceback."""
 
 import os
+from importlib import import_module
+from importlib.util import find_spec
 
 from zbuf_occlude.errors import OccludeError, OptionError
 
@@ -21,10 +23,9 @@ def check_surroundings() -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and int(threads) < 1:
         raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")
-    try:
-        import resource
-    except ImportError:  # Windows has none
+    if find_spec("resource") is None:  # Windows has none
         return
+    resource = import_module("resource")
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
         raise OccludeError(

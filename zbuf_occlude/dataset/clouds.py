@@ -173,11 +173,11 @@ def gather_clouds(
         record["data"], record["face_ids"], record["centre"], record["factor"] = placed(
             points.positions, points.face_ids, chosen, frame, recipe.scale == "cloud", centre, factor
         )
+        record["visible_fraction"] = record["n_visible"] / len(points)
         if isinstance(points, ScanPoints) and not recipe.complete:
             _fill_scan(record, points, chosen, recipe, int(view), poses[view] if recipe.frame == "camera" else None)
         elif recipe.attributes:
             _fill_attributes(record, points.select(chosen), recipe, views, int(view))
-    records["visible_fraction"] = records["n_visible"] / len(points)
     return records
 
 

@@ -17,8 +17,10 @@ from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 RUN = 64
 """Faces that a line is held against at a time."""
 
-ROUNDING = 1e-9
-"""By this share of the largest coordinate a run's box is wider than its faces: float64's rounding, a million times."""
+ROUNDING = 1e-6
+"""A run's box is wider than its faces by this share of reach^2 / side, `reach` being how far the point is from mesh or
+eye: `blocks`, whose products cancel with the square of that distance, takes a point 10^8 sides away through faces that
+the line passes a side away. That is float64's rounding, 10^10 times, which costs nothing."""
 _TINY = 1e-200
 
 SLANT = 5.0
@@ -185,14 +187,14 @@ def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, c
     faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)  # the last fills its run
     runs = np.ascontiguousarray(mesh.corners[faces].reshape(n_runs, RUN, 9).transpose(0, 2, 1))
     coordinates = runs.reshape(n_runs, 3, 3, RUN)
-    slack = ROUNDING * np.abs(mesh.bounds).max()
-    boxes = np.concatenate([coordinates.min(axis=(1, 3)) - slack, coordinates.max(axis=(1, 3)) + slack], axis=1)
-    together(_look, len(own), mesh.corners, runs, boxes, own, targets, eyes, contact, answer)
+    boxes = np.concatenate([coordinates.min(axis=(1, 3)), coordinates.max(axis=(1, 3))], axis=1)
+    about = (*mesh.centre.tolist(), max(mesh.longest_side, _TINY))
+    together(_look, len(own), mesh.corners, runs, boxes, about, own, targets, eyes, contact, answer)
     return answer
 
 
 @shared
-def _look(tasks, corners, runs, boxes, own, targets, eyes, contact, answer):
+def _look(tasks, corners, runs, boxes, about, own, targets, eyes, contact, answer):
     """Take point after point, and for each eye ask every face about it in whose run's box the line of sight is."""
     i = take(tasks)
     while i < len(own):
@@ -201,9 +203,11 @@ def _look(tasks, corners, runs, boxes, own, targets, eyes, contact, answer):
             point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
             direction = minus(eye, point)
             inverse = (_inverse(direction[0]), _inverse(direction[1]), _inverse(direction[2]))
+            reach = max(about[3], max(_largest(direction), _largest(minus(point, about[:3]))))
+            slack = ROUNDING * (reach / about[3] * reach + ROUNDING * _largest(point))
             answer[j, i] = True
             for run in range(len(runs)):
-                if not _enters(boxes[run], point, inverse) or not _passes_any(runs[run], eye, point):
+                if not _enters(boxes[run], slack, point, inverse) or not _passes_any(runs[run], eye, point):
                     continue
                 for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
                     t = corners[face]
@@ -223,11 +227,17 @@ def _inverse(number):
 
 
 @inner
-def _enters(box, point, inverse):
+def _largest(a):
+    return max(abs(a[0]), max(abs(a[1]), abs(a[2])))
+
+
+@inner
+def _enters(box, slack, point, inverse):
     """Whether the line of sight of a point, the inverse of its direction given, meets a box, (6,) low and high."""
     begin, end = 0.0, 1.0
     for axis in range(3):
-        one, other = (box[axis] - point[axis]) * inverse[axis], (box[3 + axis] - point[axis]) * inverse[axis]
+        one = (box[axis] - slack - point[axis]) * inverse[axis]
+        other = (box[3 + axis] + slack - point[axis]) * inverse[axis]
         begin, end = max(begin, min(one, other)), min(end, max(one, other))
     return begin <= end
 
