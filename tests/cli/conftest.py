@@ -1,8 +1,10 @@
 """Run the command line in this process, as its entry point does."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -23,8 +25,8 @@ Run = Callable[..., Outcome]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
-    """Return a function that runs ``zbuf-occlude`` with its arguments."""
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Yield a function that runs ``zbuf-occlude`` with its arguments; what it does to the environment is undone."""
 
     def call(*arguments: object) -> Outcome:
         monkeypatch.setattr("sys.argv", ["zbuf-occlude", *map(str, arguments)])
@@ -34,7 +36,8 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> R
         captured = capfd.readouterr()
         return Outcome(int(leaving.value.code or 0), captured.out, captured.err)
 
-    return call
+    with patch.dict(os.environ):
+        yield call
 
 
 @pytest.fixture(autouse=True)
