@@ -37,8 +37,7 @@ def test_what_was_measured_is_shown_and_can_be_measured_again() -> None:
 
 
 TAKEN_OVER = {
-    "busy-cores", "depth-buffer-accuracy", "exact-vs-embree", "first-hits", "fresh-meshes", "fresh-meshes-small",
-    "whole-job-cold",
+    "busy-cores", "depth-buffer-accuracy", "exact-vs-embree", "fresh-meshes", "fresh-meshes-small",
 }  # fmt: skip
 """Written by hand off what their commands printed, before there was benchmarks/all.py. No more may become so."""
 
