@@ -15,17 +15,17 @@ for tool in slurmctld slurmd sbatch munged; do
 done
 [ "$(id -u)" = 0 ] || { echo "error: this must run as root; it starts SLURM's daemons"; exit 1; }
 
-work=$(mktemp -d)
+scratch=$(mktemp -d)
 pids=()
 finish() {
     for pid in "${pids[@]}"; do kill "$pid" 2>/dev/null || true; done
     for pid in "${pids[@]}"; do wait "$pid" 2>/dev/null || true; done
-    rm -rf "$work"
+    rm -rf "$scratch"
 }
 trap finish EXIT
-chmod 755 "$work"
+chmod 755 "$scratch"
 
-export SLURM_CONF=$work/slurm.conf
+export SLURM_CONF=$scratch/slurm.conf
 host=$(hostname -s)
 cores=$(nproc)
 cat >"$SLURM_CONF" <<CONF
@@ -36,7 +36,7 @@ SlurmdPort=16818
 SlurmUser=root
 SlurmdUser=root
 AuthType=auth/munge
-AuthInfo=socket=$work/munge.socket
+AuthInfo=socket=$scratch/munge.socket
 CryptoType=crypto/munge
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
@@ -46,22 +46,22 @@ SelectTypeParameters=CR_Core
 SchedulerType=sched/backfill
 ReturnToService=2
 MpiDefault=none
-StateSaveLocation=$work/state
-SlurmdSpoolDir=$work/spool
-SlurmctldPidFile=$work/slurmctld.pid
-SlurmdPidFile=$work/slurmd.pid
-SlurmctldLogFile=$work/slurmctld.log
-SlurmdLogFile=$work/slurmd.log
+StateSaveLocation=$scratch/state
+SlurmdSpoolDir=$scratch/spool
+SlurmctldPidFile=$scratch/slurmctld.pid
+SlurmdPidFile=$scratch/slurmd.pid
+SlurmctldLogFile=$scratch/slurmctld.log
+SlurmdLogFile=$scratch/slurmd.log
 NodeName=$host NodeAddr=127.0.0.1 CPUs=$cores State=UNKNOWN
 PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 CONF
-echo "CgroupPlugin=cgroup/v1" >"$work/cgroup.conf"  # never used (linuxproc, task/none), but slurmd wants one
-mkdir -p "$work/state" "$work/spool"
+echo "CgroupPlugin=cgroup/v1" >"$scratch/cgroup.conf"  # never used (linuxproc, task/none), but slurmd wants one
+mkdir -p "$scratch/state" "$scratch/spool"
 
-dd if=/dev/urandom of="$work/munge.key" bs=1 count=1024 status=none
-chmod 400 "$work/munge.key"
-munged --force --foreground --key-file="$work/munge.key" --socket="$work/munge.socket" --pid-file="$work/munged.pid" \
-    --seed-file="$work/munge.seed" --log-file="$work/munged.log" --num-threads=2 &
+dd if=/dev/urandom of="$scratch/munge.key" bs=1 count=1024 status=none
+chmod 400 "$scratch/munge.key"
+munged --force --foreground --key-file="$scratch/munge.key" --socket="$scratch/munge.socket" --pid-file="$scratch/munged.pid" \
+    --seed-file="$scratch/munge.seed" --log-file="$scratch/munged.log" --num-threads=2 &
 pids+=($!)
 slurmctld -D -c &
 pids+=($!)
@@ -71,25 +71,25 @@ for _ in $(seq 60); do
     [ "$(sinfo --noheader -o %T 2>/dev/null)" = idle ] && break
     sleep 1
 done
-[ "$(sinfo --noheader -o %T)" = idle ] || { echo "error: the node must become idle"; tail -n 20 "$work"/*.log; exit 1; }
+[ "$(sinfo --noheader -o %T)" = idle ] || { echo "error: the node must become idle"; tail -n 20 "$scratch"/*.log; exit 1; }
 
 PATH=$(dirname "$python"):$PATH
 export PATH
 arguments=("${@:2}")
 ((${#arguments[@]})) || arguments=(--method exact --views ring:400@30 --points 1000 --sample-size 64 --limit 25)
-array=$(sbatch --parsable --array=3-6 --chdir="$work" --time=10 --mem=0 --cpus-per-task=1 \
-    "$root/docs/slurm_array.sh" "$work/farm" "${arguments[@]}")
-merge=$(sbatch --parsable --dependency=afterok:"$array" --array=0-2 --chdir="$work" --time=10 --mem=0 --cpus-per-task=1 \
-    --wrap "zbuf-occlude merge $work/farm --workers 1")
+array=$(sbatch --parsable --array=3-6 --chdir="$scratch" --time=10 --mem=0 --cpus-per-task=1 \
+    "$root/docs/slurm_array.sh" "$scratch/farm" "${arguments[@]}")
+merge=$(sbatch --parsable --dependency=afterok:"$array" --array=0-2 --chdir="$scratch" --time=10 --mem=0 --cpus-per-task=1 \
+    --wrap "zbuf-occlude merge $scratch/farm --workers 1")
 for _ in $(seq 300); do
     [ -z "$(squeue --noheader --jobs="$array,$merge" 2>/dev/null)" ] && break
     sleep 1
 done
-cat "$work"/slurm-*.out
-[ -f "$work/farm/manifest.json" ] || { echo "error: the last merge must write a manifest"; tail -n 20 "$work"/*.log; exit 1; }
+cat "$scratch"/slurm-*.out
+[ -f "$scratch/farm/manifest.json" ] || { echo "error: the last merge must write a manifest"; tail -n 20 "$scratch"/*.log; exit 1; }
 
-zbuf-occlude generate --out "$work/here" "${arguments[@]}" >/dev/null 2>&1
-for file in "$work"/here/*.h5; do
-    cmp "$file" "$work/farm/$(basename "$file")"
+zbuf-occlude generate --out "$scratch/here" "${arguments[@]}" >/dev/null 2>&1
+for file in "$scratch"/here/*.h5; do
+    cmp "$file" "$scratch/farm/$(basename "$file")"
 done
-echo "SLURM arrays of 4 tasks and of 3 merges: $(ls "$work"/here/*.h5 | wc -l) files, equal to a local run's"
+echo "SLURM arrays of 4 tasks and of 3 merges: $(ls "$scratch"/here/*.h5 | wc -l) files, equal to a local run's"

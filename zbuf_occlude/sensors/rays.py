@@ -19,15 +19,14 @@ MOST_RAYS = 20_000_000
 MOST_REFRACTIVE = 5.0
 """No glass bends light more: germanium, of infrared prisms, has 4."""
 
-
-RUN = 64
+RUN_RAYS = 64
 """Neighbouring rays of a ring that are asked together whether they are near a direction."""
 
 
 class _Runs(NamedTuple):
-    """Runs of `RUN` rays of like ring; the last one filled up by repeating its last ray."""
+    """Runs of `RUN_RAYS` rays of like ring; the last one filled up by repeating its last ray."""
 
-    rays: NDArray[np.intp]  # (runs, RUN)
+    rays: NDArray[np.intp]  # (runs, RUN_RAYS)
     middles: FloatArray  # (runs, 3), unit length
     half_angles: FloatArray  # (runs,) to the farthest ray from the middle
 
@@ -85,7 +84,7 @@ class Rays:
     @cached_property
     def _runs(self) -> _Runs:
         order = np.argsort(self.rings, kind="stable")
-        rays = np.pad(order, (0, -len(order) % RUN), mode="edge").reshape(-1, RUN)
+        rays = np.pad(order, (0, -len(order) % RUN_RAYS), mode="edge").reshape(-1, RUN_RAYS)
         directions = self.directions[rays]
         middles = directions.sum(axis=1)
         middles /= np.maximum(np.linalg.norm(middles, axis=1, keepdims=True), np.finfo(np.float64).tiny)

@@ -1,6 +1,7 @@
 """`oracle`: the judge. Every point and every ray against every face, in float64, by the definition itself."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ ROUNDING = 1e-6
 eye: `blocks`, whose products cancel with the square of that distance, takes a point 10^8 sides away through faces that
 the line passes a side away. That is float64's rounding, 10^10 times, which costs nothing."""
 _TINY = 1e-200
+"""Lengths below it count as this, so that no division overflows."""
 
 SLANT = 5.0
 """A face that blocks a line moved by w within this many w of the point is the point's own surface at a slant of up to
@@ -180,21 +182,30 @@ def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
     return across, np.cross(unit, across)
 
 
+class _Runs(NamedTuple):
+    """The faces of a mesh in m runs of `RUN`; the last one filled up by repeating its last face."""
+
+    corners: FloatArray  # (m, 9, RUN)
+    boxes: FloatArray  # (m, 6) lower and upper corners of what each holds
+    centre: FloatArray  # (3,) of the mesh
+    side: float  # the mesh's longest
+
+
 def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, contact: float) -> BoolArray:
     """targets (k, n, 3): each eye has its own, so that `decided` can move them."""
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
     n_runs = -(-len(mesh.faces) // RUN)
-    faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)  # the last fills its run
-    runs = np.ascontiguousarray(mesh.corners[faces].reshape(n_runs, RUN, 9).transpose(0, 2, 1))
-    coordinates = runs.reshape(n_runs, 3, 3, RUN)
+    faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)
+    corners = np.ascontiguousarray(mesh.corners[faces].reshape(n_runs, RUN, 9).transpose(0, 2, 1))
+    coordinates = corners.reshape(n_runs, 3, 3, RUN)
     boxes = np.concatenate([coordinates.min(axis=(1, 3)), coordinates.max(axis=(1, 3))], axis=1)
-    about = (*mesh.centre.tolist(), max(mesh.longest_side, _TINY))
-    together(_look, len(own), mesh.corners, runs, boxes, about, own, targets, eyes, contact, answer)
+    runs = _Runs(corners, boxes, np.array(mesh.centre), max(mesh.longest_side, _TINY))
+    together(_look, len(own), mesh.corners, runs, own, targets, eyes, contact, answer)
     return answer
 
 
 @shared
-def _look(tasks, corners, runs, boxes, about, own, targets, eyes, contact, answer):
+def _look(tasks, corners, runs, own, targets, eyes, contact, answer):
     """Take point after point, and for each eye ask every face about it in whose run's box the line of sight is."""
     i = take(tasks)
     while i < len(own):
@@ -203,11 +214,13 @@ def _look(tasks, corners, runs, boxes, about, own, targets, eyes, contact, answe
             point = (targets[j, i, 0], targets[j, i, 1], targets[j, i, 2])
             direction = minus(eye, point)
             inverse = (_inverse(direction[0]), _inverse(direction[1]), _inverse(direction[2]))
-            reach = max(about[3], max(_largest(direction), _largest(minus(point, about[:3]))))
-            slack = ROUNDING * (reach / about[3] * reach + ROUNDING * _largest(point))
+            reach = max(runs.side, max(_largest(direction), _largest(minus(point, runs.centre))))
+            slack = ROUNDING * (reach / runs.side * reach + ROUNDING * _largest(point))
             answer[j, i] = True
-            for run in range(len(runs)):
-                if not _enters(boxes[run], slack, point, inverse) or not _passes_any(runs[run], eye, point):
+            for run in range(len(runs.boxes)):
+                if not _enters(runs.boxes[run], slack, point, inverse):
+                    continue
+                if not _passes_any(runs.corners[run], eye, point):
                     continue
                 for face in range(run * RUN, min((run + 1) * RUN, len(corners))):
                     t = corners[face]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import CHUNK_POINTS, CLUSTER, ENDLESS, PACKET
@@ -35,15 +36,14 @@ FARTHEST_ORIGIN = 1e6
 CLUSTERS_PER_RAY = 8
 """Fewer rays than a cluster per this many go one by one: an eye looks at all boxes of a scene."""
 
-
 RAYS_PER_CLUSTER = 16
 """Fewer rays per cluster are sorted as a whole in any case: compact blocks share what they set up."""
 
 SAMPLE_STEP = 251
-"""Of each block every so many-th ray is asked whether the rays are in any order."""
+"""From one ray of a block to the next that is asked whether the rays are in any order."""
 
 SCATTERED = 0.925
-"""Of the directions' variance, what is within blocks where rays are in no order."""
+"""Rays are in no order where more than this share of the directions' variance is within blocks."""
 
 
 class Frame(NamedTuple):
@@ -52,6 +52,34 @@ class Frame(NamedTuple):
     inside: bool
     axis: FloatArray
     inverse_away: float
+
+
+class Question(NamedTuple):
+    """Rays of one origin, and where their answers go.
+
+    Parameters
+    ----------
+    origin : (3,) float64, world space
+    directions : (3 n,) float64
+    away : float
+        How far the origin is from the scene's centre, scene units.
+    bits : int
+        Of a cell's column and of its row.
+    order : (n,) int64
+        In which the rays are taken; empty: as they come.
+    cells : (n,) uint16
+        Where there is room, the rays' cells are asked for, and no answers.
+    face_ids, distances : (n,) int32, float64
+    """
+
+    origin: FloatArray
+    directions: FloatArray
+    away: float
+    bits: int
+    order: NDArray[np.int64]
+    cells: NDArray[np.uint16]
+    face_ids: IntArray
+    distances: FloatArray
 
 
 def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -82,14 +110,12 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_CLUSTER * len(scene.used) or _are_scattered(directions))
     order, cells = np.empty(0, dtype=np.int64), np.empty(n if sort else 0, dtype=np.uint16)
-    while True:
-        question = (scene, views, (bits, away), (origins[0], directions.reshape(-1)), order, cells)
-        together(
-            _cast_blocks, n_blocks(n, BLOCK_RAYS), *question, (face_ids, distances), own=lambda: _make_memory(scene)
-        )
-        if len(cells) == 0:
-            return face_ids, distances
-        order, cells = np.argsort(cells, kind="stable"), cells[:0]
+    question = Question(origins[0], directions.reshape(-1), away, bits, order, cells, face_ids, distances)
+    if sort:
+        together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
+        question = question._replace(order=np.argsort(cells, kind="stable"), cells=cells[:0])
+    together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
+    return face_ids, distances
 
 
 def _are_scattered(directions: FloatArray) -> bool:
@@ -152,33 +178,35 @@ def _make_memory(scene: Scene) -> tuple[Workspace, Places, State, Block]:
 
 
 @shared
-def _cast_blocks(tasks, scene, views, numbers, rays, order, cells, answers, memory):
-    """Take blocks of rays, in an order or as they come, and fill in their answers, or `cells` where it has room."""
-    space, places, state = reference(memory[0]), reference(memory[1]), reference(memory[2])
-    _cast_tasks(tasks, reference(scene), views, numbers, rays, order, cells, answers, space, places, state, memory[3])
+def _cast_blocks(tasks, scene, views, question, memory):
+    """Take blocks of rays, in an order or as they come, and fill in their answers, or cells where these are asked."""
+    at = reference(memory[0]), reference(memory[1]), reference(memory[2]), memory[3]
+    _cast_tasks(tasks, reference(scene), views, question, at)
 
 
 @inner
-def _cast_tasks(tasks, scene, views, numbers, rays, order, cells, answers, space, places, state, memory):
-    bits, away = numbers
-    axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(away, 1e-300)
+def _cast_tasks(tasks, scene, views, question, memory):
+    space, places, state, block = memory
+    order, cells, bits = question.order, question.cells, question.bits
+    axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(question.away, 1e-300)
     half = np.float32(1.01 / math.sqrt(max(1.0 - inverse_away * inverse_away, 0.5)))  # of what holds the unit sphere
     projected, window = -1, Window(-half, half, -half, half, ENDLESS)
-    first, last = take_block(tasks, len(answers[0]), BLOCK_RAYS)
+    first, last = take_block(tasks, len(question.face_ids), BLOCK_RAYS)
     while first < last:
         n = last - first
-        directions, face_ids, distances = rays[1][3 * first : 3 * last], answers[0][first:last], answers[1][first:last]
+        directions = question.directions[3 * first : 3 * last]
+        face_ids, distances = question.face_ids[first:last], question.distances[first:last]
         if len(order):
-            directions, face_ids, distances = memory.directions[: 3 * n], memory.face_ids[:n], memory.distances[:n]
-            _gather(rays[1], order[first:last], directions)
+            directions, face_ids, distances = block.directions[: 3 * n], block.face_ids[:n], block.distances[:n]
+            _gather(question.directions, order[first:last], directions)
         find_places(axes, window, bits, directions, places)
         if len(cells):
             for i in range(n):
                 cells[first + i] = places.cells[i]
         else:
             sort_places(n, len(axes), bits, places)
-            face_ids[:], memory.heights[:], memory.slopes[:] = -1, np.inf, 1.0
-            found, before = (rays[0], directions, face_ids, memory.heights, memory.slopes), max(projected, 0)
+            face_ids[:], block.heights[:], block.slopes[:] = -1, np.inf, 1.0
+            found, before = (question.origin, directions, face_ids, block.heights, block.slopes), max(projected, 0)
             for i in range(len(axes)):
                 frame = (before + i) % len(axes)  # first the one whose boxes have been projected
                 if places.ends[frame] > places.starts[frame]:
@@ -189,11 +217,12 @@ def _cast_tasks(tasks, scene, views, numbers, rays, order, cells, answers, space
                         projected = frame
                     frame_at = Frame(len(axes) > 1, axes[frame, 2], inverse_away)
                     _cast_frame(scene, view_at, frame_at, found, places, frame, space, state)
-            _measure(directions, memory.heights, memory.slopes, distances)
+            _measure(directions, block.heights, block.slopes, distances)
             if len(order):
                 for i in range(n):
-                    answers[0][order[first + i]], answers[1][order[first + i]] = face_ids[i], distances[i]
-        first, last = take_block(tasks, len(answers[0]), BLOCK_RAYS)
+                    question.face_ids[order[first + i]] = face_ids[i]
+                    question.distances[order[first + i]] = distances[i]
+        first, last = take_block(tasks, len(question.face_ids), BLOCK_RAYS)
 
 
 @inner
