@@ -29,10 +29,11 @@ def meshes(data: Path) -> dict[str, Mesh]:
         path = data / "modelnet" / f"{file}.off"
         if path.exists():
             found[path.stem] = zo.load_mesh(path).normalized()
-    return found | {"built-in airplane of tiny faces": shapes.benchmark_mesh(TINY).normalized()}
+    return found | {"airplane of tiny faces": shapes.benchmark_mesh(TINY).normalized()}
 
 
-def row(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats: int) -> str:
+def row(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats: int) -> tuple[str, float]:
+    """Return a line of the table, and the share of `exact`'s answers that the oracle disputes."""
     points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
     judged = eyes[::every]
     with zo.prepare(mesh, "exact") as exact:
@@ -47,16 +48,16 @@ def row(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats
         both = {"none": plain, "witness": refined}
         for occluder in both.values():
             answer = occluder.visible(points, judged)
-            false_visible, false_hidden = (answer & ~truth).mean(), (~answer & truth).mean()
-            cells += [f"{(answer == truth).mean():.4f}", f"{false_visible:.4f} / {false_hidden:.4f}"]
+            cells.append(f"{(answer == truth).mean():.4f}")
+        cells += [f"{(answer & ~truth).mean():.4f}", f"{(~answer & truth).mean():.4f}"]
         for _ in range(repeats):
             for refine, occluder in both.items():
                 began = time.perf_counter()
                 occluder.visible(points, eyes)
                 seconds[refine].append(time.perf_counter() - began)
     none, witness = (np.median(seconds[refine]) for refine in ("none", "witness"))
-    cells += [f"{10 * none:.1f}", f"{10 * witness:.1f}", f"{witness / none:.2f}", f"{disputed:.1e}"]
-    return f"| {name} | {len(mesh.faces):,} | " + " | ".join(cells) + " |"
+    cells += [f"{10 * none:.1f}", f"{10 * witness:.1f}", f"{witness / none:.2f}"]
+    return f"| {name} | {len(mesh.faces):,} | " + " | ".join(cells) + " |", disputed
 
 
 def main() -> None:
@@ -70,12 +71,16 @@ def main() -> None:
     with GlContext.open() as gl:
         print(f"{gl.renderer}, {options.points:,} points\n")
         print(
-            "| mesh | faces | agreement, `refine=none` | false visible / hidden | agreement, `refine=witness` "
-            "| false visible / hidden | ms per view, none | witness | ratio | truth against oracle |"
+            "| mesh | faces | `none` agrees | `witness` agrees | false visible | hidden "
+            "| ms per view, none | witness | ratio |"
         )
-        print("| --- |" + " ---: |" * 9)
+        print("| --- |" + " ---: |" * 8)
+        disputes = []
         for name, mesh in meshes(options.data).items():
-            print(row(name, mesh, gl, options.points, options.every, options.repeats), flush=True)
+            line, disputed = row(name, mesh, gl, options.points, options.every, options.repeats)
+            disputes.append(disputed)
+            print(line, flush=True)
+    print(f"\nAnswers are held against those of `exact`, of which the oracle disputes {max(disputes):.1e} at most.")
 
 
 if __name__ == "__main__":

@@ -9,14 +9,16 @@ For each mesh and number of points both answer in turn, `--repeats` times, and t
 `exact` is timed as a user calls it, sorting included, for 100 eyes in one call; the peer's ray tensors are
 made beforehand and its points sorted, and it answers for every tenth eye. Agreement is that with the oracle, on a
 sample of 200 points and the peer's eyes. Growth exponents are slopes between the smallest and the largest count.
+In the table: the ratio, and in brackets the milliseconds per eye of `exact` and of the peer.
 """
 
 import argparse
 import json
 import os
-import resource
+import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import open3d
@@ -95,35 +97,39 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows = []
-    print("mesh              faces   points   exact ms  embree ms   ratio   agree exact / embree")
     for name, mesh in meshes(options.data).items():
         if options.mesh and not any(part in name for part in options.mesh):
             continue
         for n_points in options.points:
-            row = compare(name, mesh, n_points, options.repeats)
-            rows.append(row)
-            print(
-                f"{name:15}{row['faces']:8}{n_points:9}{row['exact_ms']:11.3f}{row['embree_ms']:11.3f}"
-                f"{row['ratio']:8.2f}   {row['exact_agrees']:.5f} / {row['embree_agrees']:.5f}",
-                flush=True,
-            )
-    for name, meshes_of_set in SETS.items():
-        for n_points in options.points:
-            ratios = [row["ratio"] for row in rows if row["points"] == n_points and row["mesh"] in meshes_of_set]
-            goal = GOALS.get(n_points)
-            if ratios:
-                print(
-                    f"{name}: median ratio of {len(ratios)} meshes at {n_points} points {np.median(ratios):.2f}"
-                    + (f" (goal {goal:g})" if goal else "")
-                )
-    if len(options.points) > 1:
-        low, high = min(options.points), max(options.points)
-        for name in dict.fromkeys(row["mesh"] for row in rows):
-            times = {row["points"]: row["exact_ms"] for row in rows if row["mesh"] == name}
-            print(f"{name}: time grows as points^{np.log(times[high] / times[low]) / np.log(high / low):.2f}")
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+            print(f"{name}, {n_points:,} points", file=sys.stderr, flush=True)
+            rows.append(compare(name, mesh, n_points, options.repeats))
+    print("\n".join(table(rows, sorted(options.points))))
+    print(
+        f"\nAnswers as the oracle's: `exact` at least {min(row['exact_agrees'] for row in rows):.5f}, Embree at least"
+        f" {min(row['embree_agrees'] for row in rows):.5f} of a mesh's."
+    )
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+def table(rows: list[dict[str, Any]], counts: list[int]) -> list[str]:
+    """Lines of Markdown: for each mesh and number of points the ratio and both times; medians and goals below."""
+    lines = [
+        f"| mesh | faces | {' | '.join(f'{n:,} points' for n in counts)} | time grows as |",
+        f"| --- | ---: | {'---: | ' * len(counts)}--- |",
+    ]
+    for name in dict.fromkeys(row["mesh"] for row in rows):
+        of = {row["points"]: row for row in rows if row["mesh"] == name}
+        cells = [f"{of[n]['ratio']:.2f} ({of[n]['exact_ms']:.2f}, {of[n]['embree_ms']:.2f})" for n in counts]
+        low, high = of[counts[0]], of[counts[-1]]
+        growth = np.log(high["exact_ms"] / low["exact_ms"]) / np.log(counts[-1] / counts[0]) if len(counts) > 1 else 0.0
+        lines.append(f"| {name} | {low['faces']:,} | {' | '.join(cells)} | points^{growth:.2f} |")
+    for name, of_set in SETS.items():
+        medians = [[row["ratio"] for row in rows if row["points"] == n and row["mesh"] in of_set] for n in counts]
+        if all(medians):
+            lines.append(f"| median, {name} | | {' | '.join(f'{np.median(ratios):.2f}' for ratios in medians)} | |")
+    goals = [f"{GOALS[n]:g}" if n in GOALS else "" for n in counts]
+    return [*lines, f"| goal | | {' | '.join(goals)} | |"]
 
 
 if __name__ == "__main__":

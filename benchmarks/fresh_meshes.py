@@ -81,25 +81,28 @@ def measure(path: Path, options: argparse.Namespace) -> Seconds:
 
 
 def report(rows: list[Seconds], options: argparse.Namespace) -> None:
+    """Print a table of Markdown."""
     exact, prepare = np.array([row.exact for row in rows]), np.array([row.exact_prepare for row in rows])
     print(
-        f"{len(rows)} meshes, {options.points} points, {options.eyes} eyes: "
-        f"exact {exact.sum():.2f} s, of which preparing {prepare.sum():.2f} s"
+        f"| {len(rows)} meshes, {options.points:,} points, {options.eyes} eyes "
+        "| seconds | of it before the first answer | times `exact`: median | total | worst |"
     )
+    print("| --- |" + " ---: |" * 5)
+    print(f"| `exact` | {exact.sum():.2f} | {prepare.sum():.2f} | | | |")
     if options.no_peer:
         return
     peer, rays = np.array([row.peer for row in rows]), np.array([row.peer_rays for row in rows])
     built = np.array([row.peer_build for row in rows])
-    print(f"Open3D {peer.sum():.2f} s, of which building {built.sum():.2f} s; making rays {rays.sum():.2f} s more")
-    print(f"building / preparing: median {np.median(built / prepare):.2f}, total {built.sum() / prepare.sum():.2f}")
-    for name, seconds in (("call alone", peer), ("with rays", peer + rays)):
+    before = f"{built.sum():.2f}, median {np.median(built / prepare):.2f} times"
+    for name, seconds, first in (("its calls alone", peer, before), ("with making its rays", peer + rays, "")):
         ratios = seconds / exact
         worst = int(ratios.argmin())
         print(
-            f"Open3D / exact, {name}: median {np.median(ratios):.2f}, total {seconds.sum() / exact.sum():.2f}, "
-            f"worst {ratios[worst]:.2f} ({rows[worst].name}, {rows[worst].n_faces} faces)"
+            f"| Open3D, {name} | {seconds.sum():.2f} | {first} | {np.median(ratios):.2f} "
+            f"| {seconds.sum() / exact.sum():.2f} "
+            f"| {ratios[worst]:.2f} ({rows[worst].name.partition('__')[0]}, {rows[worst].n_faces:,} faces) |"
         )
-    print(f"answers that agree: at least {min(row.agree for row in rows):.4f} of a mesh's")
+    print(f"\nOf a mesh's answers at least {min(row.agree for row in rows):.4f} agree.")
 
 
 def main() -> None:

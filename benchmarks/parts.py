@@ -60,7 +60,6 @@ PARTS = (
         5,
         f"python benchmarks/fresh_meshes.py {FURNITURE} --limit 10 --repeats 1",
         needs=FURNITURE,
-        text=True,
     ),
     Part(
         "fresh-meshes-small",
@@ -68,14 +67,19 @@ PARTS = (
         1,
         f"python benchmarks/fresh_meshes.py {FURNITURE} --limit 10 --points 2048 --eyes 25 --repeats 1",
         needs=FURNITURE,
-        text=True,
+    ),
+    Part(
+        "fresh-meshes-many",
+        f"python benchmarks/fresh_meshes.py {FURNITURE} --points 100000 --limit 15",
+        1,
+        f"python benchmarks/fresh_meshes.py {FURNITURE} --limit 3 --points 100000 --repeats 1",
+        needs=FURNITURE,
     ),
     Part(
         "exact-vs-embree",
         "python benchmarks/exact_vs_embree.py --repeats 2",
         6,
         "python benchmarks/exact_vs_embree.py --repeats 1 --points 2000 10000",
-        text=True,
     ),
     Part(
         "busy-cores",

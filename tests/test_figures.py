@@ -36,16 +36,10 @@ def test_what_was_measured_is_shown_and_can_be_measured_again() -> None:
         assert figure["machine"], name
 
 
-TAKEN_OVER = {
-    "busy-cores", "depth-buffer-accuracy", "exact-vs-embree", "fresh-meshes", "fresh-meshes-small",
-}  # fmt: skip
-"""Written by hand off what their commands printed, before there was benchmarks/all.py. No more may become so."""
-
-
 def test_what_was_measured_was_written_by_all_py() -> None:
     known, commands = figures.read(), {part.name: part.command for part in parts.PARTS}
     for name, figure in known.items():
-        assert name in TAKEN_OVER or figure["seconds"] > 0, f"python benchmarks/all.py {name} writes it"
+        assert figure["seconds"] > 0, f"python benchmarks/all.py {name} writes it"
         assert figure["command"] == commands[name], f"{name}: measure it again by the command that it has now"
 
 

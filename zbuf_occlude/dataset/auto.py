@@ -31,7 +31,7 @@ DENSE = 20_000
 """Points of a trial where the recipe gives a density."""
 
 FEW_POINTS, MANY_FACES = 2_000, 1_000_000
-"""With at most this many points on at least this many faces Embree answers before `exact` (docs/performance.md)."""
+"""With at most this many points on at least this many faces Embree is before `exact` (docs/performance_exact.md)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def remark_on_renderer(method: str) -> str:
 
 
 def choose(n_faces: int, n_points: int, *, gain: float, embree: bool) -> Choice:
-    """Choose among the methods that answer exactly, or all but so, by what docs/performance.md says of their speed.
+    """Choose among the methods that are exact, or all but so, by what docs/performance_exact.md says of their speed.
 
     Parameters
     ----------
