@@ -164,6 +164,41 @@ def test_workers_that_die_while_they_write_blame_no_mesh(monkeypatch: pytest.Mon
         write(DEATHS_PER_JOB, monkeypatch)
 
 
+def test_jobs_at_which_all_workers_die_do_not_excuse_each_other() -> None:
+    hired: list[Puppet] = []
+
+    def hire(seat: int) -> Puppet:
+        assert len(hired) < 10 * DEATHS_PER_JOB, "the run must have given up"
+        hired.append(Puppet(doomed=True))
+        return hired[-1]
+
+    with pytest.raises(DatasetError, match=rf"{DEATHS_PER_JOB} died at job . while at no mesh: the worker died"):
+        supervise([0, 1, 2], lambda job, _: (), hire=hire, wait=lambda *_: None, n_workers=3, limits=Limits())
+    assert len(hired) <= 3 * DEATHS_PER_JOB
+
+
+def test_a_job_is_given_more_while_others_are_done_after_deaths() -> None:
+    # whatever kills takes each job's worker a few times, and the one of job 0 more often than a lone job may
+    deaths = {0: DEATHS_PER_JOB + 3} | dict.fromkeys(range(1, 9), 2)
+
+    class Unlucky(Puppet):
+        def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
+            self.doomed = deaths[shard] > 0
+            deaths[shard] -= self.doomed
+            super().assign(shard, lost)
+
+    done: list[int] = []
+    supervise(
+        list(range(9)),
+        lambda job, _: done.append(job),
+        hire=lambda seat: Unlucky(),
+        wait=lambda *_: None,
+        n_workers=3,
+        limits=Limits(),
+    )
+    assert sorted(done) == list(range(9))
+
+
 def test_workers_that_never_start_end_the_run_and_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DatasetError, match=rf"must start; {STARTS} in a row .* ready: the worker ended with code 1\."):
         write(0, monkeypatch, starts=False)

@@ -17,8 +17,9 @@ DEATHS_PER_MESH = 5
 """A mesh at which this many workers have died is given up. It is given more while workers die that are at no mesh, or
 at one that another makes: then something else kills them."""
 DEATHS_PER_JOB = 20
-"""When this many workers have died at a job while at no mesh (merging, say, or writing), more than died elsewhere since
-the first of them, the run gives up: the next would die too."""
+"""When this many workers have died at a job while at no mesh (merging, say, or writing), the run gives up: the next
+would die too. It waits for one more for each that died elsewhere since the first of them, at what another has done
+since: then something else kills them, and jobs are done in spite of it."""
 STARTS = 20
 """This many workers in a row may end before they are ready before the run gives up."""
 BREAKS = 5
@@ -77,7 +78,8 @@ class _Book:
 
     `deaths` are of workers at a mesh that has not been made yet; when it is, they were no fault of its and are counted
     in `n_innocent`, as are those of workers at no mesh. `innocent_before` is that number when a mesh had its first.
-    `deaths_at_job` are of workers at a job but at no mesh, `dead_before_job` all deaths when a job had its first.
+    `deaths_at_job` are of workers at a job but at no mesh, until it is done; `cleared_before_job` is what `n_cleared`
+    was when a job had its first.
     """
 
     queue: deque[int]
@@ -90,8 +92,13 @@ class _Book:
     n_broken: int = 0
     n_stillborn: int = 0
     deaths_at_job: Counter[int] = field(default_factory=Counter)
-    dead_before_job: dict[int, int] = field(default_factory=dict)
+    cleared_before_job: dict[int, int] = field(default_factory=dict)
     n_dead: int = 0
+
+    @property
+    def n_cleared(self) -> int:
+        """Deaths at what is made by now, or at nothing: neither mesh nor job is still to blame."""
+        return self.n_dead - self.deaths.total() - self.deaths_at_job.total()
 
 
 def supervise(
@@ -238,7 +245,7 @@ def _blame(job: int, book: _Book, reason: str) -> None:
     """Count a death at a job that cannot be the fault of a mesh."""
     book.deaths_at_job[job] += 1
     n = book.deaths_at_job[job]
-    elsewhere = book.n_dead - book.dead_before_job.setdefault(job, book.n_dead - 1) - n
+    elsewhere = book.n_cleared - book.cleared_before_job.setdefault(job, book.n_cleared)
     if n >= DEATHS_PER_JOB + elsewhere:
         raise DatasetError(
             f"a job must leave its worker alive; {n} died at job {job} while at no mesh: {reason}. Is there memory "
