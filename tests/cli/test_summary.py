@@ -58,3 +58,12 @@ def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path, mon
     assert run("generate", "--limit", 1, *small, "--out", tmp_path / "out").code == 0
     run("doctor")
     assert not list(tmp_path.glob("ran_*"))
+
+
+def test_clouds_that_the_layout_has_no_place_for_are_told_apart(run: Run, tmp_path: Path) -> None:
+    common = ("--limit", 2, "--points", 16384, "--views", "random:8", "--sample-size", 8, "--workers", 1)
+    outcome = run("generate", *common, "--format", "pcn", "--method", "exact", "--out", tmp_path)
+    assert outcome.code == 0, outcome.err
+    n_partial = len(list(tmp_path.glob("*/partial/*/*/*.pcd")))
+    assert n_partial < 16
+    assert outcome.out.startswith(f"{n_partial} clouds (16 made; pcn has no place for the others) of 2 meshes, ")

@@ -35,7 +35,8 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     """
     run = pop_engine(context, options, Limits())
     total = sum(open_dataset(folder).n_clouds.values())
-    with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05) as bar:
+    # drawn when the first clouds are told of, which is after all that refuses; never before
+    with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
         document = convert(folder, out, format, run=run, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
     n_clouds = document["counts"]["clouds"]

@@ -77,8 +77,11 @@ def summary(document: dict[str, Any], out: Path) -> str:
     options = document["options"]
     how = "complete" if options["complete"] else f"by {options['method']}"
     why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
+    n_kept = sum(counts["clouds_by_split"].values())
+    left_out = f" ({counts['clouds']} made; {document['format']} has no place for the others)"
     lines = [
-        f"{counted(counts['clouds'], 'cloud')} of {counted(n_used, 'mesh', 'meshes')}, "
+        f"{counted(n_kept, 'cloud')}{left_out if n_kept < counts['clouds'] else ''} of "
+        f"{counted(n_used, 'mesh', 'meshes')}, "
         f"{counted(len(document['classes']), 'class', 'classes')}, {how} on {document['renderer']}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),

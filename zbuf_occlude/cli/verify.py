@@ -64,7 +64,7 @@ def check(
 
         collection = shapes.collection()
     echo(folder)
-    with tqdm(total=manifest["counts"]["clouds"], unit=" clouds", desc="verify") as bar:
+    with tqdm(total=sum(manifest["counts"]["clouds_by_split"].values()), unit=" clouds", desc="verify") as bar:
         verdict = verify(folder, collection, n_samples=samples, run=run, part=part, progress=bar.update)
     echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
