@@ -123,3 +123,14 @@ def test_the_originals_are_complete_clouds_beside_the_occluded(run: Run, tmp_pat
     assert verdict.code == 0, verdict.err
     assert verdict.out.count("the dataset is what its manifest says") == 2
     assert "complete clouds: nothing to ask of the oracle" in verdict.out
+
+
+@pytest.mark.parametrize("place", ["itself", "another that was generated"])
+def test_a_conversion_into_a_dataset_that_was_generated(run: Run, modelnet: Path, tmp_path: Path, place: str) -> None:
+    run("generate", modelnet, "--out", tmp_path / "a", *SMALL)
+    out, format = (tmp_path / "a", "hdf5") if place == "itself" else (tmp_path / "b", "npz")
+    run("generate", modelnet, "--out", out, *SMALL, "--format", format)
+    outcome = run("convert", tmp_path / "a", "--format", format, "--out", out)
+    assert outcome.code == 1
+    assert "must be empty or hold this same conversion" in outcome.err
+    assert run("verify", out).code == 0

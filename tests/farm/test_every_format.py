@@ -2,6 +2,7 @@
 
 import errno
 import random
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -132,6 +133,36 @@ def test_converted_by_many_and_after_kills(
     assert told[0] > 0, "what was written is not written again"
     assert again["sha256"] == manifest["sha256"]
     assert files(one) == files(many)
+
+
+@pytest.mark.parametrize("row", [find_format("hdf5"), *ONE_FILE], ids=lambda row: row.name)
+def test_one_that_another_overtakes_ends_with_the_same_files(
+    row: Format, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has read what its first part is made of when the other writes all, and takes the shards away."""
+    packed = replace(plan, format="packed", recipe=replace(plan.recipe, complete=False))
+    generate(packed, tmp_path / "packed")
+    makes: list[Callable[[Path], Any]] = [
+        partial(generate, plan),
+        lambda out: convert(tmp_path / "packed", out, row.name),
+    ]
+    original, others = parts.write_contents, list[Callable[[], Any]]()
+
+    def write_contents(*arguments: Any) -> None:
+        if others:
+            others.pop()()
+        original(*arguments)
+
+    for module in ("parts", "convert"):
+        monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.write_contents", write_contents)
+    for i, make in enumerate(makes):
+        one, two = tmp_path / f"one{i}", tmp_path / f"two{i}"
+        others.append(partial(make, two))
+        document = make(two)
+        make(one)
+        assert files(one) == files(two)
+        assert document["files"] == make(two)["files"]
+        assert strangers(two, plan) == []
 
 
 @every_one_file

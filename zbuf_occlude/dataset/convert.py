@@ -11,9 +11,9 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.claim import claim, own_names, remove_shards
 from zbuf_occlude.dataset.damage import REMEDY
 from zbuf_occlude.dataset.finish import files_of, write_names
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, SHARDS, checksums, read_finished, read_manifest
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, SHARDS, checksums, read_finished
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.generate import run_here
+from zbuf_occlude.dataset.generate import finished_by_another, run_here
 from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.parts import Places, look_at_part, placed, write_contents
 from zbuf_occlude.dataset.plan import Plan
@@ -173,7 +173,8 @@ def convert(
     Raises
     ------
     DatasetError
-        There is no complete dataset, `out` holds something else, or the format needs what the dataset no longer has.
+        There is no complete dataset, `out` holds something else (a dataset of these clouds that `generate` made, too),
+        or the format needs what the dataset no longer has.
 
     Notes
     -----
@@ -181,8 +182,43 @@ def convert(
     order, rounded to the packed step.
     """
     old, manifest = read_finished(folder)
+    source, plan = open_dataset(folder), _plan_of(old, format)
+    claim(plan, out)
+    portions = portions_of(source, plan)
+    about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
+    n_clouds = sum(map(np.size, source.order.values()))
+
+    def done(job: int, n_read: int) -> tuple[int, ...]:
+        progress(n_read)
+        return ()
+
+    if (finished := finished_by_another(plan, out)) is None:
+        try:
+            left = [part for part in portions if look_at_part(plan, out, part)[0] is None]
+            progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
+            places = places_in(source, plan, portions)
+            if left:
+                (out / SHARDS).mkdir(exist_ok=True)
+                (run or run_here)(
+                    Copying(folder, old.format, manifest["files"], plan, out, portions, places), left, done
+                )
+            return _finish(plan, out, portions, about)
+        except (DatasetError, OSError):
+            if (finished := finished_by_another(plan, out)) is None:
+                raise
+    else:
+        progress(n_clouds)
+    if finished.get("converted_from") != about["converted_from"]:
+        raise DatasetError(
+            f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
+            "otherwise. Choose another folder."
+        )
+    return finished
+
+
+def _plan_of(old: Plan, format: str) -> Plan:
+    """Return the plan of a dataset's clouds in another format, once that can hold them."""
     row, kept_points = find_format(format), find_format(old.format).all_points
-    source = open_dataset(folder)
     if row.all_points:
         raise DatasetError(
             f"a {format} dataset must be made of all points of its objects; {old.format} is read cloud by cloud. "
@@ -198,35 +234,22 @@ def convert(
         plan = replace(plan, recipe=row.redrawn(plan.recipe))
     row.check(plan)
     own_names(plan)  # a format that cannot write them says so
-    claim(plan, out)
-    n_clouds = sum(map(np.size, source.order.values()))
-    if (finished := read_manifest(out)) is not None:
-        progress(n_clouds)
-        return finished
-    portions = portions_of(source, plan)
-    task = Copying(folder, old.format, manifest["files"], plan, out, portions, places_in(source, plan, portions))
-    left = [part for part in portions if look_at_part(plan, out, part)[0] is None]
-    progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
+    return plan
 
-    def done(job: int, n_read: int) -> tuple[int, ...]:
-        progress(n_read)
-        return ()
 
-    if left:
-        (out / SHARDS).mkdir(exist_ok=True)
-        (run or run_here)(task, left, done)
+def _finish(plan: Plan, out: Path, portions: Portions, about: Mapping[str, Any]) -> dict[str, Any]:
+    """Write what belongs to the whole dataset, its manifest last; `about` says what is not of its files."""
     files = files_of(plan, out, sorted(portions))
     write_names(plan, out)
-    write_contact_sheet(out / CONTACT_SHEET, row.load().read(out, plan, files.shown))
+    write_contact_sheet(out / CONTACT_SHEET, find_format(plan.format).load().read(out, plan, files.shown))
     document = {
-        **manifest,
+        **about,
         "fingerprint": plan.fingerprint,
-        "format": format,
+        "format": plan.format,
         "options": plan.document["recipe"],
-        "counts": manifest["counts"] | {"clouds": sum(files.n_clouds.values()), "clouds_by_split": files.n_clouds},
+        "counts": about["counts"] | {"clouds": sum(files.n_clouds.values()), "clouds_by_split": files.n_clouds},
         "files": files.names,
         "sha256": checksums(out, files.names, files.sha256),
-        "converted_from": {"format": old.format, "fingerprint": old.fingerprint},
     }
     atomic.write_json(out / MANIFEST, document)
     remove_shards(plan, out)

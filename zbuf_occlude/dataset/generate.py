@@ -88,7 +88,7 @@ def generate(
             return {}
         return finish(plan, out, {"making": jobs.made - began, "writing": time.perf_counter() - jobs.made})
     except (DatasetError, OSError):
-        if (finished := _finished_by_another(plan, out)) is None:
+        if (finished := finished_by_another(plan, out)) is None:
             raise
         return finished
 
@@ -132,12 +132,12 @@ def merge(
             return {}
         return finish(plan, out, {"writing": time.perf_counter() - began})
     except (DatasetError, OSError):
-        if (finished := _finished_by_another(plan, out)) is None:
+        if (finished := finished_by_another(plan, out)) is None:
             raise
         return finished
 
 
-def _finished_by_another(plan: Plan, out: Path) -> dict[str, Any] | None:
+def finished_by_another(plan: Plan, out: Path) -> dict[str, Any] | None:
     """Return the manifest, if there is one: of two at one dataset, who comes first takes the other's shards away."""
     finished = read_manifest(out)
     if finished is None or finished["fingerprint"] != plan.fingerprint:

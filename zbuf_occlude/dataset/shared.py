@@ -88,11 +88,11 @@ def contiguous(values: ArrayLike, kind: str) -> NDArray[Any]:
 
 
 def _made(out: Path, name: str, make: Callable[[IO[bytes]], None]) -> Path:
-    path = unfinished(out, name)
-    if not path.exists():
+    """Return where a file is, made if there is none; one that has its name is written again, never made anew."""
+    if not where(out, name).exists():
         with suppress(FileExistsError):  # another worker was faster, and has made the same
-            atomic.write(path, make, exclusive=True)
-    return path
+            atomic.write(unfinished(out, name), make, exclusive=True)
+    return where(out, name)
 
 
 def _write(path: Path, places: list[tuple[int, Rows]]) -> None:
