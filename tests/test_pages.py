@@ -1,0 +1,18 @@
+"""Pages are read twice: by GitHub, and by Python-Markdown for the site, which wants more of a list."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+LOST = re.compile(r"^(?![*-] |\d+\. |[ \t]|<)[^\n]+\n(?=(?:[*-]|\d+\.) )", re.MULTILINE)
+"""A line of a paragraph that a list follows at once: the site would run the two together."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_an_empty_line_is_before_each_list(page: Path) -> None:
+    text = CODE.sub("", page.read_text(encoding="utf-8"))
+    assert not LOST.findall(text)
