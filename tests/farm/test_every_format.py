@@ -19,8 +19,9 @@ from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
 from zbuf_occlude.dataset.generate import generate, merge
 from zbuf_occlude.dataset.jobs import Done, Task
-from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.parts import n_parts, shared_names
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.shared import unfinished
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.farm.local import run_jobs
@@ -190,6 +191,34 @@ def test_a_full_disk_and_what_is_removed(
     assert files(out) == files(tmp_path / "whole")
     remove(out)
     assert list(out.iterdir()) == []
+
+
+@every_one_file
+@pytest.mark.parametrize("damage", ["cut", "longer"])
+def test_files_damaged_before_a_killed_run_goes_on(
+    row: Format, plan: Plan, damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, original, n_written = tmp_path / "out", parts._write_mark, 0
+
+    def write_mark(*arguments: Any) -> None:
+        nonlocal n_written
+        original(*arguments)
+        n_written += 1
+        if n_written == 3:
+            raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "_write_mark", write_mark)
+        with pytest.raises(Killed):
+            generate(plan, out)
+    begun = [path for name in shared_names(plan) if (path := unfinished(out, name)).exists()]
+    assert begun
+    for path in begun:
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) // 2] if damage == "cut" else content + b"x")
+    generate(plan, out)
+    generate(plan, tmp_path / "whole")
+    assert files(out) == files(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("row", [find_format("scanobjectnn")], ids=["scanobjectnn"])

@@ -15,7 +15,7 @@ from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, SHARDS, checksu
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import finished_by_another, run_here
 from zbuf_occlude.dataset.jobs import Run
-from zbuf_occlude.dataset.parts import Places, look_at_part, placed, write_contents
+from zbuf_occlude.dataset.parts import Places, find_written, placed, write_contents
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import IDS, Content, Numbers, Source
@@ -194,14 +194,13 @@ def convert(
 
     if (finished := finished_by_another(plan, out)) is None:
         try:
-            left = [part for part in portions if look_at_part(plan, out, part)[0] is None]
+            left = sorted(portions.keys() - find_written(plan, out))
             progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
             places = places_in(source, plan, portions)
+            task = Copying(folder, old.format, manifest["files"], plan, out, portions, places)
             if left:
                 (out / SHARDS).mkdir(exist_ok=True)
-                (run or run_here)(
-                    Copying(folder, old.format, manifest["files"], plan, out, portions, places), left, done
-                )
+                (run or run_here)(task, left, done)
             return _finish(plan, out, portions, about)
         except (DatasetError, OSError):
             if (finished := finished_by_another(plan, out)) is None:

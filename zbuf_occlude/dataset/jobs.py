@@ -15,8 +15,8 @@ from zbuf_occlude.dataset.origins import check_origins, origins_of_made, worth_a
 from zbuf_occlude.dataset.parts import (
     Places,
     Shard,
+    find_written,
     look_at_part,
-    mark_path,
     n_parts,
     parts_of,
     places_of,
@@ -167,7 +167,7 @@ class Jobs:
         self.plan, self.out, self._limits = plan, out, limits
         self._on_shard, self._on_part = on_shard, on_part
         self.made = time.perf_counter()
-        self._written = self._find_written()
+        self._written = find_written(plan, out)
         missing = self._find_missing(shards)
         self._parts = {part for part in parts if part not in self._written}
         self._steps = steps(plan)
@@ -208,17 +208,6 @@ class Jobs:
             jobs.append(len(self.plan.shards) + self._held.popleft())
             self._n_open += 1
         return jobs
-
-    def _find_written(self) -> set[int]:
-        written = set()
-        for part in range(n_parts(self.plan)):
-            mark, fault = look_at_part(self.plan, self.out, part)
-            if mark is not None:
-                written.add(part)
-            elif fault:
-                _LOG.warning("part %d is written again: %s", part, fault)
-                mark_path(self.out, part).unlink(missing_ok=True)  # another run of the same command may be faster
-        return written
 
     @nothing_to_collect()
     def _find_missing(self, shards: Iterable[int]) -> set[int]:

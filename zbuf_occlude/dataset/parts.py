@@ -5,6 +5,7 @@ Parts of a group are written from the last to the first. A shard keeps its cloud
 no longer needed of it is always its end, and is cut off as soon as the part's files and its mark are on the disk.
 """
 
+import logging
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -26,6 +27,8 @@ from zbuf_occlude.dataset.shared import where
 from zbuf_occlude.dataset.source import Content
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import SPLITS
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def look_at_part(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
     DatasetError
         It belongs to another plan.
     """
-    mark, fault = read_sealed(mark_path(out, part), plan, lambda document: Mark(**document))
+    mark, fault = _read_mark(plan, out, part)
     if mark is None:
         return None, fault
     for name, size in mark.sizes.items():
@@ -120,6 +123,29 @@ def look_at_part(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
         if not path.is_file() or path.stat().st_size != size:
             return None, f"its {name} is {'damaged' if path.is_file() else 'missing'}"
     return mark, ""
+
+
+def find_written(plan: Plan, out: Path) -> set[int]:
+    """Return the parts that are written; of those that are damaged, take away what would stand in the way."""
+    written = set()
+    for part in range(n_parts(plan)):
+        mark, fault = look_at_part(plan, out, part)
+        if mark is not None:
+            written.add(part)
+        elif fault:
+            _LOG.warning("part %d is written again: %s", part, fault)
+            _discard(plan, out, part)
+    return written
+
+
+def _discard(plan: Plan, out: Path, part: int) -> None:
+    """Remove a part's mark, and what has not the size of a split's whole file; another run may be faster."""
+    mark, _ = _read_mark(plan, out, part)
+    if mark is not None and find_format(plan.format).one_file:
+        for name, size in mark.sizes.items():
+            if (path := where(out, name)).is_file() and path.stat().st_size != size:
+                path.unlink(missing_ok=True)
+    mark_path(out, part).unlink(missing_ok=True)
 
 
 def runs_left(plan: Plan, written: Collection[int]) -> list[int | None]:
@@ -269,6 +295,10 @@ def trim(plan: Plan, out: Path, part: int, shards: list[Shard]) -> None:
                 os.truncate(path, n_bytes)
         except FileNotFoundError:
             continue  # cut off whole before, here or by another worker
+
+
+def _read_mark(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
+    return read_sealed(mark_path(out, part), plan, lambda document: Mark(**document))
 
 
 def _write_mark(out: Path, part: int, mark: Mark) -> None:

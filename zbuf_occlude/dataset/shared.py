@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import SHARDS
 
 
@@ -57,7 +58,11 @@ def write_npy(out: Path, name: str, rows: Rows) -> str:
         file.write(header.getvalue())
         file.truncate(size)
 
-    _write(_made(out, name, make), [(header.tell(), rows)])
+    path = _made(out, name, make)
+    with reading(path):
+        if (found := path.stat().st_size) != size:
+            raise ValueError(f"it has {found} bytes, where there are {size}")
+    _write(path, [(header.tell(), rows)])
     return name
 
 
@@ -76,7 +81,7 @@ def write_hdf5(out: Path, name: str, arrays: Mapping[str, Rows], zeros: Mapping[
                 h5.create_dataset(key, shape, "<i8", track_times=False)  # nothing is stored of what is never written
 
     path = _made(out, name, make)
-    with h5py.File(path, "r", locking=False) as h5:  # others are writing, by other means
+    with reading(path), h5py.File(path, "r", locking=False) as h5:  # others are writing, by other means
         places = [(h5[key].id.get_offset(), rows) for key, rows in arrays.items()]
     _write(path, places)
     return name
