@@ -3,8 +3,11 @@
 import os
 import threading
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,64 +34,97 @@ def none(job: int, result: object) -> tuple[int, ...]:
     return ()
 
 
-@pytest.fixture(autouse=True)
-def importable_in_actors(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def importable_in_actors() -> Iterator[None]:
     """The plan's load functions are in this folder's modules; actors must find them."""
     root = str(Path(__file__).parents[2])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
+        patched.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        yield
 
 
-def test_two_nodes_one_killed_in_mid_run(tmp_path: Path) -> None:
+@dataclass
+class Nodes:
+    """A running cluster, and its second node."""
+
+    cluster: Any
+    second: Any
+
+
+@pytest.fixture(scope="module")
+def nodes(importable_in_actors: None) -> Iterator[Nodes]:
+    """Two nodes of one CPU, started once: that takes seven seconds. A lost one is missed after two, not fifteen."""
     from ray.cluster_utils import Cluster
 
+    patience = {"health_check_period_ms": 500, "health_check_failure_threshold": 3}
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False, "_system_config": patience}
+    )
+    try:
+        yield Nodes(cluster, cluster.add_node(num_cpus=1))
+    finally:
+        cluster.shutdown()
+
+
+def test_a_cluster_is_started_where_none_is_named(tmp_path: Path) -> None:
+    plan, finished = plan_of(ball), list[int]()
+
+    def done(shard: int, result: object) -> tuple[int, ...]:
+        finished.append(shard)
+        return ()
+
+    engine.run_jobs(Making(plan, tmp_path, False), [0], done, n_workers=1, limits=AMPLE)
+    assert not ray.is_initialized()
+    assert finished == [0]
+    assert failures(plan, tmp_path) == {}
+
+
+def test_files_are_written_and_read_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
+    plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
+    generate(plan, tmp_path / "whole")
+    out, parts = tmp_path / "out", list[int]()
+    claim(plan, out)
+    make_shards(plan, out)
+    run = partial(engine.run_jobs, n_workers=2, limits=AMPLE, address=nodes.cluster.address)
+    manifest = merge(plan, out, run=run, progress=parts.append)
+    assert not ray.is_initialized()
+    assert len(parts) == n_parts(plan) == 7
+    assert manifest["counts"]["clouds"] == plan.n_clouds
+    assert files(out) == files(tmp_path / "whole")
+    assert verify(out, None, run=run).faults == []
+
+
+def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
     plan = plan_of(*[ball] * 40)
     out, alone = tmp_path / "out", tmp_path / "alone"
     out.mkdir()
     alone.mkdir()
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    second = cluster.add_node(num_cpus=1)
     finished: list[tuple[int, bool]] = []
     killed = threading.Event()
 
     def done(shard: int, result: object) -> tuple[int, ...]:
         finished.append((shard, killed.is_set()))
         if len(finished) == 6:
-            cluster.remove_node(second, allow_graceful=False)
+            nodes.cluster.remove_node(nodes.second, allow_graceful=False)
             killed.set()
         return ()
 
     try:
-        ray.init(address=cluster.address, log_to_driver=False)
-        nodes = [node for node in ray.nodes() if node["Alive"]]
-        assert len(nodes) == 2
+        ray.init(address=nodes.cluster.address, log_to_driver=False)
+        assert len([node for node in ray.nodes() if node["Alive"]]) == 2
         engine.run_jobs(Making(plan, out, False), list(range(len(plan.shards))), done, n_workers=2, limits=AMPLE)
         deadline = time.monotonic() + 60
         while sum(node["Alive"] for node in ray.nodes()) != 1:
             assert time.monotonic() < deadline, "the killed node is still counted as alive"
-            threading.Event().wait(0.5)
+            threading.Event().wait(0.1)
     finally:
         ray.shutdown()
-        cluster.shutdown()
     assert sorted(shard for shard, _ in finished) == list(range(len(plan.shards)))
     assert any(after for _, after in finished), "the node was killed after the run"
     assert failures(plan, out) == {}
     make_shards(plan, alone)
     assert contents(plan, out) == contents(plan, alone)
-
-
-def test_files_are_written_by_a_cluster(tmp_path: Path) -> None:
-    plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
-    generate(plan, tmp_path / "whole")
-    out, parts = tmp_path / "out", list[int]()
-    claim(plan, out)
-    make_shards(plan, out)
-    run = partial(engine.run_jobs, n_workers=2, limits=AMPLE)
-    manifest = merge(plan, out, run=run, progress=parts.append)
-    assert len(parts) == n_parts(plan) == 7
-    assert manifest["counts"]["clouds"] == plan.n_clouds
-    assert files(out) == files(tmp_path / "whole")
-    assert verify(out, None, run=run).faults == []
 
 
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
