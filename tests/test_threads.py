@@ -62,6 +62,24 @@ def test_blocks_are_taken_until_none_is_left(n: int, size: int) -> None:
     assert taken == list(range(n))
 
 
+@pytest.mark.parametrize(("n", "size"), [(0, 4), (1, 4), (4, 4), (10, 4), (23, 3)])
+@pytest.mark.parametrize("turns", ["000000000", "111111111", "010101010", "011100101"])
+def test_blocks_from_both_ends_are_all_blocks_once(n: int, size: int, turns: str) -> None:
+    tasks, taken = np.zeros(threads.N_COUNTERS, dtype=np.int64), ([], [])
+    for end in map(int, turns):
+        first, last = threads.take_block_from(tasks, end, n, size)
+        assert first % size == 0 or first == last
+        taken[end].extend(range(first, last))
+    front, back = taken
+    assert sorted(front + back) == list(range(n))
+    assert front == list(range(len(front)))  # so threads meet once
+
+
+def test_threads_take_from_either_end_in_turns() -> None:
+    tasks = np.zeros(threads.N_COUNTERS, dtype=np.int64)
+    assert [threads.take_end(tasks) for _ in range(4)] == [0, 1, 0, 1]
+
+
 def test_two_threads_ask_one_occluder_and_two_at_the_same_time() -> None:
     mesh = sphere(24)
     points, eyes = zo.sample_surface(mesh, n_points=5000, seed=0), zo.views.paper100().eyes[:40]

@@ -16,6 +16,9 @@ shared = njit(nogil=True, cache=True)
 """Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
 task is left."""
 
+N_COUNTERS = 4
+"""Of `tasks`: what is taken, threads that take from an end, what is taken from the front, and from the back."""
+
 
 @intrinsic
 def take(typing_context, tasks):
@@ -33,6 +36,26 @@ def take_block(tasks, n, size):
     """Return where the next `size` of n things begin and end; the two are equal when none is left."""
     first = min(take(tasks) * size, n)
     return first, min(first + size, n)
+
+
+@njit(_nrt=False)
+def take_end(tasks):
+    """Return which end this thread takes blocks from, for `take_block_from`: 0, the front, or 1, the back, in turns."""
+    return take(tasks[1:]) & 1
+
+
+@njit(_nrt=False)
+def take_block_from(tasks, end, n, size):
+    """Take a block as `take_block` does, from the front or the back of what is left.
+
+    For neighbours that have much in common: two threads share but one pair of them.
+    """
+    if take(tasks) * size >= n:
+        return n, n
+    block = take(tasks[2 + end :])
+    if end:
+        block = (n - 1) // size - block
+    return block * size, min((block + 1) * size, n)
 
 
 def n_blocks(n: int, size: int) -> int:
@@ -77,7 +100,7 @@ def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Ca
     machine this thread does it all. Several threads may ask at the same time, and a forked process gets helpers of its
     own.
     """
-    tasks = np.zeros(1, dtype=np.int64)
+    tasks = np.zeros(N_COUNTERS, dtype=np.int64)
     n_helpers = min(n_threads(), n_tasks) - 1
 
     def work() -> None:

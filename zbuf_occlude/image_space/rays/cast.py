@@ -14,9 +14,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.layout import CHUNK_POINTS, CLUSTER, ENDLESS, PACKET
+from zbuf_occlude.image_space.layout import BOTTOM, CHUNK_POINTS, CLUSTER, ENDLESS, LEFT, PACKET, RIGHT, TOP, ZERO
 from zbuf_occlude.image_space.rays.packet import State, Window, first_hits_of_packet, make_state, window_of
-from zbuf_occlude.image_space.rays.places import BLOCK_RAYS, MOST_BITS, Places, find_places, make_places, sort_places
+from zbuf_occlude.image_space.rays.places import (
+    BLOCK_RAYS,
+    MOST_BITS,
+    Places,
+    find_places,
+    make_places,
+    order_of_cells,
+    sort_places,
+)
 from zbuf_occlude.image_space.rays.single import Stack, first_hit
 from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene import Scene
@@ -25,7 +33,7 @@ from zbuf_occlude.image_space.search.search import project_nodes
 from zbuf_occlude.image_space.search.workspace import Workspace, make_workspace
 from zbuf_occlude.image_space.view import make_views, view_of
 from zbuf_occlude.lanes import inner, load, store
-from zbuf_occlude.threads import n_blocks, shared, take, take_block, together
+from zbuf_occlude.threads import n_blocks, shared, take, take_block_from, take_end, together
 
 SINGLE_RAYS = 512
 """Rays that a thread takes at a time, in the caller's order, where they go one by one."""
@@ -38,6 +46,9 @@ CLUSTERS_PER_RAY = 8
 
 RAYS_PER_CLUSTER = 16
 """Fewer rays per cluster are sorted as a whole in any case: compact blocks share what they set up."""
+
+RUN_RAYS = 256
+"""Rays whose distances are taken at a time, or left out where none meets anything."""
 
 SAMPLE_STEP = 251
 """From one ray of a block to the next that is asked whether the rays are in any order."""
@@ -65,7 +76,7 @@ class Question(NamedTuple):
         How far the origin is from the scene's centre, scene units.
     bits : int
         Of a cell's column and of its row.
-    order : (n,) int64
+    order : (n,) uint32
         In which the rays are taken; empty: as they come.
     cells : (n,) uint16
         Where there is room, the rays' cells are asked for, and no answers.
@@ -76,7 +87,7 @@ class Question(NamedTuple):
     directions: FloatArray
     away: float
     bits: int
-    order: NDArray[np.int64]
+    order: NDArray[np.uint32]
     cells: NDArray[np.uint16]
     face_ids: IntArray
     distances: FloatArray
@@ -109,11 +120,11 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     views = make_views(scene, origins, 1.0)
     bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_CLUSTER * len(scene.used) or _are_scattered(directions))
-    order, cells = np.empty(0, dtype=np.int64), np.empty(n if sort else 0, dtype=np.uint16)
+    order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
     question = Question(origins[0], directions.reshape(-1), away, bits, order, cells, face_ids, distances)
     if sort:
         together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
-        question = question._replace(order=np.argsort(cells, kind="stable"), cells=cells[:0])
+        question = question._replace(order=order_of_cells(cells, bits), cells=cells[:0])
     together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
     return face_ids, distances
 
@@ -123,8 +134,10 @@ def _are_scattered(directions: FloatArray) -> bool:
     n = len(directions) // BLOCK_RAYS
     if n < 2:
         return False
-    some = directions[: n * BLOCK_RAYS].reshape(n, BLOCK_RAYS, 3)[:, ::SAMPLE_STEP]
-    return bool(some.var(axis=1).sum() > SCATTERED * n * some.reshape(-1, 3).var(axis=0).sum())
+    some = np.ascontiguousarray(directions[: n * BLOCK_RAYS].reshape(n, BLOCK_RAYS, 3)[:, ::SAMPLE_STEP])
+    sums, m = some.sum(axis=1), some.shape[1]  # of blocks of m rays
+    squares, total = np.vdot(some, some), sums.sum(axis=0)
+    return bool(squares - np.vdot(sums, sums) / m > SCATTERED * (squares - np.vdot(total, total) / (n * m)))
 
 
 @shared
@@ -189,9 +202,12 @@ def _cast_tasks(tasks, scene, views, question, memory):
     space, places, state, block = memory
     order, cells, bits = question.order, question.cells, question.bits
     axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(question.away, 1e-300)
-    half = np.float32(1.01 / math.sqrt(max(1.0 - inverse_away * inverse_away, 0.5)))  # of what holds the unit sphere
-    projected, window = -1, Window(-half, half, -half, half, ENDLESS)
-    first, last = take_block(tasks, len(question.face_ids), BLOCK_RAYS)
+    projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, ENDLESS)
+    if len(axes) == 1:
+        project_nodes(scene, reference(view_of(views, 0, 0)), space)
+        projected, window = 0, _window_of_scene(scene, space)
+    end = take_end(tasks)
+    first, last = take_block_from(tasks, end, len(question.face_ids), BLOCK_RAYS)
     while first < last:
         n = last - first
         directions = question.directions[3 * first : 3 * last]
@@ -205,7 +221,7 @@ def _cast_tasks(tasks, scene, views, question, memory):
                 cells[first + i] = places.cells[i]
         else:
             sort_places(n, len(axes), bits, places)
-            face_ids[:], block.heights[:], block.slopes[:] = -1, np.inf, 1.0
+            face_ids[:] = -1
             found, before = (question.origin, directions, face_ids, block.heights, block.slopes), max(projected, 0)
             for i in range(len(axes)):
                 frame = (before + i) % len(axes)  # first the one whose boxes have been projected
@@ -217,12 +233,25 @@ def _cast_tasks(tasks, scene, views, question, memory):
                         projected = frame
                     frame_at = Frame(len(axes) > 1, axes[frame, 2], inverse_away)
                     _cast_frame(scene, view_at, frame_at, found, places, frame, space, state)
-            _measure(directions, block.heights, block.slopes, distances)
+            _measure(directions, face_ids, block.heights, block.slopes, distances)
             if len(order):
                 for i in range(n):
                     question.face_ids[order[first + i]] = face_ids[i]
                     question.distances[order[first + i]] = distances[i]
-        first, last = take_block(tasks, len(question.face_ids), BLOCK_RAYS)
+        first, last = take_block_from(tasks, end, len(question.face_ids), BLOCK_RAYS)
+
+
+@inner
+def _window_of_scene(scene, space):
+    """Return the window that holds the projected nodes of the top level."""
+    first = scene.level_starts[-1]
+    last = first + scene.level_counts[-1]
+    bounds = space.rectangles
+    left, right, bottom, top = ENDLESS, -ENDLESS, ENDLESS, -ENDLESS
+    for i in range(first, last):
+        left, right = min(left, bounds[LEFT, i]), max(right, bounds[RIGHT, i])
+        bottom, top = min(bottom, bounds[BOTTOM, i]), max(top, bounds[TOP, i])
+    return Window(left, right, bottom, top, ENDLESS)
 
 
 @inner
@@ -233,12 +262,33 @@ def _gather(directions, order, chosen):
             chosen[3 * i + axis] = directions[3 * order[i] + axis]
 
 
+@inner
+def _measure(directions, face_ids, heights, slopes, distances):
+    """Turn quotients into distances, a run of rays at a time: a picture has many that meet nothing."""
+    for first in range(0, len(distances), RUN_RAYS):
+        last = min(first + RUN_RAYS, len(distances))
+        met, along = face_ids[first:last], directions[3 * first : 3 * last]
+        if _largest(met) < 0:
+            distances[first:last] = np.inf
+        else:
+            _divide(along, met, heights[first:last], slopes[first:last], distances[first:last])
+
+
+@inner
+def _largest(face_ids):
+    most = face_ids[0]
+    for i in range(len(face_ids)):
+        most = max(most, face_ids[i])
+    return most
+
+
 @njit(_nrt=False, error_model="numpy")
-def _measure(directions, heights, slopes, distances):
-    """Turn quotients into distances; a loop without branches, which takes several rays at a time."""
+def _divide(directions, face_ids, heights, slopes, distances):
+    """Divide; a loop without branches, which takes several rays at a time."""
     for i in range(len(distances)):
         x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
-        distances[i] = heights[i] / slopes[i] * math.sqrt(x * x + y * y + z * z)
+        distance = heights[i] / slopes[i] * math.sqrt(x * x + y * y + z * z)
+        distances[i] = distance if face_ids[i] >= 0 else np.inf
 
 
 @inner

@@ -35,7 +35,7 @@ class Places(NamedTuple):
     unsorted : (2 x BLOCK_RAYS,) float32
         x / w and y / w of each ray in turn, as the block has them.
     cells : (BLOCK_RAYS,) int32
-    counts : (6 x 2^(2 x MOST_BITS) + 1,) int32
+    counts : (6 x 2^(2 x MOST_BITS),) int32
     """
 
     coordinates: Float32
@@ -49,7 +49,7 @@ class Places(NamedTuple):
 
 def make_places() -> Places:
     """Allocate a thread's `Places`."""
-    room = BLOCK_RAYS + (N_FRAMES + 1) * PACKET  # what misses comes last
+    room = BLOCK_RAYS + N_FRAMES * PACKET
     return Places(
         coordinates=np.empty((2, room), dtype=np.float32),
         order=np.empty(room, dtype=np.int32),
@@ -57,7 +57,7 @@ def make_places() -> Places:
         ends=np.zeros(N_FRAMES, dtype=np.int64),
         unsorted=np.empty(2 * BLOCK_RAYS, dtype=np.float32),
         cells=np.empty(BLOCK_RAYS, dtype=np.int32),
-        counts=np.empty((N_FRAMES << (2 * MOST_BITS)) + 1, dtype=np.int32),
+        counts=np.empty(N_FRAMES << (2 * MOST_BITS), dtype=np.int32),
     )
 
 
@@ -88,28 +88,40 @@ def find_places(axes, window, bits, directions, places):
 def sort_places(n, n_frames, bits, places):
     """Sort the n rays of a block by their cells."""
     cells, counts, size = places.cells[:n], places.counts, 1 << (2 * bits)
-    present, total = 0, 0
+    nowhere, present, total = n_frames * size, 0, 0
     for i in range(n):
         present |= 1 << (cells[i] >> (2 * bits))
     for frame in range(n_frames):
         if present >> frame & 1:
             counts[frame * size : (frame + 1) * size] = 0
-    counts[n_frames * size] = 0
     for i in range(n):
-        counts[cells[i]] += 1
+        if cells[i] < nowhere:
+            counts[cells[i]] += 1
     for frame in range(n_frames):
         places.starts[frame] = total
         if present >> frame & 1:
             total = _accumulate(counts[frame * size : (frame + 1) * size], total)
         places.ends[frame] = total
         total = (total + PACKET - 1) // PACKET * PACKET
-    counts[n_frames * size] = total
     x, y = places.coordinates[0], places.coordinates[1]
-    _scatter(cells, places.unsorted, counts, x, y, places.order)
+    _scatter(cells, nowhere, places.unsorted, counts, x, y, places.order)
     for frame in range(n_frames):
         last = places.ends[frame] - 1
         for at in range(last + 1, last + 1 + -(last + 1) % PACKET):
             x[at], y[at] = x[last], y[last]
+
+
+@njit(cache=True)
+def order_of_cells(cells, bits):
+    """Return the order of the cells of any number of rays, (n,) uint32; those of one cell stay as they come."""
+    starts, order = np.zeros((N_FRAMES << (2 * bits)) + 1, dtype=np.int64), np.empty(len(cells), dtype=np.uint32)
+    for cell in cells:
+        starts[cell] += 1
+    _accumulate(starts, 0)
+    for i in range(len(cells)):
+        order[starts[cells[i]]] = i
+        starts[cells[i]] += 1
+    return order
 
 
 @inner
@@ -123,9 +135,11 @@ def _accumulate(counts, total):
 
 
 @inner
-def _scatter(cells, unsorted, starts, x, y, order):
+def _scatter(cells, nowhere, unsorted, starts, x, y, order):
     """Write the places and numbers of rays where they go."""
     for i in range(len(cells)):
+        if cells[i] >= nowhere:
+            continue
         at = starts[cells[i]]
         starts[cells[i]] = at + 1
         x[at], y[at], order[at] = unsorted[2 * i], unsorted[2 * i + 1], i

@@ -65,7 +65,7 @@ def make_workspace(scene: Scene) -> Workspace:
 def _make_list(capacity: int) -> ClusterList:
     """Allocate a list of clusters."""
     return ClusterList(
-        clusters=np.zeros(capacity, dtype=np.int32), rectangles=np.zeros((6, capacity), dtype=np.float32)
+        clusters=np.empty(capacity, dtype=np.int32), rectangles=np.empty((6, capacity), dtype=np.float32)
     )
 
 
