@@ -67,6 +67,11 @@ def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
             "a process must be allowed 786,432 kB of address space; this one is allowed 200,000 kB. Raise the limit, "
             "as ulimit -v 786432 does.",
         ),
+        (
+            'cd "$(mktemp -d)" && rmdir "$PWD"',
+            1,
+            "the current folder must be there; it has been removed. Change to another: cd.",
+        ),
     ],
 )
 def test_a_shell_that_lets_nothing_compiled_run_is_told_in_a_line(before: str, code: int, said: str) -> None:

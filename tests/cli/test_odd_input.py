@@ -154,6 +154,12 @@ def test_an_output_folder_that_is_a_broken_link_is_a_usage_error(run: Run, tmp_p
     assert f"a link to {str(tmp_path / 'gone')!r}, which is not there. Make that folder first." in outcome.err
 
 
+def test_an_output_folder_without_a_name_is_not_the_current_one(run: Run, tmp_path: Path) -> None:
+    outcome = run("generate", *SMALL, "--out", "", "--dry-run")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "it must be the name of a folder; it is empty. For the current one, write a dot." in outcome.err
+
+
 def test_auto_is_for_generate_and_the_others_say_so(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
     where = ("--azimuth", 0, "--elevation", 0, "--out", tmp_path / "a.ply")
     for command in (("visible", tetrahedron, *where), ("compare", tetrahedron, "--out", tmp_path / "rows")):

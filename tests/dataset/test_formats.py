@@ -1,6 +1,8 @@
 """Every format through one door: written from a source and read as one, nothing lost; shards, names, same bytes."""
 
-from dataclasses import asdict
+import os
+import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -148,3 +150,13 @@ def test_a_damaged_ply_is_named(source: Source, tmp_path: Path) -> None:
     back = row.load().read(tmp_path, source.plan, files)
     with pytest.raises(DatasetError, match=r"\.ply must be as .* \(no PLY of 6 points as written here\)"):
         back.take(back.order["train"])
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="names of files are text there")
+@pytest.mark.parametrize("source", [False], indirect=True)
+def test_parquet_in_a_folder_whose_name_is_no_text(source: Source, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    row, out = find_format("huggingface"), tmp_path / os.fsdecode(b"no text \xff")
+    out.mkdir()
+    files = write(row, source, out)
+    assert row.load().read(out, replace(source.plan, format=row.name), files).n_clouds == source.n_clouds

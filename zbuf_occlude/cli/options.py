@@ -42,7 +42,10 @@ class OutFolder(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        name = os.fsdecode(super().convert(value, param, ctx))
+        if not name:  # of a variable that is not set: not the current folder
+            self.fail("it must be the name of a folder; it is empty. For the current one, write a dot.", param, ctx)
+        path = Path(name)
         if path.exists() and not path.is_dir():
             self.fail(f"it must be a folder; {str(path)!r} is a file. Choose another.", param, ctx)
         if path.is_symlink() and not path.exists():

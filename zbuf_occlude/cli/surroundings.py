@@ -3,6 +3,7 @@
 import os
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
 from zbuf_occlude.errors import OccludeError, OptionError
 
@@ -11,15 +12,19 @@ LEAST_MEMORY = 768 * 2**20
 
 
 def check_surroundings() -> None:
-    """Look at what numba would refuse while it is imported.
+    """Look at what numba would refuse while it is imported, and at the folder that paths begin in.
 
     Raises
     ------
     OptionError
         NUMBA_NUM_THREADS is a whole number below 1. (numba takes no notice of words.)
     OccludeError
-        The process may have less than `LEAST_MEMORY` of address space.
+        The process may have less than `LEAST_MEMORY` of address space, or its folder has been removed.
     """
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise OccludeError("the current folder must be there; it has been removed. Change to another: cd.") from None
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and int(threads) < 1:
         raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")

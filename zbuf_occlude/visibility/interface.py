@@ -129,9 +129,9 @@ class Occluder(ABC):
         Parameters
         ----------
         origins : (n, 3) or (1, 3) float
-            World space, anywhere; one origin serves all rays.
+            World space, no coordinate beyond 1e70; one origin serves all rays.
         directions : (n, 3) float
-            World space, of any length but 0.
+            World space, of any length but 0; no component beyond 1e70.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Occluder(ABC):
         Raises
         ------
         ArgumentError
-            Arrays of the wrong shape or type, not finite, of different lengths, or a direction of no length.
+            Arrays of the wrong shape or type, not finite, too large, of different lengths, or a direction of length 0.
         UnavailableError
             The method casts no rays.
         """

@@ -92,7 +92,8 @@ def _column(arrow: Any, values: NDArray[Any]) -> Any:
 
 
 def _read_shard(path: Path, plan: Plan) -> NDArray[Any]:
-    table, arrays = _arrow().parquet.read_table(path), dict[str, NDArray[Any]]()
+    with path.open("rb") as file:  # names that are no text cannot be given to Arrow
+        table, arrays = _arrow().parquet.read_table(file), dict[str, NDArray[Any]]()
     kinds, points = record_type(plan.recipe), point_fields(plan.recipe)
     for name in kinds.names or ():
         column = table["points" if name == "data" else name].combine_chunks()
@@ -107,7 +108,8 @@ def _read_shard(path: Path, plan: Plan) -> NDArray[Any]:
 
 
 def _count(path: Path) -> int:
-    return int(_arrow().parquet.read_metadata(path).num_rows)
+    with path.open("rb") as file:
+        return int(_arrow().parquet.read_metadata(file).num_rows)
 
 
 def _card(plan: Plan, splits: Iterable[str]) -> str:
