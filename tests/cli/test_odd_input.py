@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.dataset import atomic
@@ -158,6 +159,26 @@ def test_an_output_folder_without_a_name_is_not_the_current_one(run: Run, tmp_pa
     outcome = run("generate", *SMALL, "--out", "", "--dry-run")
     assert (outcome.code, outcome.out) == (2, "")
     assert "it must be the name of a folder; it is empty. For the current one, write a dot." in outcome.err
+
+
+@pytest.mark.parametrize("command", ["visible", "visible by cameras", "scan"])
+def test_what_is_read_is_not_written_over(run: Run, command: str, tmp_path: Path) -> None:
+    mesh, views = tmp_path / "box.ply", tmp_path / "views.csv"
+    mesh.write_bytes(trimesh.creation.box().export(file_type="ply"))
+    views.write_text("azimuth,elevation\n30,20\n")
+    (tmp_path / "link.ply").symlink_to(mesh)
+    before = mesh.read_bytes(), views.read_bytes()
+    where = ("--azimuth", 30, "--elevation", 20, "--out", tmp_path / "link.ply")
+    outcome = run(
+        *{
+            "visible": ("visible", mesh, *where),
+            "visible by cameras": ("visible", mesh, "--cameras", views, "--index", 0, "--out", views),
+            "scan": ("scan", mesh, "--sensor", "vlp-16", "--size", 2, "--out", mesh),
+        }[command]
+    )
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--out must not be a file that is read" in outcome.err
+    assert (mesh.read_bytes(), views.read_bytes()) == before
 
 
 def test_auto_is_for_generate_and_the_others_say_so(run: Run, tetrahedron: Path, tmp_path: Path) -> None:

@@ -355,3 +355,11 @@ def check_place(path: Path, option: str = "--out") -> None:
         raise OptionError(f"{option} must be a file; {str(path)!r} is a folder. Give a name within it.")
     if not os.access(path if path.exists() else folder, os.W_OK):
         raise OptionError(f"{option} must be a place that can be written; {str(path)!r} is not. Give another.")
+    given = [each for value in click.get_current_context().params.values() for each in _each(value)]
+    if path.exists() and any(each is not path and os.path.exists(each) and path.samefile(each) for each in given):
+        raise OptionError(f"{option} must not be a file that is read; {str(path)!r} is. Give another.")
+
+
+def _each(value: Any) -> list[str | Path]:
+    """Return what of a parameter's value may be a path."""
+    return [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, str | Path) and each]
