@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.image_space.layout import BOTTOM, CHUNK_POINTS, CLUSTER, ENDLESS, LEFT, PACKET, RIGHT, TOP, ZERO
-from zbuf_occlude.image_space.rays.packet import State, Window, first_hits_of_packet, make_state, window_of
+from zbuf_occlude.image_space.rays.packet import Rays, State, Window, first_hits_of_packet, make_state, window_of
 from zbuf_occlude.image_space.rays.places import (
     BLOCK_RAYS,
     MOST_BITS,
@@ -58,11 +58,12 @@ SCATTERED = 0.925
 
 
 class Frame(NamedTuple):
-    """What float64 needs of a frame: whether of a cube, its axis w, and 1 / the distance from the scene's centre."""
+    """What rays need of a frame: whether of a cube, its axis w, 1 / how far the scene's centre is, the largest w."""
 
     inside: bool
     axis: FloatArray
     inverse_away: float
+    farthest: np.float32
 
 
 class Question(NamedTuple):
@@ -222,7 +223,8 @@ def _cast_tasks(tasks, scene, views, question, memory):
         else:
             sort_places(n, len(axes), bits, places)
             face_ids[:] = -1
-            found, before = (question.origin, directions, face_ids, block.heights, block.slopes), max(projected, 0)
+            rays = Rays(question.origin, directions, face_ids, block.heights, block.slopes, places.order)
+            before = max(projected, 0)
             for i in range(len(axes)):
                 frame = (before + i) % len(axes)  # first the one whose boxes have been projected
                 if places.ends[frame] > places.starts[frame]:
@@ -231,8 +233,9 @@ def _cast_tasks(tasks, scene, views, question, memory):
                     if projected != frame:
                         project_nodes(scene, view_at, space)
                         projected = frame
-                    frame_at = Frame(len(axes) > 1, axes[frame, 2], inverse_away)
-                    _cast_frame(scene, view_at, frame_at, found, places, frame, space, state)
+                    farthest = np.float32(2.1) * view.reach
+                    frame_at = Frame(len(axes) > 1, axes[frame, 2], inverse_away, farthest)
+                    _cast_frame(scene, view_at, frame_at, rays, places, frame, space, state)
             _measure(directions, face_ids, block.heights, block.slopes, distances)
             if len(order):
                 for i in range(n):
@@ -294,17 +297,17 @@ def _divide(directions, face_ids, heights, slopes, distances):
 @inner
 def _cast_frame(scene, view, frame, rays, places, number, space, state):
     first, end = places.starts[number], places.ends[number]
-    farthest = np.float32(2.1) * view.reach
-    n_before = list_clusters(scene, window_of(places.coordinates, first, end, farthest), space)
+    n_before = list_clusters(scene, window_of(places.coordinates, first, end, frame.farthest), space)
     if n_before == 0:
         return
     for chunk in range(first, end, CHUNK_POINTS):
         last = min(chunk + CHUNK_POINTS, end)
-        n_listed = choose(n_before, window_of(places.coordinates, chunk, last, farthest), space)
+        n_listed = choose(n_before, window_of(places.coordinates, chunk, last, frame.farthest), space)
         if n_listed == 0:
             continue
         for packet in range(chunk, last, PACKET):
             store(state.coordinates, 0, load(places.coordinates, packet))
             store(state.coordinates, PACKET, load(places.coordinates, places.coordinates.shape[1] + packet))
-            taken = places.order[packet : min(packet + PACKET, last)]
-            first_hits_of_packet(scene, view, frame, rays, taken, n_listed, farthest, space, state)
+            chosen = rays.chosen[packet : min(packet + PACKET, last)]
+            taken = Rays(rays.origin, rays.directions, rays.face_ids, rays.heights, rays.slopes, chosen)
+            first_hits_of_packet(scene, view, frame, taken, n_listed, space, state)

@@ -78,6 +78,27 @@ class Window(NamedTuple):
     farthest: np.float32
 
 
+class Rays(NamedTuple):
+    """Rays of one origin.
+
+    Parameters
+    ----------
+    origin : (3,) float64, world space
+    directions : (3 n,) float64
+    face_ids, heights, slopes : (n,) int32, float64, float64
+        Their answers: a face is met height / slope directions away.
+    chosen : (m,) int32
+        Which of them are meant.
+    """
+
+    origin: FloatArray
+    directions: FloatArray
+    face_ids: IntArray
+    heights: FloatArray
+    slopes: FloatArray
+    chosen: IntArray
+
+
 class State(NamedTuple):
     """What is known of the rays of a packet, a lane for each.
 
@@ -134,30 +155,28 @@ def window_of(coordinates, first, last, farthest):
 
 
 @inner
-def first_hits_of_packet(scene, view, frame, rays, chosen, n_listed, farthest, space, state):
+def first_hits_of_packet(scene, view, frame, rays, n_listed, space, state):
     """Find the faces that some rays meet first.
 
     Parameters
     ----------
     scene, view, frame
         The scene, a `View`, and the frame's `Frame`.
-    rays : (origin, directions, face_ids, heights, slopes)
-        The block's, of any origin but with directions (3 m,), and its answers: a face is met height / slope directions
-        away.
-    chosen : (m,) int32
-        Which of them; at most 16. Their coordinates are in `state`.
-    n_listed, farthest, space
-        The clusters in ``space.listed``, what no w exceeds, the workspace.
+    rays : Rays
+        At most 16 are chosen; their coordinates are in `state`.
+    n_listed, space
+        The clusters in ``space.listed``, the workspace.
     state : State
     """
     x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
+    farthest = frame.farthest
     window = Window(lowest(x), highest(x), lowest(y), highest(y), farthest)
     store(state.lows, 0, splat(ENDLESS))
     store(state.highs, 0, splat(ENDLESS))
     store(state.limits, 0, splat(farthest))
     fill(state.face_ids, 0, ALL, np.int32(-1))
     state.decided[0] = 0
-    limit, active = ENDLESS, (1 << len(chosen)) - 1
+    limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, CLUSTER):
         found = overlapping(space.listed.rectangles, j, window)
         if n_listed - j < CLUSTER:
@@ -170,34 +189,35 @@ def first_hits_of_packet(scene, view, frame, rays, chosen, n_listed, farthest, s
                 continue
             cluster = space.listed.clusters[entry]
             slot, changed = slot_of(scene, cluster, view, space), False
+            asked = cluster, slot
             if count_lanes(within) <= FEW_RAYS:
                 while within:
                     lane = first_lane(within)
                     within &= within - 1
-                    changed |= _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state)
+                    changed |= _ask_ray(scene, frame, rays, asked, lane, space, state)
             else:
                 faces = faces_before(scene, cluster, space, slot, window, limit)
                 while faces:
                     lane = first_lane(faces)
                     faces &= faces - 1
-                    changed |= _ask_face(scene, frame, rays, chosen, within, cluster, slot, lane, space, state)
+                    changed |= _ask_face(scene, frame, rays, within, asked, lane, space, state)
             if changed:
                 highs = load(state.highs, 0)
-                limit, limits = highest(highs), _farthest(frame, highs, farthest)
+                limit, limits = highest(highs), _farthest(frame, highs)
                 store(state.limits, 0, limits)
                 window = Window(window.left, window.right, window.bottom, window.top, highest(limits))
-    _finish(scene, rays, chosen, state)
+    _finish(scene, rays, state)
 
 
 @inlined
-def _farthest(frame, g, farthest):
-    """Largest w that each g stands for, rounded up; `farthest` where there is none."""
-    zero, one = splat(ZERO), splat(ONE)
+def _farthest(frame, g):
+    """Largest w that each g stands for, rounded up; the frame's where there is none."""
+    zero, one, farthest = splat(ZERO), splat(ONE), splat(frame.farthest)
     # -1 / g, or 1 / (1 - g / D)
     divisor = zero - g if frame.inside else one - g * splat(np.float32(frame.inverse_away))
     ahead = greater(divisor, zero)
     w = divide(splat(ROUNDED_UP), select(ahead, divisor, one))
-    return select(ahead, minimum(w, splat(farthest)), splat(farthest))
+    return select(ahead, minimum(w, farthest), farthest)
 
 
 @inlined
@@ -214,8 +234,9 @@ def _rays_before(rectangles, entry, state):
 
 
 @inlined
-def _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state):
-    """Ask a ray about the faces of a cluster; return whether its nearest has changed."""
+def _ask_ray(scene, frame, rays, asked, lane, space, state):
+    """Ask a ray about the faces of a (cluster, slot); return whether its nearest has changed."""
+    cluster, slot = asked
     x, y = splat(state.coordinates[0, lane]), splat(state.coordinates[1, lane])
     base, inside = slot * SETUP_ROWS * CLUSTER, splat(ENDLESS)
     for edge in range(3):
@@ -244,13 +265,14 @@ def _ask_ray(scene, frame, rays, chosen, lane, cluster, slot, space, state):
             state.decided[0] &= ~(np.int64(1) << lane)
             changed = True
         elif state.scratch[0, place] <= state.highs[lane]:
-            changed |= _decide(scene, frame, rays, chosen[lane], face, lane, state)
+            changed |= _decide(scene, frame, rays, face, lane, state)
     return changed
 
 
 @inlined
-def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, state):
-    """Ask all rays of a packet about a face; return whether any ray's nearest has changed."""
+def _ask_face(scene, frame, rays, within, asked, place, space, state):
+    """Ask the rays within about a face of a (cluster, slot); return whether any ray's nearest has changed."""
+    cluster, slot = asked
     x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
     row = slot * SETUP_ROWS * CLUSTER + place
     inside = splat(ENDLESS)
@@ -278,14 +300,15 @@ def _ask_face(scene, frame, rays, chosen, within, cluster, slot, place, space, s
     while doubtful:
         lane = first_lane(doubtful)
         doubtful &= doubtful - 1
-        changed |= _decide(scene, frame, rays, chosen[lane], face, lane, state)
+        changed |= _decide(scene, frame, rays, face, lane, state)
     return changed
 
 
 @njit(_nrt=False, error_model="numpy")
-def _decide(scene, frame, rays, i, candidate, lane, state):
-    """Decide in float64 whether ray i meets a face nearer than its nearest so far; return whether it does."""
-    origin, direction = rays[0], rays[1][3 * i : 3 * i + 3]
+def _decide(scene, frame, rays, candidate, lane, state):
+    """Decide in float64 whether a ray meets a face nearer than its nearest so far; return whether it does."""
+    i = rays.chosen[lane]
+    origin, direction = rays.origin, rays.directions[3 * i : 3 * i + 3]
     face, fraction = np.int64(state.face_ids[lane]), math.inf
     if (state.decided[0] >> lane) & 1:
         fraction = state.fractions[lane]
@@ -314,18 +337,18 @@ def _plane(corners, origin):
 
 
 @inner
-def _finish(scene, rays, chosen, state):
+def _finish(scene, rays, state):
     """Write the answers: faces, and distances as quotients."""
-    origin, directions, face_ids, heights, slopes = rays
+    directions, face_ids, heights, slopes = rays.directions, rays.face_ids, rays.heights, rays.slopes
     before, normal, height = -1, (0.0, 0.0, 0.0), 0.0
-    for lane in range(len(chosen)):
+    for lane in range(len(rays.chosen)):
         face = state.face_ids[lane]
         if face < 0:
             continue
         if face != before:
             before = face
-            normal, height = _plane(scene.world_corners[face], origin)
-        i = chosen[lane]
+            normal, height = _plane(scene.world_corners[face], rays.origin)
+        i = rays.chosen[lane]
         face_ids[i], heights[i] = face, height
         slopes[i] = dot((directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]), normal)
         if (state.decided[0] >> lane) & 1:
