@@ -60,6 +60,17 @@ def compiled_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_waiting_for_the_disk() -> Iterator[None]:
+    """What tests write need not outlast a power cut; that the disk is asked to is what dataset/test_fsync.py sees to.
+
+    A disk takes milliseconds to keep a file: farm/test_merge.py waited for it three quarters of its time, without this.
+    """
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(os, "fsync", lambda file: None)
+        yield
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """One process more than cores, as some tests wait, for Ray, for hanging workers, for another's compiling."""
