@@ -183,6 +183,23 @@ def test_far_origins(method: Method, prepare: Prepare, rays: Rays) -> None:
     assert wrong(method, SCENE, found, origins, directions) <= allowed(method)
 
 
+@pytest.mark.parametrize("diagonals", [2e3, 1e6, 1e8])
+@pytest.mark.parametrize("name", ["oracle", "exact"])
+def test_rays_from_far_away_meet_what_they_meet_from_nearer(name: str, diagonals: float) -> None:
+    origins, directions = random_rays(1000, 8)
+    units = directions / np.linalg.norm(directions, axis=1)[:, None]
+    near = origins - 2.0 * SCENE.diagonal * units
+    judge, skipped = oracle.prepare(SCENE), diagonals * SCENE.diagonal
+    truth, clear = judge.first_hits(near, directions), judge.decided_hits(near, directions)
+    with zo.prepare(SCENE, name) as occluder:
+        found = occluder.first_hits(near - skipped * units, directions)
+    assert clear.mean() > 0.9
+    assert (truth.face_ids >= 0).mean() > 0.3
+    assert (found.face_ids == truth.face_ids)[clear].all()
+    met = clear & (truth.face_ids >= 0)
+    assert np.abs(found.distances[met] - skipped - truth.distances[met]).max() < 1e-6 * SCENE.diagonal
+
+
 def test_no_rays_and_one_ray(prepare: Prepare, rays: Rays) -> None:
     origins, directions = rays
     with prepare(SCENE) as occluder:

@@ -1,10 +1,12 @@
 """`exact`: image space made exact on the CPU. The oracle's answers, faster than a ray caster's."""
 
+import numpy as np
+
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
@@ -26,4 +28,6 @@ class Exact(Occluder):
         return self._engine.visible(points, eyes)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        return FirstHits(*self._engine.first_hits(origins, directions))
+        origins, skipped = come_nearer(self.mesh, origins, directions)
+        face_ids, distances = self._engine.first_hits(origins, directions)
+        return FirstHits(face_ids, distances + skipped if np.ndim(skipped) else distances)

@@ -31,6 +31,10 @@ SHORTEST = 1e-20
 """Directions shorter than this, and as much longer ones, would lose digits or overflow in products."""
 
 
+FAR = 1000.0
+"""Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
+
+
 class Closable(Protocol):
     """Anything with a `close`."""
 
@@ -284,6 +288,36 @@ def _of_usual_length(directions: FloatArray) -> FloatArray:
     if not largest.all():
         raise ArgumentError(f"directions must have a length; row {int(largest.argmin())} is zero. Leave it out.")
     return np.asarray(np.ldexp(directions, -np.frexp(largest)[1][:, None]))
+
+
+def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+    """Let rays that begin far away begin where they come near the mesh, for what must be exact.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    origins : (n, 3) or (1, 3) float64, world space
+    directions : (n, 3) float64
+
+    Returns
+    -------
+    origins : (n, 3) or (1, 3) float64
+    skipped : (n,) float64 or 0.0
+        How far away they now begin, world units.
+
+    Notes
+    -----
+    R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
+    than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
+    """
+    away = origins - mesh.centre
+    if not np.abs(away).max() > FAR * (mesh.diagonal or np.inf):
+        return origins, 0.0
+    directions = directions / np.abs(directions).max(axis=1, keepdims=True)
+    units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    far = np.abs(away).max(axis=1) > FAR * mesh.diagonal
+    skipped = np.where(far, np.maximum(-(away * units).sum(axis=1) - mesh.diagonal, 0.0), 0.0)
+    return origins + skipped[:, None] * units, skipped
 
 
 def _kind(value: Any) -> str:

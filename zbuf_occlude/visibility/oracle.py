@@ -13,7 +13,7 @@ from zbuf_occlude.predicates import blocks, meeting, of_one_sign, volumes
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.threads import shared, take, together
 from zbuf_occlude.vectors import minus
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
 
 RUN = 64
 """Faces that a line is held against at a time."""
@@ -57,9 +57,10 @@ class Oracle(Occluder):
         return _visible(self.mesh, points.face_ids, targets, eyes, self.contact)
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
+        origins, skipped = come_nearer(self.mesh, origins, directions)
         origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
         face_ids, fractions, _ = _nearest(self.mesh.corners, origins, directions)
-        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1))
+        return FirstHits(face_ids, fractions * np.linalg.norm(directions, axis=1) + skipped)
 
     def decided_hits(self, origins: FloatArray, directions: FloatArray, width: float = BAND) -> BoolArray:
         """Say which rays' first hits do not hang on a hair; those that do are the boundary band of rays.
@@ -81,7 +82,8 @@ class Oracle(Occluder):
             contact tolerance of it.
         """
         directions = np.asarray(directions, dtype=np.float64)
-        origins = np.ascontiguousarray(np.broadcast_to(np.asarray(origins, dtype=np.float64), directions.shape))
+        origins, _ = come_nearer(self.mesh, np.asarray(origins, dtype=np.float64), directions)
+        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape))
         lengths = np.linalg.norm(directions, axis=1)
         first, nearest, second = _nearest(self.mesh.corners, origins, directions)
         with np.errstate(invalid="ignore"):  # no hit at all: infinity less infinity

@@ -38,9 +38,6 @@ from zbuf_occlude.threads import n_blocks, shared, take, take_block_from, take_e
 SINGLE_RAYS = 512
 """Rays that a thread takes at a time, in the caller's order, where they go one by one."""
 
-FARTHEST_ORIGIN = 1e6
-"""Scene units; rays from farther away go one by one."""
-
 CLUSTERS_PER_RAY = 8
 """Fewer rays than a cluster per this many go one by one: an eye looks at all boxes of a scene."""
 
@@ -115,7 +112,7 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     origins, directions = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
     away = float(np.linalg.norm((origins[0] - scene.centre) * scene.scale))
-    if len(origins) > 1 or away > FARTHEST_ORIGIN or n * CLUSTERS_PER_RAY < len(scene.used):
+    if len(origins) > 1 or n * CLUSTERS_PER_RAY < len(scene.used):
         together(_cast_singles, -(-n // SINGLE_RAYS), scene, origins, directions, np.arange(n), face_ids, distances)
         return face_ids, distances
     views = make_views(scene, origins, 1.0)
