@@ -205,6 +205,20 @@ def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
     assert len(np.unique([np.load(root / f"data_occlusion_{i}.npy")[0, 0, 0] for i in (1, 2, 3)])) == 3
 
 
+def test_modelnet40_c_of_an_earlier_version_whose_records_stood_view_by_view(made: Made, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(made("modelnet40-c"), tmp_path / "earlier"))
+    records = np.load(root / "clouds_train.npy")
+    np.save(root / "clouds_train.npy", records.reshape(2, 3).T.reshape(-1))
+    now, earlier = (open_dataset(each) for each in (made("modelnet40-c"), root))
+    some = now.take(now.order["train"]).reshape(2, 3).T.reshape(-1)
+    assert (earlier.take(earlier.order["train"]) == some).all()
+
+
+def test_records_in_one_file_per_split_as_before_are_the_datasets_own() -> None:
+    names = set(find_format("pcn").load().names(plan("pcn")))
+    assert {"clouds_train.npy", "clouds_val.npy", "clouds_test.npy"} < names
+
+
 def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:
     for name, n in (("training", 6), ("test", 3), ("val", 3)):
         with h5py.File(made("scanobjectnn") / f"{name}_objectdataset.h5") as h5:

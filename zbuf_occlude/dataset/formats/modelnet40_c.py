@@ -54,6 +54,7 @@ def write_part(content: Content, out: Path) -> list[str]:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds."""
+    by_view = {split for split in files if _goes_by_view(out / rest_name(split))}
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
         clouds = np.empty((len(rest), plan.recipe.equal_size, 3), np.float32)
@@ -62,7 +63,8 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
             with reading(path):
                 array = np.load(path, mmap_mode="r")
                 mine = rest["view_id"] == view
-                clouds[mine] = array[rows[mine] // len(plan.views)]
+                before = int(view) * len(array)
+                clouds[mine] = array[rows[mine] - before if split in by_view else rows[mine] // len(plan.views)]
         return clouds
 
     for split in files:
@@ -72,6 +74,13 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
             if label.shape != (len(label), 1) or ((label < 0) | (label >= len(plan.classes))).any():
                 raise ValueError(f"labels {label.shape}, where there are {len(plan.classes)} classes")
     return read_published(out, plan, files, points)
+
+
+def _goes_by_view(path: Path) -> bool:
+    """Whether records stand view by view, as they did before data version 6, and not object by object."""
+    with reading(path):
+        views = np.load(path, mmap_mode="r")["view_id"][:2]
+        return len(views) == 2 and views[0] == views[1]
 
 
 def _folder(split: str) -> str:
