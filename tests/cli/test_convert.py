@@ -134,3 +134,14 @@ def test_a_conversion_into_a_dataset_that_was_generated(run: Run, modelnet: Path
     assert outcome.code == 1
     assert "must be empty or hold this same conversion" in outcome.err
     assert run("verify", out).code == 0
+
+
+def test_a_conversion_into_what_generate_has_begun(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    run("generate", modelnet, "--out", tmp_path / "a", *SMALL)
+    out = tmp_path / "b"
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "npz", "--shard", "0/2").code == 0
+    outcome = run("convert", tmp_path / "a", "--format", "npz", "--out", out)
+    assert outcome.code == 1
+    assert "`generate` has begun the same plan there" in outcome.err
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "npz").code == 0
+    assert run("verify", out).code == 0

@@ -17,6 +17,7 @@ from zbuf_occlude.dataset.generate import finished_by_another, run_here
 from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.parts import Places, find_written, placed, write_contents
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.shard import sidecar_path
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import IDS, Content, Numbers, Source
 from zbuf_occlude.errors import DatasetError
@@ -193,6 +194,11 @@ def convert(
         return ()
 
     if (finished := finished_by_another(plan, out)) is None:
+        if any(sidecar_path(out, shard).exists() for shard in range(len(plan.shards))):
+            raise DatasetError(
+                f"{out} must be empty or hold this same conversion; `generate` has begun the same plan there. "
+                "Choose another folder, or finish it by that command."
+            )
         try:
             left = sorted(portions.keys() - find_written(plan, out))
             progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
