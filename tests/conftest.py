@@ -30,8 +30,8 @@ settings.load_profile("unhurried")
 
 
 FIRST = (
-    "farm/test_ray.py", "visibility/test_contract.py", "farm/test_fault_run.py", "learn/test_study.py",
-    "farm/test_local.py", "examples/test_examples.py", "visibility/test_pyrender.py", "learn/test_train.py",
+    "visibility/test_contract.py", "learn/test_study.py", "farm/test_local.py", "examples/test_examples.py",
+    "visibility/test_pyrender.py", "learn/test_train.py",
     "visibility/test_first_hits.py", "farm/test_merge.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
     "sensors/test_scenes.py", "learn/test_realism.py", "cli/test_experiment.py", "compare/test_figures.py",
     "dataset/test_published.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "test_numba_cache.py",

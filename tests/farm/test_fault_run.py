@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 SMALL = [
     "--limit",
@@ -21,6 +23,7 @@ SMALL = [
 ]
 
 
+@pytest.mark.long
 def test_a_run_killed_three_times_makes_the_same_bytes() -> None:
     command = [sys.executable, "benchmarks/fault_run.py", "--kills", "3", "--every", "1", "--format", "packed", *SMALL]
     outcome = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)

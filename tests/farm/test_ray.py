@@ -34,11 +34,13 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> str:
     return said.read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TESTS)
 def test_on_a_cluster(outcome: str, name: str) -> None:
     assert f"{name} PASSED" in outcome, outcome
 
 
+@pytest.mark.long
 def test_all_of_them_were_run(outcome: str) -> None:
     assert f"{len(TESTS)} passed in " in outcome, outcome
 
