@@ -42,8 +42,11 @@ def main() -> int:
                 f"scene {index} ({kind}, contact {CONTACTS[turn]:g}): "
                 f"{counts[0]} of {counts[2]} {things} differ outside the boundary band"
             )
-    for contact, (outside, inside, pairs) in zip(() if options.rays else CONTACTS, totals, strict=False):
-        print(f"contact {contact:g}: {pairs} pairs, {outside} disagreements outside the boundary band, {inside} in it")
+    if not options.rays:
+        for contact, (outside, inside, pairs) in zip(CONTACTS, totals, strict=True):
+            print(
+                f"contact {contact:g}: {pairs} pairs, {outside} disagreements outside the boundary band, {inside} in it"
+            )
     outside, inside, pairs = totals.sum(axis=0)
     print(
         f"{options.method}: {options.scenes} scenes, {pairs} {things}, {outside} disagreements outside the boundary "

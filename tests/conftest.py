@@ -31,8 +31,8 @@ settings.load_profile("unhurried")
 
 FIRST = (
     "visibility/test_contract.py", "learn/test_study.py", "farm/test_local.py", "examples/test_examples.py",
-    "visibility/test_pyrender.py", "learn/test_train.py",
-    "visibility/test_first_hits.py", "farm/test_merge.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
+    "visibility/test_pyrender.py", "learn/test_train.py", "visibility/test_first_hits.py",
+    "farm/test_merge.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
     "sensors/test_scenes.py", "learn/test_realism.py", "cli/test_experiment.py", "compare/test_figures.py",
     "dataset/test_published.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "test_numba_cache.py",
     "cli/test_pid_namespaces.py", "cli/test_no_gl.py", "dataset/test_attributes.py",
@@ -73,7 +73,7 @@ def no_waiting_for_the_disk() -> Iterator[None]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than cores, as some tests wait, for Ray, for hanging workers, for another's compiling."""
+    """One process more than cores, as some tests wait, for hanging workers or for another's compiling."""
     return n_cores() + 1
 
 

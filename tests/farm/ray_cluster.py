@@ -17,7 +17,7 @@ import pytest
 import ray
 
 from tests.dataset.shards import make_shards
-from tests.farm.test_local import ball, contents, failures, plan_of
+from tests.farm.test_local import AMPLE, ball, contents, failures, plan_of
 from tests.farm.test_merge import collection, files
 from zbuf_occlude import UnavailableError
 from zbuf_occlude.dataset.claim import claim
@@ -27,9 +27,6 @@ from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.farm import ray as engine
-from zbuf_occlude.limits import Limits
-
-AMPLE = Limits(seconds=120, gigabytes=8)
 
 
 def none(job: int, result: object) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ from zbuf_occlude import UnavailableError
 from zbuf_occlude.dataset.jobs import Making
 from zbuf_occlude.farm import ray as engine
 
-ROOT = Path(__file__).parents[2]
+ROOT, CLUSTER = Path(__file__).parents[2], Path(__file__).with_name("ray_cluster.py")
 TESTS = (
     "test_no_cluster_at_the_address",
     "test_a_cluster_is_started_where_none_is_named",
@@ -27,7 +27,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What pytest says of them, all run in one process; to a file, for Ray's servers hold a pipe for minutes."""
     if find_spec("ray") is None:
         pytest.skip("the extra ray is not installed")
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-vv", "-p", "no:cacheprovider", "tests/farm/ray_cluster.py"]
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-vv", "-p", "no:cacheprovider", str(CLUSTER)]
     said = tmp_path_factory.mktemp("ray") / "said.txt"
     with said.open("w") as file:
         subprocess.run(command, cwd=ROOT, stdout=file, stderr=subprocess.STDOUT, timeout=500, check=False)
