@@ -16,6 +16,7 @@ peak memory of each method, measured in a process of its own on the largest cell
 import argparse
 import json
 import multiprocessing
+import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -170,6 +171,24 @@ def exponents(cells: dict[tuple[int, int], dict[str, Any]], name: str) -> str:
     return f"{a:.2f} | {b:.2f}"
 
 
+def table(cells: dict[tuple[int, int], dict[str, Any]]) -> list[str]:
+    """Lines of Markdown: milliseconds per view, a row for each cell, a column for each method."""
+    known = {method.name for method in zo.METHODS}
+    names = list(dict.fromkeys(name for found in cells.values() for name in found))
+    names.sort(key=lambda name: name in known)  # peers first
+    heads = [f"`{name}`" if name in known else name for name in names]
+    lines = [f"| faces, points | {' | '.join(heads)} |", "| --- |" + " ---: |" * len(names)]
+    for (n_faces, n_points), found in cells.items():
+        times = [rounded(found[name]["ms"]) if name in found else "-" for name in names]
+        lines.append(f"| {n_faces:,}, {n_points:,} | {' | '.join(times)} |")
+    return lines
+
+
+def rounded(ms: float) -> str:
+    """Three digits, two of them at most behind the point."""
+    return f"{ms:,.{0 if ms >= 100 else 1 if ms >= 10 else 2}f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--faces", type=int, nargs="+", default=[340, 2_600, 19_000, 31_000, 1_000_000])
@@ -180,7 +199,7 @@ def main() -> None:
     options = parser.parse_args()
     cells: dict[tuple[int, int], dict[str, Any]] = {}
     with GlContext.open() as gl:
-        print(f"{gl.renderer}\n\n| faces | points | method | ms per view | x {PEER} | wrong | eyes |\n|" + " --- |" * 7)
+        renderer = gl.renderer
         for n_faces in options.faces:
             mesh = mesh_of(n_faces)
             for n_points in options.points:
@@ -188,9 +207,11 @@ def main() -> None:
                     found = cell(mesh, n_points, gl, options.seconds, options.rounds, stack)
                 cells[len(mesh.faces), n_points] = found
                 for name, row in found.items():
-                    ratio = f"{row['ratio']:.2f}" if "ratio" in row else "-"
-                    place = f"| {len(mesh.faces):,} | {n_points:,} | {name}"
-                    print(f"{place} | {row['ms']:.2f} | {ratio} | {row['wrong']:.3f} | {row['eyes']} |", flush=True)
+                    ratio = f"{row['ratio']:.2f} x {PEER}" if "ratio" in row else "-"
+                    place = f"{len(mesh.faces):,} faces, {n_points:,} points, {name}"
+                    told = f"{place}: {row['ms']:.2f} ms, {ratio}, {row['wrong']:.3f} wrong, {row['eyes']} eyes"
+                    print(told, file=sys.stderr, flush=True)
+    print("\n".join([renderer, "", *table(cells)]))
     print("\n| method | points^ | faces^ | eyes^ | peak MB | at faces, points |\n|" + " --- |" * 6)
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         for method in zo.METHODS:
