@@ -4,11 +4,13 @@ import json
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.folder import checksums
+from zbuf_occlude.dataset.folder import checksums, read_finished
+from zbuf_occlude.dataset.verify import Verifying
 
 SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
 
@@ -135,3 +137,26 @@ def test_a_damaged_or_missing_cloud_of_the_many_of_a_list(run: Run, modelnet: Pa
     outcome = run("verify", out)
     assert outcome.code == 1
     assert f"{cloud.relative_to(out)} must be there; it is missing." in outcome.err
+
+
+@pytest.mark.parametrize("format", ["scanobjectnn", "modelnet40-c"])
+def test_clouds_of_files_that_hold_a_split_whole_are_read_by_all(
+    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    """Each cloud once, in runs; what one of them finds is told, and the checksums are made besides."""
+    out = tmp_path / "out"
+    assert run("generate", modelnet, "--out", out, *SMALL, "--format", format).code == 0
+    monkeypatch.setattr("zbuf_occlude.dataset.verify.CLOUDS_PER_FILE", 5)
+    plan, manifest = read_finished(out)
+    task = Verifying(plan, out, manifest["files"], manifest["counts"]["clouds_by_split"], manifest["sha256"])
+    found = [task.do(job) for job in range(len(task.jobs))]
+    for split in ("train", "test"):
+        assert [each.n_clouds[split] for each in found if split in each.n_clouds] == [4, 4, 4, 4]
+    assert not any(each.faults for each in found)
+    records = np.load(out / "clouds_train.npy")
+    records["n_visible"][-1] = 0
+    np.save(out / "clouds_train.npy", records)
+    outcome = run("verify", out)
+    assert outcome.code == 1
+    assert "fault: clouds_train.npy must have the checksum" in outcome.err
+    assert "fault: every cloud must come from a visible point; some of split train do not." in outcome.err

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,9 @@ from zbuf_occlude.dataset.folder import checksum, read_finished
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import run_here
 from zbuf_occlude.dataset.jobs import Run
-from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.ragged import all_finite
+from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.dataset.verify_meshes import ask_oracle, scan_again
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -53,9 +54,29 @@ class Found(NamedTuple):
     n_clouds: dict[str, int]
 
 
+class Look(NamedTuple):
+    """What a job looks at.
+
+    Parameters
+    ----------
+    names : list of str
+        Files whose checksums are compared.
+    files : mapping of split to list of file names
+        Those that clouds are then read of.
+    share : (int, int)
+        (i, n): the i-th of n runs of these clouds.
+    """
+
+    names: list[str]
+    files: Mapping[str, list[str]]
+    share: tuple[int, int] = (0, 1)
+
+
 @dataclass(frozen=True)
 class Verifying:
     """The task of verifying a dataset: each job is a file, its checksum and then its clouds.
+
+    Of files that hold a split whole others make the checksums, and each job reads some of their clouds.
 
     Parameters
     ----------
@@ -63,37 +84,40 @@ class Verifying:
     out : Path
     files : mapping of split to list of file names
         As in the manifest.
+    n_clouds : mapping of split to int
     sha256 : mapping of file name to checksum
     """
 
     plan: Plan
     out: Path
     files: Mapping[str, list[str]]
+    n_clouds: Mapping[str, int]
     sha256: Mapping[str, str]
+    _opened: dict[tuple[str, ...], Source] = field(default_factory=dict, init=False, repr=False)
 
     needs_gl = False
 
     @cached_property
-    def jobs(self) -> list[dict[str, list[str]]]:
-        """For each job the files that it looks at, by split; where files hold a split whole, all of a split."""
-        row = find_format(self.plan.format)
-        if row.one_file:
-            return [{split: names} for split, names in self.files.items()]
-        jobs: dict[str, dict[str, list[str]]] = {}
+    def jobs(self) -> list[Look]:
+        """What each job looks at."""
+        by_name: dict[str, dict[str, list[str]]] = {}
         for split, names in self.files.items():
             for name in names:
-                jobs.setdefault(name, {})[split] = [name]
-        return list(jobs.values())
+                by_name.setdefault(name, {})[split] = [name]
+        if not find_format(self.plan.format).one_file:
+            return [Look([name], files) for name, files in by_name.items()]
+        runs = {split: -(-n // CLOUDS_PER_FILE) for split, n in self.n_clouds.items()}
+        readings = [Look([], {split: self.files[split]}, (i, n)) for split, n in runs.items() for i in range(n)]
+        return [*(Look([name], {}) for name in by_name), *readings]
 
     def do(self, job: int, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> Found:
         """Look at the files of a job."""
-        files = self.jobs[job]
-        faults = self.damaged({name for of_split in files.values() for name in of_split}, of_data=True)
-        if faults:
+        names, files, share = self.jobs[job]
+        if faults := self.damaged(names, of_data=True):
             return Found(faults, {})
         try:
-            return self._read(files)
-        except DatasetError as error:  # written so, or else a checksum had told
+            return self._read(files, share) if files else Found([], {})
+        except DatasetError as error:  # written so, or else a checksum tells
             return Found([str(error)], {})
 
     def damaged(self, names: Iterable[str], *, of_data: bool = False) -> list[str]:
@@ -112,12 +136,13 @@ class Verifying:
                 faults.append(f"{name} must have the checksum {expected[:12]}...; it has {digest[:12]}...")
         return faults
 
-    def _read(self, files: dict[str, list[str]]) -> Found:
-        """Read every cloud; note what cannot be a cloud of this dataset."""
-        source = find_format(self.plan.format).load().read(self.out, self.plan, files)
+    def _read(self, files: Mapping[str, list[str]], share: tuple[int, int]) -> Found:
+        """Read every cloud of a share; note what cannot be a cloud of this dataset."""
+        source = self._open(files)
         faults, n_clouds = [], Counter[str]()
-        for split in source.order:
-            for records in source.batches(split, in_any_order=True):
+        for split, numbers in source.order.items():
+            begin, end = (i * len(numbers) // share[1] for i in (share[0], share[0] + 1))
+            for records in replace(source, order={split: numbers[begin:end]}).batches(split, in_any_order=True):
                 n_clouds[split] += len(records)
                 if not all_finite(records["data"]):
                     faults.append(f"all positions must be finite; some of split {split} are not.")
@@ -128,6 +153,14 @@ class Verifying:
                 if records["n_visible"].min() < 1:
                     faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
         return Found(faults, dict(n_clouds))
+
+    def _open(self, files: Mapping[str, list[str]]) -> Source:
+        """Return the clouds of some files, which are opened once by whoever reads one run of them after the other."""
+        key = tuple(name for names in files.values() for name in names)
+        if key not in self._opened:
+            self._opened.clear()
+            self._opened[key] = find_format(self.plan.format).load().read(self.out, self.plan, dict(files))
+        return self._opened[key]
 
 
 def verify(
@@ -161,7 +194,7 @@ def verify(
         There is no finished dataset in the folder.
     """
     plan, manifest = read_finished(out)
-    task = Verifying(plan, out, manifest["files"], manifest["sha256"])
+    task = Verifying(plan, out, manifest["files"], manifest["counts"]["clouds_by_split"], manifest["sha256"])
     data = {name for of_split in task.files.values() for name in of_split}
     found: dict[int, Found] = {-1: Found(task.damaged(manifest["sha256"].keys() - data), {})}
 
@@ -182,15 +215,20 @@ def verify(
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
     n_checked, rate = 0, None
     if mine and not faults and meshes is not None:
-        files: dict[str, list[str]] = {}
-        chosen = np.random.default_rng(plan.recipe.seed).permutation(mine)[:ASKED_FILES]
-        for job in sorted(chosen.tolist()):
-            for split, names in jobs[job].items():
-                files.setdefault(split, []).extend(names)
-        source = find_format(plan.format).load().read(out, plan, files)
+        source = find_format(plan.format).load().read(out, plan, _some_files([jobs[job] for job in mine], plan))
         if plan.recipe.setup is None:
             n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
         elif not plan.recipe.complete:  # whole objects are no scans
             n_checked = scan_again(source, plan, meshes, n_samples, faults)
-    names = {name for job in mine for of_split in jobs[job].values() for name in of_split}
+    names = {name for job in mine for name in jobs[job].names}
     return Verdict(len(names), sum(n_clouds.values()), n_checked, rate, faults)
+
+
+def _some_files(looks: list[Look], plan: Plan) -> dict[str, list[str]]:
+    """Choose the files of which clouds are held against their meshes, by split."""
+    read = {tuple(name for names in look.files.values() for name in names): look.files for look in looks if look.files}
+    distinct, files = list(read.values()), dict[str, list[str]]()
+    for i in sorted(np.random.default_rng(plan.recipe.seed).permutation(len(distinct))[:ASKED_FILES].tolist()):
+        for split, names in distinct[i].items():
+            files.setdefault(split, []).extend(names)
+    return files
