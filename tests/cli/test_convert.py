@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -144,4 +145,27 @@ def test_a_conversion_into_what_generate_has_begun(run: Run, modelnet: Path, tmp
     assert outcome.code == 1
     assert "`generate` has begun the same plan there" in outcome.err
     assert run("generate", modelnet, "--out", out, *SMALL, "--format", "npz").code == 0
+    assert run("verify", out).code == 0
+
+
+@pytest.mark.parametrize("format", ["npz", "scanobjectnn"])
+def test_generate_into_what_a_conversion_has_begun(
+    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    """From `packed` its clouds are rounded: they are not those that `generate` would have made."""
+    out = tmp_path / "b"
+    run("generate", modelnet, "--out", tmp_path / "a", *SMALL, "--format", "packed")
+    with monkeypatch.context() as patched:
+        patched.setattr("zbuf_occlude.dataset.convert._finish", Mock(side_effect=KeyboardInterrupt))
+        assert run("convert", tmp_path / "a", "--format", format, "--out", out, "--workers", 1).code == 130
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    outcome = run("generate", modelnet, "--out", out, *SMALL, "--format", format)
+    assert outcome.code == 1
+    assert "has begun the same plan there. Choose another folder, or finish it by that command." in outcome.err
+    run("generate", modelnet, "--out", tmp_path / "c", *SMALL)
+    outcome = run("convert", tmp_path / "c", "--format", format, "--out", out)
+    assert outcome.code == 1
+    assert "`convert` from the dataset " in outcome.err
+    assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert run("convert", tmp_path / "a", "--format", format, "--out", out).code == 0
     assert run("verify", out).code == 0

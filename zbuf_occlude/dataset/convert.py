@@ -55,8 +55,8 @@ class Copying:
     ----------
     folder : Path
         The old dataset.
-    format : str
-        Its format.
+    format, fingerprint : str
+        Its format, and its plan's.
     files : mapping of split to list of file names
         As in its manifest.
     plan : Plan
@@ -69,6 +69,7 @@ class Copying:
 
     folder: Path
     format: str
+    fingerprint: str
     files: dict[str, list[str]]
     plan: Plan
     out: Path
@@ -87,7 +88,7 @@ class Copying:
             Content(self.plan, split, number, source.take(numbers), source.complete)
             for split, number, numbers in self.portions[job]
         ]
-        write_contents(self.plan, self.out, job, contents, self.places)
+        write_contents(self.plan, self.out, job, contents, self.places, self.fingerprint)
         return sum(len(content.records) for content in contents)
 
 
@@ -200,10 +201,10 @@ def convert(
                 "Choose another folder, or finish it by that command."
             )
         try:
-            left = sorted(portions.keys() - find_written(plan, out))
+            left = sorted(portions.keys() - find_written(plan, out, old.fingerprint))
             progress(n_clouds - sum(len(some) for part in left for _, _, some in portions[part]))
             places = places_in(source, plan, portions)
-            task = Copying(folder, old.format, manifest["files"], plan, out, portions, places)
+            task = Copying(folder, old.format, old.fingerprint, manifest["files"], plan, out, portions, places)
             if left:
                 (out / SHARDS).mkdir(exist_ok=True)
                 (run or run_here)(task, left, done)

@@ -45,6 +45,8 @@ class Mark:
     sha256 : mapping of file name to checksum
         None of files that have other parts' clouds too.
     sizes : mapping of file name to bytes
+    copied_from : str
+        Fingerprint of the dataset that `convert` took the clouds from; "" of clouds that shards were made of.
     """
 
     fingerprint: str
@@ -52,6 +54,7 @@ class Mark:
     n_clouds: Mapping[str, int]
     sha256: Mapping[str, str]
     sizes: Mapping[str, int]
+    copied_from: str = ""
 
 
 def n_parts(plan: Plan) -> int:
@@ -125,12 +128,31 @@ def look_at_part(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
     return mark, ""
 
 
-def find_written(plan: Plan, out: Path) -> set[int]:
-    """Return the parts that are written; of those that are damaged, take away what would stand in the way."""
+def find_written(plan: Plan, out: Path, copied_from: str = "") -> set[int]:
+    """Return the parts that are written; of those that are damaged, take away what would stand in the way.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    copied_from : str
+        As of `Mark`, of the parts that are still to be written.
+
+    Raises
+    ------
+    DatasetError
+        One belongs to another plan, or its clouds were not taken from there.
+    """
     written = set()
     for part in range(n_parts(plan)):
         mark, fault = look_at_part(plan, out, part)
         if mark is not None:
+            if mark.copied_from != copied_from:
+                other = f"`convert` from the dataset {mark.copied_from}" if mark.copied_from else "`generate`"
+                raise DatasetError(
+                    f"{out} must be empty or begun by this same command; {other} has begun the same plan there. "
+                    "Choose another folder, or finish it by that command."
+                )
             written.add(part)
         elif fault:
             _LOG.warning("part %d is written again: %s", part, fault)
@@ -263,7 +285,9 @@ def write_part(plan: Plan, out: Path, part: int, shards: list[Shard], places: Pl
     trim(plan, out, part, shards)
 
 
-def write_contents(plan: Plan, out: Path, part: int, contents: list[Content], places: Places | None) -> None:
+def write_contents(
+    plan: Plan, out: Path, part: int, contents: list[Content], places: Places | None, copied_from: str = ""
+) -> None:
     """Write a part of these clouds, then its mark."""
     row, files, n_clouds = find_format(plan.format), dict[str, list[str]](), dict[str, int]()
     for content in contents:
@@ -277,7 +301,7 @@ def write_contents(plan: Plan, out: Path, part: int, contents: list[Content], pl
     names = {name for of_split in files.values() for name in of_split}
     digests = {} if row.one_file else {name: sha256_of(out / name) for name in sorted(names)}
     sizes = {name: _path(plan, out, name).stat().st_size for name in sorted(names)}
-    _write_mark(out, part, Mark(plan.fingerprint, files, n_clouds, digests, sizes))
+    _write_mark(out, part, Mark(plan.fingerprint, files, n_clouds, digests, sizes, copied_from))
 
 
 def trim(plan: Plan, out: Path, part: int, shards: list[Shard]) -> None:
