@@ -155,6 +155,38 @@ def test_an_output_folder_that_is_a_broken_link_is_a_usage_error(run: Run, tmp_p
     assert f"a link to {str(tmp_path / 'gone')!r}, which is not there. Make that folder first." in outcome.err
 
 
+def test_an_output_folder_that_cannot_be_made_is_a_usage_error(
+    run: Run, tetrahedron: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: tuple[tuple[object, ...], ...] = (("generate", *SMALL), ("generate", *SMALL, "--dry-run"))
+    for command in commands:
+        outcome = run(*command, "--out", tetrahedron / "a" / "b")
+        assert (outcome.code, outcome.out) == (2, "")
+        assert f"cannot be made in {str(tetrahedron)!r}: that is a file. Choose another." in outcome.err
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # whoever tests may be allowed everything
+    for command in commands:
+        outcome = run(*command, "--out", tmp_path / "a" / "b")
+        assert (outcome.code, outcome.out) == (2, "")
+        assert f"cannot be made in {str(tmp_path)!r}: it may not be written in. Choose another." in outcome.err
+
+
+def test_a_dry_run_into_a_folder_that_is_another_s(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
+    """It says what `generate` would."""
+    full, taken = tmp_path / "full", tmp_path / "taken"
+    full.mkdir()
+    (full / "mine.txt").write_text("mine")
+    assert run("generate", tetrahedron, *SMALL, "--out", taken).code == 0
+    for out, options in ((full, ()), (full, ("--overwrite",)), (taken, ("--seed", 1))):
+        outcome = run("generate", tetrahedron, *SMALL, *options, "--out", out, "--dry-run")
+        assert (outcome.code, outcome.out) == (1, "")
+        assert (
+            outcome.err.splitlines()[-1]
+            == run("generate", tetrahedron, *SMALL, *options, "--out", out).err.splitlines()[-1]
+        )
+    for options in ((), ("--seed", 1, "--overwrite")):
+        assert run("generate", tetrahedron, *SMALL, *options, "--out", taken, "--dry-run").code == 0
+
+
 def test_an_output_folder_without_a_name_is_not_the_current_one(run: Run, tmp_path: Path) -> None:
     outcome = run("generate", *SMALL, "--out", "", "--dry-run")
     assert (outcome.code, outcome.out) == (2, "")

@@ -1,19 +1,41 @@
 """What `generate --dry-run` says: what a plan would make, and what that would take."""
 
+import errno
+import os
 import shutil
 from pathlib import Path
 
+from zbuf_occlude.cli.options import nearest
 from zbuf_occlude.cli.summary import counted
+from zbuf_occlude.dataset.claim import State, look_for, removable
 from zbuf_occlude.dataset.estimate import estimate
 from zbuf_occlude.dataset.plan import Plan
 
 MEGABYTE, HOUR = 1e6, 3600.0
 
 
+def check_place(plan: Plan, out: Path, *, overwrite: bool) -> None:
+    """Check that a plan's dataset could be made in a folder, as far as that shows before it is.
+
+    Raises
+    ------
+    DatasetError
+        As of `generate`.
+    PermissionError
+        It may not be written in.
+    """
+    if overwrite:
+        removable(out)
+    elif look_for(plan, out) is State.FINISHED:
+        return
+    if out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
+
+
 def describe(plan: Plan, out: Path) -> str:
     """Say what a plan would make."""
     recipe = plan.recipe
-    free = shutil.disk_usage(next(p for p in [out.absolute(), *out.absolute().parents] if p.exists())).free
+    free = shutil.disk_usage(nearest(out)).free
     how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
     how = "complete" if recipe.complete else how
     if recipe.setup is not None:

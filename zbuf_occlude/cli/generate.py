@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.dry_run import costs, describe
+from zbuf_occlude.cli.dry_run import check_place, costs, describe
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
 from zbuf_occlude.cli.options import (
@@ -261,6 +261,8 @@ def command(
         plans.append((plan_of_originals(plan), out / ORIGINAL))
     part = part_of(shard)
     if dry_run:
+        for each in plans:
+            check_place(*each, overwrite=overwrite)
         missing: OccludeError | None = None
         try:
             rehearse(plan.recipe, require_gpu)

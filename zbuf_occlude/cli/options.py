@@ -52,7 +52,17 @@ class OutFolder(click.Path):
             target = str(path.readlink())
             message = f"{str(path)!r} is a link to {target!r}, which is not there. Make that folder first."
             self.fail(f"it must be a folder; {message}", param, ctx)
+        above = nearest(path)
+        if above != path.absolute() and not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+            why = "it may not be written in" if above.is_dir() else "that is a file"
+            message = f"{str(path)!r} cannot be made in {str(above)!r}: {why}. Choose another."
+            self.fail(f"it must be a folder, or one that can be made; {message}", param, ctx)
         return path
+
+
+def nearest(path: Path) -> Path:
+    """Return a path, absolute, or what is there of those above it."""
+    return next(each for each in (path.absolute(), *path.absolute().parents) if os.path.exists(each))
 
 
 def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:

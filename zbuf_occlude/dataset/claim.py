@@ -73,23 +73,37 @@ def claim(plan: Plan, out: Path) -> None:
     DatasetError
         It is another's, or another plan's, if only just begun.
     """
-    found = look(out)
-    if found.state is State.FOREIGN:
-        raise DatasetError(f"{found.reason} Choose another folder.")
-    if found.state is State.EMPTY:
+    if look_for(plan, out) is State.EMPTY:
         out.mkdir(parents=True, exist_ok=True)
         try:
             document = {"fingerprint": plan.fingerprint, **plan.document}
             atomic.write_json(out / PLAN, document, exclusive=True)
-            return
         except FileExistsError:  # somebody was faster
-            found = Found(State.UNFINISHED, read_plan(out))
-    assert found.plan is not None  # it is a dataset of ours
-    if found.plan.fingerprint != plan.fingerprint:
-        differences = plan.differences(found.plan.document) or ["the views are others"]
+            _check_same(plan, read_plan(out), out)
+
+
+def look_for(plan: Plan, out: Path) -> State:
+    """Find out what a folder is, which a plan's dataset is to be in; nothing is changed.
+
+    Raises
+    ------
+    DatasetError
+        It is another's, or another plan's.
+    """
+    found = look(out)
+    if found.state is State.FOREIGN:
+        raise DatasetError(f"{found.reason} Choose another folder.")
+    if found.plan is not None:
+        _check_same(plan, found.plan, out)
+    return found.state
+
+
+def _check_same(plan: Plan, theirs: Plan, out: Path) -> None:
+    if theirs.fingerprint != plan.fingerprint:
+        differences = plan.differences(theirs.document) or ["the views are others"]
         more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise DatasetError(
-            f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {found.plan.fingerprint}, "
+            f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "
             f"in which {'; '.join(differences[:3])}{more}. Choose another folder, or generate with --overwrite."
         )
 
@@ -100,26 +114,35 @@ def remove(out: Path) -> None:
     Raises
     ------
     DatasetError
-        The folder is another's, or something in it is; nothing was removed.
+        As `removable`; nothing was removed.
+    """
+    for folder, plan in removable(out):
+        (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left of the dataset is no finished one
+        _remove_files(folder, sorted(own_names(plan) - {PLAN}))
+        (folder / PLAN).unlink()  # last: until then the folder is known for ours
+    with suppress(OSError):
+        (out / ORIGINAL).rmdir()
+
+
+def removable(out: Path) -> list[tuple[Path, Plan]]:
+    """Return the folders and plans of a dataset of ours and of the complete clouds beside it; nothing is changed.
+
+    Raises
+    ------
+    DatasetError
+        The folder is another's, or something in it is.
     """
     datasets = [(each, found.plan) for each in (out / ORIGINAL, out) if (found := look(each)).plan is not None]
     if (found := look(out)).state is State.FOREIGN:
         raise DatasetError(f"{found.reason} Choose another folder.")
     for folder, plan in datasets:
-        assert plan is not None  # those without one were left out
         if others := strangers(folder, plan):
             more = f" and {len(others) - 1} more" if len(others) > 1 else ""
             raise DatasetError(
                 f"{folder} must hold nothing but its dataset to be overwritten; it has other files: {others[0]}{more}. "
                 "Nothing was removed. Move them away, or choose another folder."
             )
-    for folder, plan in datasets:
-        assert plan is not None  # as above
-        (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left of the dataset is no finished one
-        _remove_files(folder, sorted(own_names(plan) - {PLAN}))
-        (folder / PLAN).unlink()  # last: until then the folder is known for ours
-    with suppress(OSError):
-        (out / ORIGINAL).rmdir()
+    return datasets
 
 
 def remove_shards(plan: Plan, out: Path) -> None:
