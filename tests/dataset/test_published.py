@@ -18,6 +18,7 @@ from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.formats.published import names_of
 from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -217,6 +218,15 @@ def test_modelnet40_c_of_an_earlier_version_whose_records_stood_view_by_view(mad
 def test_records_in_one_file_per_split_as_before_are_the_datasets_own() -> None:
     names = set(find_format("pcn").load().names(plan("pcn")))
     assert {"clouds_train.npy", "clouds_val.npy", "clouds_test.npy"} < names
+
+
+@pytest.mark.parametrize("format", PAIRS)
+def test_small_datasets_of_whole_objects_are_written_in_parts_by_all_workers(format: str) -> None:
+    """200 objects of 8 views were a single part, which a second worker waited for."""
+    entries = [MeshEntry(f"m{i}", "airplane", "train", slab) for i in range(40_000)]
+    small, large = (replace(plan(format), meshes=MeshCollection(some)) for some in (entries[:200], entries))
+    assert n_parts(small) == len(small.shards)
+    assert n_parts(large) < len(large.shards)
 
 
 def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:

@@ -30,7 +30,7 @@ ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 6
+DATA_VERSION = 7
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
@@ -262,8 +262,11 @@ class Plan:
 
     @cached_property
     def shards_per_part(self) -> int:
-        """Shards that formats of whole objects write at once: about as many clouds as a file of others has."""
-        return max(1, CLOUDS_PER_FILE // max(self.clouds_per_shard, self.clouds_per_mesh))
+        """Shards that formats of whole objects write at once: as many clouds as a file of others has, where there are
+        `SHARDS` such parts; else fewer, so that all workers write.
+        """
+        most = CLOUDS_PER_FILE // max(self.clouds_per_shard, self.clouds_per_mesh)
+        return max(1, min(most, len(self.shards) // SHARDS))
 
     @cached_property
     def shards_of(self) -> list[range]:

@@ -116,10 +116,9 @@ def rest_name(split: str, number: int | None = None) -> str:
 
 def rest_names(plan: Plan) -> Iterator[str]:
     """Yield these names, of a layout of whole objects that has one per part; before data version 6 it had one."""
-    yield from map(rest_name, plan.splits)
-    for shard, mesh_ids in enumerate(plan.shards):
-        part = shard // plan.shards_per_part
-        yield from (rest_name(split, part) for split in {plan.meshes[mesh_id].split for mesh_id in mesh_ids})
+    for split in plan.splits:
+        yield rest_name(split)
+        yield from (rest_name(split, part) for part in range(-(-len(plan.shards) // plan.shards_per_part)))
 
 
 def write_rest(out: Path, content: Content) -> str:
