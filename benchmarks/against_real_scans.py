@@ -1,6 +1,6 @@
 """Simulated against real numbers of points: models stretched to the labelled boxes of a drive, seen as its LiDARs saw.
 
-    python benchmarks/against_real_scans.py ../shared/data/lidar/av2_objects.tsv [--every 2] [--out FILE.md]
+    python benchmarks/against_real_scans.py ../shared/data/lidar/av2_objects.tsv [--reach 130] [--out FILE.md]
 
 The file has a line per labelled object and sweep: category, length, width, height, x, y, z, yaw in degrees (metres, the
 car's frame), and the number of LiDAR points in the box. Sweeps follow each other; a new one begins where the categories
@@ -8,9 +8,17 @@ begin anew, which are in alphabetical order. The rig is that of Argoverse 2: two
 
 For each vehicle and pedestrian between 10 and 60 m a built-in car, stretched to its box, or a figure of ellipsoids, as
 tall as it, is looked at in three ways: alone; among the other labelled boxes of its sweep, filled likewise; and so with
-dropout. The file lists a sample of the boxes; where one is missing between two sightings of its object, it is put back.
-There is no ground: roads are not flat, and one that is hides what stands below it. Dropout's numbers are fitted on the
-first half of the sweeps; all is reported of the second.
+dropout, which goes by albedo: each object has one, drawn, the same in all sweeps, and all of it is drawn `DRAWS` times.
+The file lists a sample of the boxes; where one is missing between two sightings of its object, it is put back.
+There is no ground: roads are not flat, and one that is hides what stands below it. `reach`, the one number of dropout,
+is fitted on either half of the objects, and what is reported of an object is by the half that it is not in. With
+--reach nothing is fitted.
+
+With dropout real / simulated says twice what the sensor gives: of an object and one draw of its paint, which is not the
+real one's, so that a model without fault has the ratio of two draws; and (in the column "highest tenth") of an object
+and the 90th percentile of its own draws, of which a model without fault has 1 as 90th percentile, as had a model that
+draws nothing. Sweeps follow each other in tenths of a second: what differs is objects, of which the table says how many
+there are, and by drawing which anew (bootstrap) it says how far the ratio of medians can be trusted.
 """
 
 import argparse
@@ -20,7 +28,7 @@ import time
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +36,10 @@ import zbuf_occlude as zo
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.shapes import solids
 from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.albedos import ALBEDOS, draw_albedos
 from zbuf_occlude.scenes.parts import box, pole
 from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.imperfections import detection
 from zbuf_occlude.sensors.scan import default_caster
 
 MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))
@@ -42,13 +52,12 @@ MOST_STEP = 2.5
 """Metres per sweep, in the car's frame, beyond which two boxes of the same sides are two objects."""
 LONGEST_GAP = 15
 """Sweeps for which an object may be missing."""
-GRID = {
-    "drop": np.arange(0.0, 0.21, 0.05),
-    "attenuation": (0.0, 0.004, 0.008, 0.016, 0.024, 0.03, 0.04, 0.05),
-    "drop_limit": (0.3, 0.5, 0.65, 0.8, 1.0),
-    "drop_zero": np.arange(0.0, 1.01, 0.1),
-}
-"""What dropout's numbers are chosen from."""
+REACHES = np.arange(70.0, 231.0, 10.0)
+"""What `reach` is chosen from, metres."""
+DRAWS = 40
+"""How often albedos and returns are drawn."""
+SHADES = 48
+"""Albedos for which the share of returns is computed; between them it is interpolated."""
 
 
 class Box(NamedTuple):
@@ -66,6 +75,8 @@ class Counted(NamedTuple):
     """One object: what it is, where, its real number of points; cosine and range of each simulated return."""
 
     group: str
+    identity: int
+    """`identity_of` its box."""
     sweep: int
     distance: float
     real: int
@@ -131,11 +142,16 @@ FIGURE = figure()
 CARS = [shapes.make("car", i) for i in range(12)]
 
 
+def identity_of(given: Box) -> int:
+    """Return a number that tells objects apart: boxes of an object have the same sides in all sweeps."""
+    return zlib.crc32(f"{given.sides.tolist()}".encode())
+
+
 def placed(given: Box, number: int) -> Placed:
     """A model stretched to a box and put there."""
     if given.category == "REGULAR_VEHICLE":
         # the same box in the next sweep gets the same car; built-in ones face -y
-        mesh, turn = CARS[zlib.crc32(f"{given.sides.tolist()}".encode()) % len(CARS)], np.pi / 2
+        mesh, turn = CARS[identity_of(given) % len(CARS)], np.pi / 2
     elif given.category == "PEDESTRIAN":
         mesh, turn = FIGURE, 0.0
     elif given.category in ("BOLLARD", "CONSTRUCTION_CONE", "SIGN"):
@@ -162,7 +178,7 @@ def pose_of(mount: tuple[float, float, float, bool]) -> np.ndarray:
 
 def count(path: Path, every: int, method: str) -> Iterator[Counted]:
     """Scan every object of some sweeps."""
-    sensor = make("vlp-32c", drop=0.0, drop_zero=0.0, sigma=0.0, step=0.0)
+    sensor = make("vlp-32c", reach=0.0, sigma=0.0, step=0.0)
     poses = [pose_of(mount) for mount in MOUNTS]
     for number, boxes in list(enumerate(completed(sweeps_of(path))))[::every]:
         models = [placed(given, i) for i, given in enumerate(boxes)]
@@ -184,46 +200,55 @@ def count(path: Path, every: int, method: str) -> Iterator[Counted]:
                     np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], 1) for s in scans])
                     for scans in (one, many)
                 ]
-                yield Counted(CLASSES[given.category], number, distance, given.n_points, *signals)
+                identity = identity_of(given)
+                yield Counted(CLASSES[given.category], identity, number, distance, given.n_points, *signals)
 
 
-def kept(signals: np.ndarray, numbers: dict[str, float]) -> float:
-    """Number of returns that dropout leaves, on average (`zbuf_occlude.sensors.imperfections.dropped`)."""
-    signal = signals[:, 0] * np.exp(-numbers["attenuation"] * signals[:, 1])
-    weak = numbers["drop_zero"] * np.maximum(0.0, 1.0 - signal / numbers["drop_limit"])
-    return float(((1.0 - numbers["drop"]) * (1.0 - weak)).sum())
+def drawn(objects: list[Counted], reaches: np.ndarray | float) -> np.ndarray:
+    """Return the numbers of returns (DRAWS, objects) that dropout leaves, with an albedo drawn for each object.
 
-
-def misfit(objects: list[Counted], numbers: dict[str, float]) -> float:
-    """How far the 90th percentile of real / simulated is from 1, of vehicles, every 10 m: the mean squared logarithm.
-
-    Not the medians: things that nobody labelled hide objects too, which dropout must not stand in for. The least hidden
-    are at the upper end. Not the people: their clothes return what the paint and the glass of a vehicle lose.
+    `reaches` is one for all, or one each.
     """
-    total = []
-    for mine in binned([o for o in objects if o.group == "vehicles"]):
-        real = np.array([o.real for o in mine], dtype=float)
-        simulated = np.array([kept(o.among, numbers) for o in mine])
-        ratios = real[simulated >= 1] / simulated[simulated >= 1]
-        total.append(np.log(max(np.quantile(ratios, 0.9), 0.01)) ** 2)
-    return float(np.mean(total))
+    low, high = np.log(ALBEDOS)
+    shades = np.linspace(low, high, SHADES)
+    found = np.empty((DRAWS, len(objects)), dtype=np.int64)
+    rng = np.random.default_rng(0)
+    for number, (one, reach) in enumerate(zip(objects, np.broadcast_to(reaches, len(objects)), strict=True)):
+        albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
+        cosines, ranges = one.among.T
+        shares = detection(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1) if len(ranges) else shades * 0
+        found[:, number] = rng.binomial(len(ranges), np.interp(np.log(albedos), shades, shares))
+    return found
 
 
-def binned(objects: list[Counted]) -> Iterator[list[Counted]]:
-    """Yield the objects of each class and 10 m, where there are some."""
+def misfit(objects: list[Counted], reach: float) -> float:
+    """How far the distributions of numbers of points are from the real ones: Kolmogorov-Smirnov, mean of all rows."""
+    simulated = drawn(objects, reach)
+    far = [
+        distance_between(np.array([objects[i].real for i in mine], dtype=float), simulated[:, mine].ravel())
+        for mine in binned(objects)
+    ]
+    return float(np.mean(far))
+
+
+def cross_fitted(objects: list[Counted]) -> tuple[np.ndarray, str]:
+    """Fit `reach` on either half of the objects; return for each what the other half gave, and say all of it."""
+    half = np.array([o.identity % 2 for o in objects])
+    misfits = [[misfit([o for o in objects if o.identity % 2 == each], r) for r in REACHES] for each in (0, 1)]
+    fitted = REACHES[np.argmin(misfits, axis=1)]
+    by_reach = ", ".join(f"{reach:g} {a:.3f} {b:.3f}" for reach, a, b in zip(REACHES, *misfits, strict=True))
+    return fitted[1 - half], (
+        f"Reach fitted on half of the objects, and reported of the other: {fitted[0]:g} and {fitted[1]:g} m. "
+        f"Mean Kolmogorov-Smirnov of either half by reach: {by_reach}."
+    )
+
+
+def binned(objects: list[Counted]) -> Iterator[list[int]]:
+    """Yield which objects are of each class and 10 m, where there are some."""
     for group, (low, high) in itertools.product(CLASSES.values(), BINS):
-        mine = [o for o in objects if o.group == group and low <= o.distance < high]
+        mine = [i for i, o in enumerate(objects) if o.group == group and low <= o.distance < high]
         if len(mine) >= LEAST:
             yield mine
-
-
-def fit(objects: list[Counted]) -> dict[str, float]:
-    """Choose dropout's numbers: of a grid the best."""
-    some = objects[:: max(1, len(objects) // 800)]
-    choices = [dict(zip(GRID, map(float, values), strict=True)) for values in itertools.product(*GRID.values())]
-    # without weak signals lost, attenuation and limit mean nothing
-    choices = [c for c in choices if c["drop_zero"] > 0 or (c["attenuation"] == 0.0 and c["drop_limit"] == 0.3)]
-    return min(choices, key=lambda numbers: misfit(some, numbers))
 
 
 def distance_between(a: np.ndarray, b: np.ndarray) -> float:
@@ -233,44 +258,67 @@ def distance_between(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(below[0] - below[1]).max())
 
 
-def report(objects: list[Counted], numbers: dict[str, float]) -> list[str]:
-    """Say it as a table, class by class and 10 m by 10 m."""
+def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> str:
+    """Say between what the ratio of medians lies when objects, not sightings, are drawn anew: 5 and 95 %."""
     rng = np.random.default_rng(0)
-    ways: dict[str, Any] = {
-        "alone": lambda o: len(o.alone),
-        "others": lambda o: len(o.among),
-        "others, dropout": lambda o: rng.binomial(len(o.among), kept(o.among, numbers) / max(len(o.among), 1)),
+    names, which = np.unique(identities, return_inverse=True)
+    of_each = [np.flatnonzero(which == i) for i in range(len(names))]
+    ratios = []
+    for _ in range(400):
+        mine = np.concatenate([of_each[i] for i in rng.integers(len(names), size=len(names))])
+        ratios.append(np.median(real[mine]) / max(np.median(simulated[:, mine]), 0.5))
+    low, high = np.quantile(ratios, (0.05, 0.95))
+    return f"{low:.2f}..{high:.2f}"
+
+
+def report(objects: list[Counted], with_dropout: np.ndarray) -> list[str]:
+    """Say it as a table, class by class and 10 m by 10 m."""
+    ways = {
+        "alone": np.array([[len(o.alone) for o in objects]]),
+        "others": np.array([[len(o.among) for o in objects]]),
+        "others, dropout": with_dropout,
     }
     lines = [
-        "| | metres | objects | way | real 50, 75, 90 % | simulated 50, 75, 90 % | ratio of medians | KS "
-        "| real / simulated 50, 75, 90 % |",
-        "| --- | --- | ---: | --- | --- | --- | ---: | ---: | --- |",
+        "| | metres | sightings, objects | way | real 50, 75, 90 % | simulated 50, 75, 90 % | ratio of medians "
+        "| with other objects | KS | real / simulated 50, 75, 90 % | of two draws 90 % | real / highest tenth 90 % |",
+        "| --- | --- | ---: | --- | --- | --- | ---: | ---: | ---: | --- | ---: | ---: |",
     ]
     for mine in binned(objects):
-        group, low = mine[0].group, min(o.distance for o in mine) // 10 * 10
-        real = np.array([o.real for o in mine], dtype=float)
-        for name, way in ways.items():
-            simulated = np.array([way(o) for o in mine], dtype=float)
-            ratios = real[simulated > 0] / simulated[simulated > 0]
-            quantiles = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, simulated, ratios)]
-            medians = quantiles[0][0] / quantiles[1][0] if quantiles[1][0] else np.inf
-            shown = [", ".join(f"{q:.0f}" for q in each) for each in quantiles[:2]]
-            shown.append(", ".join(f"{q:.2f}" for q in quantiles[2]))
+        group, low = objects[mine[0]].group, min(objects[i].distance for i in mine) // 10 * 10
+        real = np.array([objects[i].real for i in mine], dtype=float)
+        identities = [objects[i].identity for i in mine]
+        for name, of_all in ways.items():
+            simulated = of_all[:, mine].astype(float)
+            some = simulated > 0
+            highest = np.quantile(simulated, 0.9, axis=0)
+            quantiles = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, simulated)]
+            shown = [", ".join(f"{q:.0f}" for q in each) for each in quantiles]
+            if not some.any():
+                continue
+            ratios = np.broadcast_to(real, simulated.shape)[some] / simulated[some]
+            shown.append(", ".join(f"{q:.2f}" for q in np.quantile(ratios, (0.5, 0.75, 0.9))))
+            two = np.quantile(np.roll(simulated, 1, axis=0)[some] / simulated[some], 0.9)
+            lit = highest > 0
+            upper = np.quantile(real[lit] / highest[lit], 0.9) if lit.any() else np.inf
+            middle = quantiles[0][0] / quantiles[1][0] if quantiles[1][0] else np.inf
             lines.append(
-                f"| {group} | {low:.0f}-{low + 10:.0f} | {len(mine)} | {name} | {shown[0]} | {shown[1]} "
-                f"| {medians:.2f} | {distance_between(real, simulated):.2f} | {shown[2]} |"
+                f"| {group} | {low:.0f}-{low + 10:.0f} | {len(mine)}, {len(set(identities))} | {name} | {shown[0]} "
+                f"| {shown[1]} | {middle:.2f} | {trusted(real, simulated, identities)} "
+                f"| {distance_between(real, simulated.ravel()):.2f} | {shown[2]} | {two:.2f} | {upper:.2f} |"
             )
     return lines
 
 
-def hidden(objects: list[Counted], numbers: dict[str, float]) -> str:
-    """Say how many seem to stand behind what nobody labelled."""
+def hidden(objects: list[Counted], with_dropout: np.ndarray) -> str:
+    """Say how many seem to stand behind what nobody labelled: fewer returns than one draw in twenty gives."""
+    least = np.quantile(with_dropout, 0.05, axis=0)
     said = []
     for group, (low, high) in itertools.product(CLASSES.values(), ((10.0, 40.0), (40.0, 60.0))):
-        pairs = [(o.real, kept(o.among, numbers)) for o in objects if o.group == group and low <= o.distance < high]
-        some = [real < simulated / 4 for real, simulated in pairs if simulated >= 8]
-        said.append(f"{np.mean(some):.0%} of {len(some)} {group} at {low:.0f}-{high:.0f} m")
-    return "Fewer than a quarter of their simulated returns (8 at least) have " + ", ".join(said) + "."
+        pairs = [(o, few) for o, few in zip(objects, least, strict=True) if o.group == group and few >= 1]
+        some = [o.real < few for o, few in pairs if low <= o.distance < high]
+        if some:
+            said.append(f"{np.mean(some):.0%} of {len(some)} {group} at {low:.0f}-{high:.0f} m")
+    return "Fewer returns than a twentieth of the draws have " + ", ".join(said) + "."
 
 
 def main() -> None:
@@ -279,6 +327,7 @@ def main() -> None:
     parser.add_argument("objects", type=Path)
     parser.add_argument("--every", type=int, default=1, help="Only every n-th sweep.")
     parser.add_argument("--method", default=default_caster(), help="Who casts the rays.")
+    parser.add_argument("--reach", type=float, help="Fit nothing: report with this one, as another log should be.")
     parser.add_argument("--out", type=Path, help="Write the table here too.")
     given = parser.parse_args()
     began = time.perf_counter()
@@ -287,17 +336,17 @@ def main() -> None:
         objects.append(one)
         if len(objects) % 100 == 0:
             print(f"{len(objects)} objects, {time.perf_counter() - began:.0f} s", file=sys.stderr)
-    half = np.median([o.sweep for o in objects])
-    first, second = [o for o in objects if o.sweep < half], [o for o in objects if o.sweep >= half]
-    numbers = fit(first)
+    if given.reach is None:
+        reaches, fitted = cross_fitted(objects)
+    else:
+        reaches, fitted = np.full(len(objects), given.reach), f"Not fitted: reach {given.reach:g} m."
+    simulated = drawn(objects, reaches)
     lines = [
-        f"{len(objects)} objects of {len({o.sweep for o in objects})} sweeps, rays by {given.method}. "
-        f"Fitted on the first {len(first)}: " + ", ".join(f"{name} {value:g}" for name, value in numbers.items()) + ".",
-        f"Below: the other {len(second)}.",
+        f"{len(objects)} sightings of {len({o.sweep for o in objects})} sweeps, rays by {given.method}. {fitted}",
         "",
-        *report(second, numbers),
+        *report(objects, simulated),
         "",
-        hidden(second, numbers),
+        hidden(objects, simulated),
     ]
     print("\n".join(lines))
     if given.out is not None:

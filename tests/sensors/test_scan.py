@@ -9,6 +9,7 @@ import zbuf_occlude as zo
 from tests.scenes import box, stacked
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.albedos import TYPICAL
 from zbuf_occlude.sensors import Scan, look_at, make
 from zbuf_occlude.sensors import imperfections as faults_of
 from zbuf_occlude.sensors.scan import pose_of_camera
@@ -69,8 +70,33 @@ def test_dropout_is_of_the_share_and_of_weak_signals() -> None:
     assert len(some) / len(whole) == pytest.approx(0.7, abs=0.01)
     faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).imperfections
     weak = faults_of.dropped(whole, faults, rng)
-    assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - np.exp(-0.5)), abs=0.01)
+    assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - TYPICAL * np.exp(-0.5)), abs=0.01)
     assert set(weak.face_ids) <= set(whole.face_ids)
+
+
+def test_detection_goes_by_albedo_incidence_and_range() -> None:
+    """White, at right angles, at the reach: once in e pulses; a quarter of the albedo is as twice the range."""
+    assert faults_of.detection(1.0, 1.0, 50.0, 50.0) == pytest.approx(np.exp(-1.0))
+    assert faults_of.detection(0.25, 1.0, 10.0, 50.0) == pytest.approx(faults_of.detection(1.0, 1.0, 20.0, 50.0))
+    steep = faults_of.detection(0.2, np.cos(np.radians([0.0, 40.0, 70.0, 89.9])), 30.0, 140.0)
+    assert (np.diff(steep) < 0.0).all()
+    # as Oren and Nayar 1994 have it, seen from where the light comes: A cos + B sin tan cos, of which A is 1 here
+    a, b = 1 - 0.5 * 0.25 / (0.25 + 0.33), 0.45 * 0.25 / (0.25 + 0.09)
+    angle = np.radians(70.0)
+    back = np.cos(angle) * (a + b * np.sin(angle) * np.tan(angle)) / a
+    assert steep[2] == pytest.approx(np.exp(-((30.0 / 140.0) ** 2) / (0.2 * back)))
+    assert faults_of.detection(0.0, 1.0, 30.0, 140.0) == 0.0
+
+
+@pytest.mark.parametrize("albedo", [0.05, 0.5, 1.0])
+def test_a_scan_loses_what_is_not_detected(albedo: float) -> None:
+    sensor = make("pinhole:width=200,height=200,fov=2", axial=False, reach=40.0)
+    scene = Scene.joined([Placed(wall(20.0, 20.0), "wall", albedo=albedo)])
+    scan = zo.scan(scene, sensor, method="oracle")
+    assert len(scan) / 40_000 == pytest.approx(np.exp(-0.25 / albedo), abs=0.01)
+    assert np.allclose(scan.intensities * scan.ranges**2, albedo, rtol=1e-3)
+    assert len(zo.scan(scene, sensor.with_numbers(noise=0), method="oracle")) == 40_000
+    assert len(zo.scan(scene, sensor.with_numbers(reach=0.0), method="oracle")) == 40_000
 
 
 def test_limits_of_range() -> None:
@@ -166,7 +192,7 @@ def test_a_pose_moves_sensor_not_scene() -> None:
     assert pose[2, 2] > 0.9  # z stays up
 
 
-@pytest.mark.parametrize("numbers", [{"noise": 0}, {"sigma": 0.0, "drop_zero": 0.0}], ids=["rays", "beams"])
+@pytest.mark.parametrize("numbers", [{"noise": 0}, {"sigma": 0.0, "reach": 0.0}], ids=["rays", "beams"])
 def test_towards_a_box_changes_nothing_within_it(numbers: dict[str, Any]) -> None:
     car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 3.0, 0.0))
     sensor, pose = make("vlp-32c", **numbers), look_at([0.0, -1.0, 2.0], [9.0, 9.0, 0.0])
@@ -186,7 +212,7 @@ def test_of_a_target_all_returns_are_there() -> None:
     car = shapes.make("car", 1).normalized().transformed(4.5, (12.0, 0.0, 0.0))
     post, wall = box().transformed(0.4, (5.0, 0.1, 0.0)), box().transformed(30.0, (31.0, 0.0, 0.0))
     scene = Scene.joined([Placed(mesh, name) for mesh, name in ((car, "car"), (post, "post"), (wall, "wall"))])
-    sensor = make("vlp-32c", sigma=0.0, drop_zero=0.0)
+    sensor = make("vlp-32c", sigma=0.0, reach=0.0)
     with zo.prepare(car, "embree") as alone, zo.prepare(scene.mesh, "embree") as all_of_it:
         whole = zo.scan(scene, sensor, occluder=all_of_it)
         part = zo.scan(scene, sensor, occluder=all_of_it, towards=car.bounds, target=alone)

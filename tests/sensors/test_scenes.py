@@ -15,6 +15,7 @@ from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
+from zbuf_occlude.scenes.albedos import ALBEDOS, TYPICAL, draw_albedos
 from zbuf_occlude.scenes.files import read_scene
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.scenes.sizes import parse_sizes, size_of
@@ -60,6 +61,38 @@ def test_joined_keeps_whose_face_is_whose() -> None:
         Scene.joined([])
     with pytest.raises(zo.ArgumentError, match=r"pose of a must be \(4, 4\), finite"):
         Placed(box(), "a", np.zeros((4, 4)))
+
+
+def test_albedos_are_drawn_of_objects_that_have_none() -> None:
+    drawn = draw_albedos(np.random.default_rng(0), 20_000)
+    assert (drawn >= ALBEDOS[0]).all()
+    assert (drawn <= ALBEDOS[1]).all()
+    quarters = np.quantile(np.log(drawn / ALBEDOS[0]) / np.log(ALBEDOS[1] / ALBEDOS[0]), [0.25, 0.5, 0.75])
+    assert quarters == pytest.approx([0.25, 0.5, 0.75], abs=0.01)
+    placed = [Placed(box(), "a"), Placed(box(), "b", albedo=0.5), Placed(box(), "c")]
+    assert Scene.joined(placed).albedos.tolist() == [TYPICAL, 0.5, TYPICAL]
+    assert Scene.of(box()).albedos.tolist() == [TYPICAL]
+    assert np.median(drawn) == pytest.approx(TYPICAL, rel=0.05)
+    first, second = (Scene.joined(placed, rng=np.random.default_rng(seed)).albedos for seed in (3, 4))
+    assert first[1] == second[1] == 0.5
+    assert len({first[0], first[2], second[0], second[2]}) == 4
+    some = Scene.joined(placed, np.array([True, False, True]), np.random.default_rng(3)).albedos
+    assert some.tolist() == first.tolist()  # what is left out changes nobody's
+
+
+def test_one_scene_one_albedo_for_each_object() -> None:
+    """Two views of the same scene see the same paint; another seed's is another."""
+    asked = setup(scene="ground", range=(8.0, 8.0), keep="all")
+    one, two = scans(asked, ring(2))
+    assert one.scene.albedos.tolist() == two.scene.albedos.tolist()
+    for capture in (one, two):
+        scan = capture.scan
+        albedos = scan.intensities * scan.clean_ranges**2 / np.cos(scan.incidences)
+        assert np.allclose(albedos, capture.scene.albedos[scan.instances])
+    other = scans(asked, ring(2), seed=1)[0].scene.albedos
+    assert not set(other.tolist()) & set(one.scene.albedos.tolist())
+    streets = [capture.scene.albedos[0] for capture in scans(setup(scene="street", range=(8.0, 8.0)), ring(2))]
+    assert streets[0] != streets[1]  # every view has its own street, and another car in it
 
 
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS])
@@ -164,11 +197,19 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
     write_off(tmp_path / "crate.off", crate.vertices, crate.faces)
     path = tmp_path / "scene.json"
     path.write_text(
-        json.dumps({"objects": [{"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30}]})
+        json.dumps(
+            {
+                "objects": [
+                    {"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9}
+                ]
+            }
+        )
     )
     asked = setup(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
     (capture,) = scans(asked, ring(1))
     assert capture.scene.labels == ("target", "ground", "crate")
+    assert capture.scene.albedos[2] == 0.9
+    assert (capture.scene.albedos[:2] < 0.9).all()
     crate_points = capture.scan.positions[capture.scan.instances == 2]
     assert len(crate_points) > 20
     assert np.linalg.norm(crate_points[:, :2] - [0, 6], axis=1).max() < 1.5

@@ -78,7 +78,8 @@ def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
         size = float(given.get("size", size_of(label, FILE, mesh.longest_side)))
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
-        placed.append(Placed(standing(mesh, size), label, pose, float(given.get("albedo", 1.0))))
+        albedo = float(given["albedo"]) if "albedo" in given else None
+        placed.append(Placed(standing(mesh, size), label, pose, albedo))
     return placed
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.scenes.albedos import TYPICAL, draw_albedos
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,20 +24,20 @@ class Placed:
         What it is: a class, "ground", "pole"...
     pose : (4, 4) float
         The mesh's space to the world, metres; column vectors. May scale. The identity by default.
-    albedo : float
-        Share of light that it sends back, of `intensity`.
+    albedo : float, optional
+        Share of light that it sends back. None: it is not known, and the scene has one drawn (`Scene.joined`).
     """
 
     mesh: Mesh
     label: str = "object"
     pose: FloatArray = field(default_factory=lambda: np.eye(4))
-    albedo: float = 1.0
+    albedo: float | None = None
 
     def __post_init__(self) -> None:
         pose = np.asarray(self.pose, dtype=np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
             raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
-        if not 0.0 <= self.albedo <= 1.0:
+        if self.albedo is not None and not 0.0 <= self.albedo <= 1.0:
             raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
         object.__setattr__(self, "pose", frozen(pose))
 
@@ -97,11 +98,21 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
         """Return a mesh alone, as it stands, in metres."""
-        return cls(mesh, np.zeros(len(mesh.faces), dtype=np.int32), (label,), np.ones(1))
+        return cls(mesh, np.zeros(len(mesh.faces), dtype=np.int32), (label,), np.full(1, TYPICAL))
 
     @classmethod
-    def joined(cls, placed: Sequence[Placed], which: BoolArray | None = None) -> "Scene":
-        """Join meshes in their places; object i keeps the number i where `which` leaves others out.
+    def joined(
+        cls, placed: Sequence[Placed], which: BoolArray | None = None, rng: np.random.Generator | None = None
+    ) -> "Scene":
+        """Join meshes in their places.
+
+        Parameters
+        ----------
+        placed : sequence of Placed
+        which : (o,) bool, optional
+            Those to take; object i keeps the number i where others are left out.
+        rng : Generator, optional
+            Draws albedos of the objects that have none (`zbuf_occlude.scenes.albedos`); without it theirs is `TYPICAL`.
 
         Raises
         ------
@@ -118,7 +129,9 @@ class Scene:
             "scene",
         )
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array([p.albedo for p in placed]))
+        drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
+        albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos))
 
 
 def moved(

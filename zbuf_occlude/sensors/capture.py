@@ -152,7 +152,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             asked = Asked(target, places.eyes[0], floor, none, None, pool)
             placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
             placed += placed_of([dict(each) for each in setup.objects], floor)
-            scene = Scene.joined(placed)
+            scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
                 for number, pose in enumerate(poses):
                     yield _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
@@ -165,7 +165,8 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             asked = Asked(target, eye, floor, seen.positions, share, pool)
             arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
             near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
-            scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near)
+            paint = np.random.default_rng(seeds("albedo", number))
+            scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare(scene.mesh, setup.method) as occluder:
                 # the target is the first of the scene: its faces have the same numbers
                 left = _visible(scene.mesh, occluder, seen, eye[None], setup)

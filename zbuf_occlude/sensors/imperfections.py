@@ -1,6 +1,7 @@
 """What sensors get wrong, one small function each: scan in, scan out. All draws come from the generator passed in."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.sensors.model import STEEPEST, Imperfections, Sensor
@@ -8,6 +9,10 @@ from zbuf_occlude.sensors.record import Scan
 
 EDGE = 0.05
 """Neighbouring pixels whose depths differ by more than this share lie on an edge."""
+ROUGHNESS = 0.5
+"""Radians that a surface's facets are tilted by (Oren and Nayar 1994): assumed, as of plaster, cloth or asphalt."""
+ROUGH_BACK = (0.45 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.09)) / (1.0 - 0.5 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.33))
+"""What such a surface sends back when grazed, over what it does at right angles: their B / A."""
 
 
 def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
@@ -18,6 +23,7 @@ def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
         return scan
     scan = without_edges(scan, faults, rng)
     scan = dropped(scan, faults, rng)
+    scan = detected(scan, faults, rng)
     scan = noisy(scan, faults, rng)
     scan = blurred(scan, sensor, rng)
     return quantised(scan, faults)
@@ -42,6 +48,39 @@ def dropped(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan
         weak = faults.drop_zero * np.maximum(0.0, 1.0 - signal / faults.drop_limit)
         lost = 1.0 - (1.0 - lost) * (1.0 - weak)
     return scan.select(rng.random(len(scan)) >= lost)
+
+
+def detected(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+    """Lose the returns that fade below what the sensor detects: dark, steep and far ones."""
+    if not faults.reach:
+        return scan
+    cosines = np.cos(scan.incidences)
+    # what a Lambertian surface sends back is the record's intensity; its albedo is that without the cosine
+    albedos = scan.intensities * scan.clean_ranges**2 / np.maximum(cosines, 1e-9)
+    return scan.select(rng.random(len(scan)) < detection(albedos, cosines, scan.clean_ranges, faults.reach))
+
+
+def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: float) -> FloatArray:
+    """Return the probability that a return is detected: ``exp(-(range / reach)^2 / (albedo B(incidence)))``.
+
+    The power received is on average ``P = albedo B / range^2``, and fades: of coherent light from a rough surface it is
+    distributed exponentially (speckle), so that it is above what can be detected, ``P0 = 1 / reach^2``, with
+    probability ``exp(-P0 / P)``. ``B`` is what a rough surface sends back whence the light came (Oren and Nayar 1994),
+    1 at right angles; by Lambert's cosine alone the ground would end at 30 m.
+
+    Parameters
+    ----------
+    albedos, cosines, ranges : (n,) float
+        Of each return; cosine of its incidence; metres, as is `reach`.
+
+    Returns
+    -------
+    (n,) float
+    """
+    cosines = np.asarray(cosines, dtype=np.float64)
+    back = cosines + ROUGH_BACK * (1.0 - cosines**2)
+    signals = np.maximum(np.asarray(albedos) * back, np.finfo(np.float64).tiny)
+    return np.asarray(np.exp(-((np.asarray(ranges) / reach) ** 2) / signals))
 
 
 def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:

@@ -61,10 +61,13 @@ class Imperfections:
         Which return is kept: "first", "strongest" or "last".
     drop : float
         Share of the returns that is lost anyway.
-    attenuation : float
-        The signal that decides about the rest is ``albedo cos(incidence) exp(-attenuation range)``.
-    drop_limit, drop_zero : float
-        A signal of 0 is lost with probability `drop_zero`, one of `drop_limit` and more never, between linearly.
+    attenuation, drop_limit, drop_zero : float
+        Of the rest a signal ``albedo cos(incidence) exp(-attenuation range)`` of 0 is lost with probability
+        `drop_zero`, one of `drop_limit` and more never, between linearly. So CARLA has it; the table's sensors have a
+        `reach` instead.
+    reach : float
+        Where a white surface met at right angles returns one pulse in e, metres; dark, steep and far ones fewer
+        (`imperfections.detection`). 0: no return fades.
     edge_loss : float
         Share of the pixels lost that have a neighbour more than 5 % nearer or farther (a picture's edges).
     incidence_max : float
@@ -90,6 +93,7 @@ class Imperfections:
     attenuation: float = 0.0
     drop_limit: float = 0.0
     drop_zero: float = 0.0
+    reach: float = 0.0
     edge_loss: float = 0.0
     incidence_max: float = 90.0
     noise: float = 1.0

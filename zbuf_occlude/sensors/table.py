@@ -31,13 +31,12 @@ _HELIOS = "HELIOS++'s table of scanners"
 _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for all"
 _ASSUMED = "assumed"
 _FITTED = (
-    "fitted to vehicles from 10 to 60 m of half of one Argoverse 2 log (benchmarks/against_real_scans.py), "
-    "two VLP-32C; assumed of others"
+    "metres, fitted to the vehicles and pedestrians from 10 to 60 m of one Argoverse 2 log "
+    "(benchmarks/against_real_scans.py), two VLP-32C; assumed of others"
 )
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
 
-DROPOUT = {"drop": 0.0, "attenuation": 0.05, "drop_limit": 0.3, "drop_zero": 0.3}
-_DROPOUT = {name: (value, _FITTED) for name, value in DROPOUT.items()}
+_DROPOUT = {"reach": (130.0, _FITTED)}
 
 ROWS: tuple[Row, ...] = (
     Row(
