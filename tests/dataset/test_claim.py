@@ -82,7 +82,7 @@ def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:
 
 
 def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> None:
-    generate(PLAN, tmp_path, part=(1, 2))
+    generate(PLAN, tmp_path, share=(1, 2))
     (tmp_path / "shards").mkdir(exist_ok=True)
     (tmp_path / "shards" / "notes.txt").write_text("mine")
     generate(PLAN, tmp_path)

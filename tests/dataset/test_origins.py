@@ -44,7 +44,7 @@ def plan_of(meshes: Path, up: str | None = None) -> Plan:
 @pytest.mark.parametrize("finished", [False, True])
 def test_other_meshes_of_the_same_names_are_refused(meshes: Path, tmp_path: Path, finished: bool) -> None:
     out = tmp_path / "out"
-    generate(plan_of(meshes), out, part=(0, 1 if finished else 2))
+    generate(plan_of(meshes), out, share=(0, 1 if finished else 2))
     tetrahedron(meshes / "solid" / "solid_1.off", 7.0)
     with pytest.raises(DatasetError, match=r"solid/solid_1\.off must be what the data in .* were made of, sha256 "):
         generate(plan_of(meshes), out)
@@ -138,7 +138,7 @@ def test_files_that_look_the_same_are_not_read(meshes: Path) -> None:
 
 
 def test_which_way_is_up_is_part_of_the_plan(meshes: Path, tmp_path: Path) -> None:
-    generate(plan_of(meshes), tmp_path / "out", part=(0, 2))
+    generate(plan_of(meshes), tmp_path / "out", share=(0, 2))
     with pytest.raises(DatasetError, match=r"in which up of solid/solid_\d\.off was 'z', and is 'y'"):
         generate(plan_of(meshes, "y"), tmp_path / "out")
 
@@ -164,7 +164,7 @@ def test_the_buffers_of_gltf_are_part_of_a_mesh(tmp_path: Path) -> None:
 
 def test_a_shape_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
-    generate(Plan(shapes.collection(n_members=1), recipe), tmp_path, part=(0, 2))
+    generate(Plan(shapes.collection(n_members=1), recipe), tmp_path, share=(0, 2))
     monkeypatch.setattr("zbuf_occlude.meshes.shapes.families.VERSION", 1000)
     with pytest.raises(DatasetError, match="builtin/airplane/train/airplane_0000 must be what the data"):
         generate(Plan(shapes.collection(n_members=1), recipe), tmp_path)
@@ -185,9 +185,9 @@ def test_a_change_of_the_shapes_raises_their_version() -> None:
 def test_a_mesh_that_failed_is_tried_again_when_it_changed(meshes: Path, tmp_path: Path) -> None:
     out, bad = tmp_path / "out", meshes / "solid" / "solid_0.off"
     bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
-    generate(plan_of(meshes), out, part=(0, 2))
+    generate(plan_of(meshes), out, share=(0, 2))
     stamp = (out / "shards" / "000000.json").stat().st_mtime_ns
-    generate(plan_of(meshes), out, part=(0, 2))
+    generate(plan_of(meshes), out, share=(0, 2))
     assert (out / "shards" / "000000.json").stat().st_mtime_ns == stamp, "tried again, though nothing changed"
     tetrahedron(bad)
     assert generate(plan_of(meshes), out)["failures"] == {}
@@ -224,7 +224,7 @@ def test_a_finished_dataset_says_that_limits_are_wider_now(meshes: Path, tmp_pat
 
 def test_a_mesh_that_was_given_up_is_tried_again_within_other_limits(meshes: Path, tmp_path: Path) -> None:
     plan, out, few = plan_of(meshes), tmp_path / "out", Limits(seconds=1)
-    generate(plan, out, part=(1, 2))
+    generate(plan, out, share=(1, 2))
     run_shard(plan, 0, out, None, lost={1: GivenUp("it took longer", few)})
     made: list[int] = []
 

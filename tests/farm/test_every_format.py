@@ -83,7 +83,7 @@ def test_same_bytes_by_one_by_many_by_five_machines_and_after_kills(
 
     claim(plan, machines)
     make_shards(plan, machines)
-    documents = [merge(plan, machines, part=(i, 5), run=shuffled) for i in (2, 0, 4, 3, 1)]
+    documents = [merge(plan, machines, share=(i, 5), run=shuffled) for i in (2, 0, 4, 3, 1)]
     assert [bool(document) for document in documents] == [False, False, False, False, True]
 
     moments, original = iter(range(1000)), parts._write_mark

@@ -79,7 +79,7 @@ def test_same_bytes_whatever_writes_them_and_in_whatever_order(plan: Plan, whole
     generate(plan, tmp_path / "two", run=shuffled)
     claim(plan, tmp_path / "three")
     make_shards(plan, tmp_path / "three")
-    documents = [merge(plan, tmp_path / "three", part=(i, 4)) for i in (2, 0, 3, 1)]
+    documents = [merge(plan, tmp_path / "three", share=(i, 4)) for i in (2, 0, 3, 1)]
     assert [bool(document) for document in documents] == [False, False, False, True]
     assert files(whole) == files(tmp_path / "two") == files(tmp_path / "three")
 

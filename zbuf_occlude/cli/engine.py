@@ -65,6 +65,6 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
     return partial(local.run_jobs, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 
-def part_of(shard: str | None) -> tuple[int, int]:
-    """Return this machine's part, (i, n), as it was given, or as SLURM says."""
+def share_of(shard: str | None) -> tuple[int, int]:
+    """Return this machine's share, (i, n), as it was given, or as SLURM says."""
     return parse_shard(shard) if shard is not None else from_environment(os.environ)

@@ -13,7 +13,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.dry_run import check_place, costs, describe
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
+from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import (
     OutFolder,
     SampleSize,
@@ -143,7 +143,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
-@shard_option("Make only this machine's part, I from 0; then `zbuf-occlude merge`.")
+@shard_option("Make only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option(
     "--require-gpu", is_flag=True, help="Refuse to render in software, and, with --method auto, not to render."
 )
@@ -259,7 +259,7 @@ def command(
     plans = [(plan, out)]
     if wanted is not None and wanted.original:
         plans.append((plan_of_originals(plan), out / ORIGINAL))
-    part = part_of(shard)
+    share = share_of(shard)
     if dry_run:
         for each in plans:
             check_place(*each, overwrite=overwrite)
@@ -284,7 +284,7 @@ def command(
             compile_ahead(plan.recipe)
     failed = False
     for one, folder in plans:
-        mine = sum(map(len, one.shards[part[0] :: part[1]])) * one.clouds_per_mesh
+        mine = sum(map(len, one.shards[share[0] :: share[1]])) * one.clouds_per_mesh
         began = time.perf_counter()
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
@@ -293,10 +293,10 @@ def command(
                 folder,
                 run=run,
                 overwrite=overwrite,
-                part=part,
+                share=share,
                 limits=limits,
                 progress=bar.update,
-                written=beside(bar, n_parts(one) if part == (0, 1) else 0),
+                written=beside(bar, n_parts(one) if share == (0, 1) else 0),
             )
         if document:
             echo(summary(document, folder))

@@ -8,7 +8,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
+from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import merge
@@ -34,16 +34,16 @@ def command(context: click.Context, /, folder: Path, shard: str | None, **option
     Example, on each of four machines:
       zbuf-occlude merge modelnet40-occluded --shard 0/4        (1/4, 2/4, 3/4)
     """
-    run, part = pop_engine(context, options, Limits()), part_of(shard)
+    run, share = pop_engine(context, options, Limits()), share_of(shard)
     failed = False
     for each in datasets_in(folder):
         document = read_manifest(each)
         if document is None:
             plan = read_plan(each)
-            n_mine = (part[0] + 1) * n_parts(plan) // part[1] - part[0] * n_parts(plan) // part[1]
+            n_mine = (share[0] + 1) * n_parts(plan) // share[1] - share[0] * n_parts(plan) // share[1]
             bar = tqdm(total=n_mine, unit=" parts", desc="merge", disable=not n_mine)
             with bar, logging_redirect_tqdm():
-                document = merge(plan, each, run=run, part=part, progress=bar.update)
+                document = merge(plan, each, run=run, share=share, progress=bar.update)
             if not document:
                 echo(f"{n_parts_written(plan, each)} of {n_parts(plan)} parts of {each} are written")
                 continue

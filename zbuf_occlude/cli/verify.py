@@ -7,7 +7,7 @@ import click
 from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_options, part_of, pop_engine, shard_option
+from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import up_option
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
 from zbuf_occlude.dataset.jobs import Run
@@ -43,14 +43,14 @@ def command(
     Example:
       zbuf-occlude verify modelnet40-occluded ModelNet40
     """
-    run, part = pop_engine(context, options, Limits()), part_of(shard)
-    sound = [check(each, meshes, up, samples, run, part) for each in datasets_in(folder)]
+    run, share = pop_engine(context, options, Limits()), share_of(shard)
+    sound = [check(each, meshes, up, samples, run, share) for each in datasets_in(folder)]
     if not all(sound):
         raise SystemExit(1)
 
 
 def check(
-    folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int, run: Run, part: tuple[int, int]
+    folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int, run: Run, share: tuple[int, int]
 ) -> bool:
     """Verify one folder and say what was found; True when it is sound."""
     plan, manifest = read_finished(folder)
@@ -65,7 +65,7 @@ def check(
         collection = shapes.collection()
     echo(folder)
     with tqdm(total=sum(manifest["counts"]["clouds_by_split"].values()), unit=" clouds", desc="verify") as bar:
-        verdict = verify(folder, collection, n_samples=samples, run=run, part=part, progress=bar.update)
+        verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)
     echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:
         echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")

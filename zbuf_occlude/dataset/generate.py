@@ -25,7 +25,7 @@ def generate(
     *,
     run: Run | None = None,
     overwrite: bool = False,
-    part: tuple[int, int] = (0, 1),
+    share: tuple[int, int] = (0, 1),
     limits: Limits | None = None,
     progress: Callable[[int], None] = lambda clouds: None,
     written: Callable[[int], None] = lambda parts: None,
@@ -41,7 +41,7 @@ def generate(
         The engine; `run_here`, in this process, by default.
     overwrite : bool
         Remove a dataset that is in the folder first; with anything else in it, nothing is removed and it is an error.
-    part : (int, int)
+    share : (int, int)
         (i, n): make only the shards of the i-th (from 0) of n machines; `merge` then makes the dataset of them.
     limits : Limits, optional
         Those that the engine keeps: a mesh given up within narrower ones is tried again.
@@ -53,7 +53,7 @@ def generate(
     Returns
     -------
     dict
-        The manifest; of a part of the dataset, {}.
+        The manifest; of a share of the dataset, {}.
 
     Raises
     ------
@@ -78,8 +78,8 @@ def generate(
         return finished
     limits = limits or Limits()
     try:
-        alone = part == (0, 1)
-        shards = range(part[0], len(plan.shards), part[1])
+        alone = share == (0, 1)
+        shards = range(share[0], len(plan.shards), share[1])
         parts = range(n_parts(plan) if alone else 0)
         jobs = Jobs(plan, out, shards, parts, limits, on_shard=progress, on_part=written)
         written(jobs.n_written)
@@ -98,7 +98,7 @@ def merge(
     out: Path,
     *,
     run: Run | None = None,
-    part: tuple[int, int] = (0, 1),
+    share: tuple[int, int] = (0, 1),
     progress: Callable[[int], None] = lambda parts: None,
 ) -> dict[str, Any]:
     """Write the final files of finished shards, then what belongs to the whole dataset; remove what is left of shards.
@@ -109,7 +109,7 @@ def merge(
     out : Path
     run, progress
         As of `generate`; progress is told 1 for each part that is written.
-    part : (int, int)
+    share : (int, int)
         (i, n): write only the i-th (from 0) of n shares of the files; whoever writes the last completes the dataset.
 
     Returns
@@ -123,7 +123,7 @@ def merge(
         A shard is missing or damaged, a mesh has changed since it was used, or no mesh has a cloud.
     """
     began, n = time.perf_counter(), n_parts(plan)
-    parts = range(part[0] * n // part[1], (part[0] + 1) * n // part[1])
+    parts = range(share[0] * n // share[1], (share[0] + 1) * n // share[1])
     jobs = Jobs(plan, out, (), parts, Limits(), on_part=progress)
     try:
         check_all_done(plan, out)

@@ -169,7 +169,7 @@ def verify(
     *,
     n_samples: int = 50,
     run: Run | None = None,
-    part: tuple[int, int] = (0, 1),
+    share: tuple[int, int] = (0, 1),
     progress: Callable[[int], None] = lambda n: None,
 ) -> Verdict:
     """Check a finished dataset against its manifest and, where its meshes are at hand, against the oracle.
@@ -183,7 +183,7 @@ def verify(
         Clouds asked again of the oracle, chosen at random by the dataset's seed.
     run : callable, optional
         The engine; `run_here`, in this process, by default.
-    part : (int, int)
+    share : (int, int)
         (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
     progress : callable
         Told the number of clouds read, as they are read.
@@ -204,12 +204,12 @@ def verify(
         return ()
 
     jobs = task.jobs
-    mine = list(range(part[0], len(jobs), part[1]))
+    mine = list(range(share[0], len(jobs), share[1]))
     if mine:
         (run or run_here)(task, mine, done)
     faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
     n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())
-    if part == (0, 1) and not faults:
+    if share == (0, 1) and not faults:
         for split, expected in manifest["counts"]["clouds_by_split"].items():
             if n_clouds[split] != expected:
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")

@@ -1,4 +1,4 @@
-"""Batch schedulers: which part of a dataset this task makes, from I/N or from SLURM's environment."""
+"""Batch schedulers: which share of a dataset this task makes, from I/N or from SLURM's environment."""
 
 import re
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 
 def from_environment(environment: Mapping[str, str]) -> tuple[int, int]:
-    """Return the part of a SLURM array task: (0, 1), everything, outside an array.
+    """Return the share of a SLURM array task: (0, 1), everything, outside an array.
 
     SLURM_ARRAY_TASK_ID may start anywhere (``--array=7-10``): SLURM_ARRAY_TASK_MIN is taken off. Arrays with gaps
     (``--array=1,5,9``, ``--array=0-9:3``) cannot be told from their count and are refused.
