@@ -202,3 +202,12 @@ def test_a_camera_is_rolled_as_its_view_says(run: Run, tmp_path: Path) -> None:
         eye_space = record["data"] @ record["pose"][:3, :3].T + record["pose"][:3, 3]
         heights = eye_space[:, 1] / -eye_space[:, 2]
         assert np.abs(heights).max() < 2.0 * np.tan(np.radians(20)) / 40 + 1e-4, "within the rows of the picture"
+
+
+def test_an_object_out_of_the_sensor_s_reach(run: Run, tmp_path: Path) -> None:
+    """It is said what the sensor measures, and by which options to choose."""
+    arguments = ("--sensor", "kinect-v1", "--range", 50, "--method", "embree", "--limit", 1, "--workers", 1)
+    for format, why in (("hdf5", "its views see nothing"), ("mvp", "a view sees nothing, and mvp keeps whole objects")):
+        outcome = run("generate", *arguments, "--format", format, "--out", tmp_path / format)
+        assert outcome.code == 1
+        assert f"{why}; kinect-v1 measures at 0.8 to 4 m. Choose --views, --range and --size by that." in outcome.err

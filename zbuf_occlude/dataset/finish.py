@@ -64,12 +64,9 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
     check_origins(plan.meshes, {key: each for s in sidecars for key, each in origins_of_made(s).items()}, out)
     if not any(sum(clouds_kept(plan, sidecar).values()) for sidecar in sidecars):
         reasons = [reason for sidecar in sidecars for reason in sidecar.failures.values()]
-        blind = (
-            f"a view sees nothing, and {row.name} keeps whole objects" if row.whole_objects else "its views see nothing"
-        )
         raise DatasetError(
             f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: "
-            f"{reasons[0] if reasons else blind}"
+            f"{reasons[0] if reasons else _blind(plan)}"
         )
     files = _of_shards(plan, out, sidecars) if row.all_points else files_of(plan, out, range(n_parts(plan)))
     if not row.all_points:
@@ -82,6 +79,17 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
     atomic.write_json(out / MANIFEST, document)
     remove_shards(plan, out)  # all that matters is done
     return document
+
+
+def _blind(plan: Plan) -> str:
+    """Say why there is no cloud where nothing failed, and what to do."""
+    whole, setup = find_format(plan.format).whole_objects, plan.recipe.setup
+    why = f"a view sees nothing, and {plan.format} keeps whole objects" if whole else "its views see nothing"
+    if setup is None:
+        return f"{why}. Choose other --views."
+    sensor = setup.made_sensor
+    reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
+    return f"{why}; {sensor.name} measures at {reach}. Choose --views, --range and --size by that."
 
 
 def write_names(plan: Plan, out: Path) -> None:
