@@ -1,7 +1,9 @@
 """Functions that are compiled when they are called: by Python, or by others that are compiled."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 from numba import njit as njit_of_numba
 from numba.core.dispatcher import Dispatcher
@@ -54,3 +56,24 @@ def test_scipy_is_hidden_within_a_block_and_no_longer() -> None:
     )
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (child.stdout, child.returncode) == ("hidden", 0), child.stderr
+
+
+def test_what_is_not_found_is_compiled_after_load_only_too(tmp_path: Path) -> None:
+    """In a first process it is compiled, in a second it is found, without what compiling needs."""
+    program = (
+        "import sys, numba, numpy as np\n"
+        "from zbuf_occlude.kernels import load_only\n"
+        "load_only()\n"
+        "from zbuf_occlude.cleaning import _degenerate as kernel\n"
+        "kernel(np.eye(3), np.array([[0, 1, 2]], np.int32), 0.0)\n"
+        "dispatcher = kernel._compiled\n"
+        "found = sum(dispatcher.stats.cache_hits.values())\n"
+        "sys.stdout.write(f'{found} {\"numba.np.npyimpl\" in sys.modules}')\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    said = []
+    for _ in range(2):
+        child = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+        assert child.returncode == 0, child.stderr
+        said.append(child.stdout)
+    assert said == ["0 True", "1 False"]

@@ -53,3 +53,21 @@ def without_scipy() -> Iterator[None]:
     finally:
         if hidden:
             del sys.modules["scipy"]
+
+
+def load_only() -> None:
+    """Have numba load compiled functions without all that it needs to compile any, in a process that is all ours.
+
+    Before it looks for its first function numba imports and lists all that it can compile, for 0.1 s. Its compiler does
+    that too: what is not found is compiled as ever. And it asks all installed packages whether they extend it.
+    """
+    from numba.core import entrypoints
+    from numba.core.caching import Cache
+    from numba.core.runtime import rtsys
+
+    def load_overload(self: Any, signature: Any, context: Any) -> Any:
+        rtsys.initialize(context)  # what compiled functions themselves call
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, context)
+
+    Cache.load_overload, entrypoints._already_initialized = load_overload, True

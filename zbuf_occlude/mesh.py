@@ -141,17 +141,17 @@ class Mesh:
         used = self.vertices[is_used].T.copy()  # along rows minima are found a dozen times as fast
         return sealed(np.stack([used.min(axis=1), used.max(axis=1)]))
 
-    @property
+    @cached_property
     def centre(self) -> FloatArray:
         """Centre of the bounding box, (3,)."""
-        return np.asarray((self.bounds[0] + self.bounds[1]) / 2.0)
+        return sealed((self.bounds[0] + self.bounds[1]) / 2.0)
 
-    @property
+    @cached_property
     def longest_side(self) -> float:
         """Longest side of the bounding box: the paper's "maximum dimension"."""
         return float(np.ptp(self.bounds, axis=0).max())
 
-    @property
+    @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box; the length that the contact tolerance is relative to."""
         return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))

@@ -9,7 +9,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 
 
@@ -78,6 +77,8 @@ def _note(job: str) -> Path | None:
 
 def _stamp() -> str:
     """Change when numba or a source does."""
+    from importlib.metadata import version  # late, for the package is light to import
+
     return f"numba {version('numba')}, {_sources()}"
 
 

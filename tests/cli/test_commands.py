@@ -80,6 +80,26 @@ def test_a_shell_that_lets_nothing_compiled_run_is_told_in_a_line(before: str, c
     assert (done.returncode, done.stdout, done.stderr) == (code, "", f"error: {said}\n")
 
 
+@pytest.mark.parametrize(
+    ("command", "starts"),
+    [
+        ("generate --points 0", True),
+        ("generate --points 0 --engine local", True),
+        ("generate --points 0 --engine ray", False),
+        ("generate --points 0 --dry-run", False),
+        ("generate --help", False),
+        ("methods", False),
+    ],
+)
+def test_what_workers_come_from_is_started_first_of_all(
+    run: Run, monkeypatch: pytest.MonkeyPatch, command: str, starts: bool
+) -> None:
+    started = []
+    monkeypatch.setattr("zbuf_occlude.cli.start_server", lambda: started.append(command))
+    run(*command.split())
+    assert started == [command] * starts
+
+
 def test_methods_lists_the_table(run: Run) -> None:
     rows = json.loads(run("methods", "--json").out)
     assert [row["name"] for row in rows] == [method.name for method in METHODS]

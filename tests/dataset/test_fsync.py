@@ -8,7 +8,10 @@ import pytest
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import SHARDS
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shared import Rows, unfinished, write_npy
+from zbuf_occlude.meshes.collection import MeshCollection
 
 
 @pytest.fixture
@@ -48,3 +51,27 @@ def test_rows_are_kept_when_they_are_written(tmp_path: Path, kept: list[tuple[in
     assert inode == path.stat().st_ino
     assert content == path.read_bytes()
     assert np.array_equal(np.load(path)[1:], values)
+
+
+def test_shards_are_not_kept_but_what_is_made_of_them_before_they_go(
+    tmp_path: Path, kept: list[tuple[int, bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, gone, original = tmp_path / "out", [], Path.unlink
+
+    def unlink(path: Path, missing_ok: bool = False) -> None:
+        if path.suffix == ".records" and path.exists():
+            made = [*out.glob("*.h5"), *(out / SHARDS).glob("part-*.json")]
+            numbers = {number for number, _ in kept}
+            assert len(made) == 2
+            assert {each.stat().st_ino for each in made} <= numbers
+            assert path.stat().st_ino not in numbers
+            gone.append(path)
+        original(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    (tmp_path / "tetrahedron.off").write_text(
+        "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+    )
+    recipe = Recipe(method="oracle", views="ring:4@30", n_points=50, sample_size=8)
+    generate(Plan(MeshCollection.from_paths([tmp_path / "tetrahedron.off"]), recipe), out)
+    assert len(gone) == 1

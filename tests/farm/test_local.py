@@ -21,7 +21,7 @@ from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import merge
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path, look_at, run_shard
-from zbuf_occlude.farm import local, supervisor
+from zbuf_occlude.farm import local, server, supervisor
 from zbuf_occlude.farm.local import run_jobs
 from zbuf_occlude.farm.supervisor import Message
 from zbuf_occlude.limits import Limits
@@ -241,7 +241,7 @@ def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> N
         "assert gc.isenabled() and gc.get_freeze_count() > 100_000, 'garbage'\n"
         "assert 'scipy' not in sys.modules, 'hidden from numba only, and only from its import'\n"
     )
-    environment = {**os.environ, **local._SERVER_ENVIRONMENT}
+    environment = {**os.environ, **server.ENVIRONMENT}
     child = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
     )

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.surroundings import check_surroundings
+from zbuf_occlude.farm.server import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -29,6 +30,9 @@ COMMANDS = {
 }
 """Name and one line of each command; the module of the same name holds it as `command`."""
 
+WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
+"""Arguments by which `generate` starts no process on this machine."""
+
 
 class LazyGroup(click.Group):
     """A group that lists its commands without importing them."""
@@ -36,6 +40,14 @@ class LazyGroup(click.Group):
     def list_commands(self, context: click.Context) -> list[str]:
         """Return the names in the order of the table."""
         return list(COMMANDS)
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that was called; begin with what takes longest, while the rest is imported and looked at."""
+        if args[0] == "generate" and not WITHOUT_WORKERS.intersection(args):
+            start_server()
+        return super().resolve_command(context, args)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import the command's module and return the command."""

@@ -40,7 +40,6 @@ from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.farm import local
 from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.kernels import without_scipy
 from zbuf_occlude.limits import Limits
@@ -202,7 +201,6 @@ def command(
     if idle:
         raise click.UsageError(f"{idle[0]} must go {'without' if meshes else 'with'} MESH_OR_DIR. Leave it out.")
     limits = Limits(mesh_seconds, mesh_gigabytes)
-    on_this_machine = recipe["engine"] == "local"
     run = pop_engine(context, recipe, limits)
     row = find_format(format)
     setup = pop_scan_options(context, recipe, sampled=row.keeps_points or row.complete)
@@ -216,8 +214,6 @@ def command(
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:
         raise click.UsageError("--points and --density exclude each other; give one of them.")
-    if on_this_machine and not dry_run:
-        local.start_server()  # while this process looks at meshes and methods
     choice = Choice(method, "") if require_gpu or setup else chosen_method(context, method, settings)
     method = choice.method
     wanted = None if preset is None else find_preset(preset)

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written under a temporary name, synced, renamed."""
+"""Files that are either whole or not there: written under a temporary name, synced as a rule, renamed."""
 
 import errno
 import io
@@ -14,7 +14,7 @@ from typing import IO, Any
 _TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
 
 
-def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False) -> None:
+def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
     """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk.
 
     Parameters
@@ -23,6 +23,10 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     fill : callable
     exclusive : bool
         Leave a file that is there already.
+    synced : bool
+        If not, the file appears when all of it is written; what of it the last seconds before a loss of power brought
+        may be lost. For files of unfinished work that say themselves whether they are whole: nothing waits for the
+        disk, and files that are soon removed may never go there.
 
     Raises
     ------
@@ -37,7 +41,8 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
         with open(temporary, "xb") as file:
             fill(file)
             file.flush()
-            os.fsync(file.fileno())
+            if synced:
+                os.fsync(file.fileno())
         _publish(temporary, path, exclusive)
     except OSError as error:
         if error.errno is None:  # from inside NumPy

@@ -326,7 +326,7 @@ def _read_mark(plan: Plan, out: Path, part: int) -> tuple[Mark | None, str]:
 
 
 def _write_mark(out: Path, part: int, mark: Mark) -> None:
-    write_sealed(mark_path(out, part), mark.__dict__)
+    write_sealed(mark_path(out, part), mark.__dict__, synced=True)  # then shards are cut
 
 
 def _path(plan: Plan, out: Path, name: str) -> Path:

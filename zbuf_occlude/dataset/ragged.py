@@ -34,14 +34,17 @@ def offsets_of(records: Records) -> NDArray[np.int64]:
 
 
 def laid_out(records: Records, recipe: Recipe) -> dict[str, NDArray[Any]]:
-    """Return the arrays that a file holds: a field each; of ragged clouds all points in a row, and `OFFSETS`."""
+    """Return the arrays that a file holds: a field each; of ragged clouds all points in a row, and `OFFSETS`.
+
+    Fields are where the records have them, not side by side in memory: so nothing is there twice.
+    """
     fields = {name: records[name] for name in records.dtype.names or ()}
     if recipe.sample_size is not None:
-        return {name: np.ascontiguousarray(values) for name, values in fields.items()}
+        return fields
     kinds = point_fields(recipe)
     for name, (kind, shape) in kinds.items():
         fields[name] = np.concatenate([np.empty((0, *shape), kind), *records[name]]).astype(kind, copy=False)
-    return {**{name: np.ascontiguousarray(values) for name, values in fields.items()}, OFFSETS: offsets_of(records)}
+    return {**fields, OFFSETS: offsets_of(records)}
 
 
 def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:

@@ -13,10 +13,10 @@ from zbuf_occlude.errors import DatasetError
 Read = TypeVar("Read")
 
 
-def write_sealed(path: Path, document: Mapping[str, Any]) -> None:
-    """Write plain data with a ``fingerprint`` of its plan, whole or not at all, with a hash of itself."""
+def write_sealed(path: Path, document: Mapping[str, Any], *, synced: bool) -> None:
+    """Write plain data with a ``fingerprint`` of its plan, as `atomic.write` does, with a hash of itself."""
     text = json.dumps({**document, "seal": _seal(document)}, sort_keys=True)
-    atomic.write(path, lambda file: file.write(text.encode()))
+    atomic.write(path, lambda file: file.write(text.encode()), synced=synced)
 
 
 def read_sealed(path: Path, plan: Plan, read: Callable[[Mapping[str, Any]], Read]) -> tuple[Read | None, str]:

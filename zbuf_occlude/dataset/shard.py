@@ -274,5 +274,5 @@ def run_shard(
         runs=runs,
         sha256=sha256_of(data) if find_format(plan.format).all_points else "",
     )
-    write_sealed(sidecar_path(out, shard), sidecar.document)
+    write_sealed(sidecar_path(out, shard), sidecar.document, synced=False)
     return sidecar

@@ -1,5 +1,6 @@
 """The contact sheet: some clouds of a dataset, from a fixed viewpoint and from their own camera's (Figs. 10-11)."""
 
+from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,9 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.marks import area_of_mark, frame_of, marks_of, paint
 from zbuf_occlude.views import Views
+
+if find_spec("PIL") is not None:
+    import_module("PIL.ImageDraw")  # while workers begin, not in the end, when nothing else is done
 
 COLUMNS = 8
 CONSIDERED = 256

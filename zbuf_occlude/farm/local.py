@@ -2,16 +2,14 @@
 
 import multiprocessing
 import os
-import sys
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from multiprocessing import connection, forkserver
+from contextlib import suppress
+from multiprocessing import connection
 from typing import Any
 
 from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.farm.sent import Sent
+from zbuf_occlude.farm.server import forks, start_server
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import serve
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
@@ -32,40 +30,15 @@ def run_jobs(task: Task, jobs: list[int], done: Done, *, n_workers: int, limits:
     )
 
 
-LONGEST_TEMPORARY_FOLDER = 70
-"""Bytes; in a folder of a longer name a process has no address for others to reach it by."""
-
 SERVERS = 3
 """This many servers in a row may end before they have started a worker."""
-
-_SERVER_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
-"""No thread may run where processes are forked."""
-
-
-def start_server() -> None:
-    """Start the process that workers are forked from, if there is none, and return at once.
-
-    It is spawned, and imports `zbuf_occlude.farm.warm`: workers then share what each would need a second for. It has no
-    threads and no OpenGL, which would not survive a fork, and ends with this process. It is the one that Python keeps
-    for all of a process (`multiprocessing.forkserver`): where another library has started it, workers import for
-    themselves.
-    """
-    if _forks():
-        forkserver.set_forkserver_preload(["zbuf_occlude.farm.warm"])
-        with _environment(_SERVER_ENVIRONMENT):
-            forkserver.ensure_running()
-
-
-def _forks() -> bool:
-    """Whether workers are forked; outside Linux what systems bring along does not survive that."""
-    return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= LONGEST_TEMPORARY_FOLDER
 
 
 class LocalWorker:
     """A process that runs `serve` at the other end of a pipe."""
 
     def __init__(self, sent: Sent, n_workers: int, device_index: int | None) -> None:
-        context: Any = multiprocessing.get_context("forkserver" if _forks() else "spawn")
+        context: Any = multiprocessing.get_context("forkserver" if forks() else "spawn")
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
         environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
@@ -127,26 +100,13 @@ def _wait(workers: list[Worker], seconds: float) -> None:
     connection.wait([handle for w in local for handle in (w.connection, w.process.sentinel)], timeout=seconds)
 
 
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Start children with these variables."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
 def gl_devices(task: Task) -> list[int | None]:
     """The EGL devices over which workers are spread: the hardware ones that open, or None for whatever opens first."""
+    if not task.needs_gl:
+        return [None]
     from zbuf_occlude.gl.context import ENVIRONMENT  # late: only methods that need it touch GL
     from zbuf_occlude.gl.probe import hardware_devices
 
-    if not task.needs_gl or os.environ.get(ENVIRONMENT):
+    if os.environ.get(ENVIRONMENT):
         return [None]
     return [*hardware_devices()] or [None]

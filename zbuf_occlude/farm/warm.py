@@ -2,7 +2,7 @@
 
 import gc
 
-from zbuf_occlude.kernels import without_scipy
+from zbuf_occlude.kernels import load_only, without_scipy
 
 __all__ = ["worker"]
 
@@ -15,6 +15,7 @@ with without_scipy():
     from zbuf_occlude.farm import worker
     from zbuf_occlude.threads import alone
 
+    load_only()
     common = Recipe(method="exact")  # most of what it has compiled every other method's workers need too
     if is_compiled(common):
         with alone():

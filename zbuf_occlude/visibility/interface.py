@@ -2,8 +2,9 @@
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import TracebackType
@@ -257,8 +258,7 @@ class Method:
 
     def options(self) -> dict[str, Any]:
         """Return the method's options and their defaults, read off its prepare function."""
-        parameters = inspect.signature(self.load()).parameters.values()
-        return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
+        return dict(_options_of(self.load()))
 
     def check_first_hits(self) -> None:
         """Raise OptionError, in words, when the method cannot answer `Occluder.first_hits`."""
@@ -280,6 +280,12 @@ class Method:
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
                 raise OptionError(f"{name} must be {kind}, like the default {known[name]}; got {value!r}.")
+
+
+@cache
+def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
+    parameters = inspect.signature(prepare).parameters.values()
+    return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 
 
 def _of_usual_length(directions: FloatArray) -> FloatArray:

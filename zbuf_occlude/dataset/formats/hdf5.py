@@ -28,6 +28,9 @@ UNITS = {
     "visible_fraction": "of the points sampled on the object",
 }
 
+AT_ONCE = 2**20
+"""Bytes of a field that are copied together and written: they stay in a cache."""
+
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of as many files as the plan's clouds may need."""
@@ -77,7 +80,10 @@ def _write_file(path: Path, records: NDArray[Any], plan: Plan) -> None:
             h5.attrs["scale"] = plan.recipe.scale
             h5.attrs["fingerprint"] = plan.fingerprint
             for name, values in laid_out(records, plan.recipe).items():
-                dataset = h5.create_dataset(name, data=values, track_times=False)
+                dataset = h5.create_dataset(name, values.shape, values.dtype, track_times=False)
+                n_rows = max(1, AT_ONCE // max(1, values[:1].nbytes))
+                for first in range(0, len(values), n_rows):
+                    dataset[first : first + n_rows] = values[first : first + n_rows]
                 if name in UNITS:
                     dataset.attrs["meaning"] = UNITS[name]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.hilbert import CODE_BITS, hilbert_code
+from zbuf_occlude.hilbert import CODE_BITS, hilbert_code, sorted_keys
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
 from zbuf_occlude.lanes import inner
 from zbuf_occlude.mesh import Mesh
@@ -63,7 +63,7 @@ def make_clusters(mesh: Mesh) -> IntArray:
     boxes, keys = np.empty((n_faces, 6)), np.empty(n_faces, dtype=np.uint64)
     n_tasks = n_blocks(n_faces, BLOCK_FACES)
     together(_measure_faces, n_tasks, mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys)
-    keys.sort()
+    keys = sorted_keys(keys, index_bits, 64 - index_bits)
     order = (keys & np.uint64((1 << index_bits) - 1)).astype(np.int32)
     n_short = int(np.searchsorted(keys, np.uint64(1 << 63)))
     n_blocking = int(np.searchsorted(keys, NEVER))
