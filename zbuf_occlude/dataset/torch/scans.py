@@ -54,7 +54,8 @@ class OnTheFlyScan:
     Notes
     -----
     Called with a `Mesh` or a ``trimesh.Trimesh`` and its class, from which its size comes; returns an (n_points, 3)
-    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used.
+    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A scene may hide
+    all but a point of an object; `hidden` says how much it may hide.
     """
 
     def __init__(
