@@ -11,6 +11,11 @@ from zbuf_occlude.kernels import njit
 LARGEST = 1e70
 """Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""
 
+SHORTEST = 1e-20
+"""Directions shorter than this, and as much longer ones, would lose digits or overflow in products."""
+
+_SHORTEST_BITS, _LONGEST_BITS = (int(bits) for bits in np.array([SHORTEST, 1.0 / SHORTEST]).view(np.int64))
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
@@ -91,18 +96,14 @@ def as_triples(values: ArrayLike, name: str) -> FloatArray:
 
 
 @njit(cache=True)
-def extreme_sizes(bits: NDArray[np.int64]) -> tuple[np.int64, np.int64]:
-    """Return the least of the largest component's size of each of n vectors, and the largest of all.
+def are_usual(bits: NDArray[np.int64]) -> bool:
+    """Return whether n directions are all of usual length: the largest component from `SHORTEST` to 1 / that.
 
     Parameters
     ----------
-    bits : (3 n,) int64, n > 0
+    bits : (3 n,) int64
         The bits of float64, which without their sign are in the order of the sizes: so several are compared at a time,
         and what is not a number is larger than any.
-
-    Returns
-    -------
-    least, largest : int64, bits of float64
     """
     size = np.int64(2**63 - 1)
     least, largest = size, np.int64(0)
@@ -110,7 +111,28 @@ def extreme_sizes(bits: NDArray[np.int64]) -> tuple[np.int64, np.int64]:
         x, y, z = bits[3 * i] & size, bits[3 * i + 1] & size, bits[3 * i + 2] & size
         most = max(max(x, y), z)
         least, largest = min(least, most), max(largest, most)
-    return least, largest
+    return bool(least >= _SHORTEST_BITS) & bool(largest <= _LONGEST_BITS)
+
+
+def of_usual_length(directions: FloatArray) -> FloatArray:
+    """Return the same directions, shortened or lengthened by powers of two where not all are of usual length.
+
+    Parameters
+    ----------
+    directions : (n, 3) float64, C-contiguous
+        Where all are of usual length they are returned themselves. Powers of two round nothing.
+
+    Raises
+    ------
+    ArgumentError
+        One is zero, not finite, or too large.
+    """
+    if are_usual(directions.reshape(-1).view(np.int64)):
+        return directions
+    largest = np.abs(as_vectors(directions, "directions")).max(axis=1)
+    if not largest.all():
+        raise ArgumentError(f"directions must have a length; row {int(largest.argmin())} is zero. Leave it out.")
+    return np.asarray(np.ldexp(directions, -np.frexp(largest)[1][:, None]))
 
 
 def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int, lowest: int = 0) -> IntArray:

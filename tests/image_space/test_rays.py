@@ -93,6 +93,20 @@ def test_rays_of_one_origin(origin: tuple[float, float, float]) -> None:
     assert (found.face_ids >= 0).mean() > 0.5
 
 
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, 1e71])
+@pytest.mark.parametrize("scattered", [False, True])
+def test_a_bad_direction_among_many(bad: float, scattered: bool) -> None:
+    """Whichever block of rays it is in, and whether or not they are sorted first, it is told."""
+    angles = np.linspace(0.0, 6.0, 20_000)
+    directions = np.stack([np.cos(angles), np.sin(angles), 0.1 * np.cos(40.0 * angles)], axis=1)
+    if scattered:
+        directions = np.random.default_rng(4).permutation(directions)
+    directions[7000] = bad
+    told = pytest.raises(zo.ArgumentError, match=r"^directions must .* row 7000 is ")
+    with zo.prepare(solids.icosphere(2), "exact") as occluder, told:
+        occluder.first_hits([[0.1, 0.2, 0.3]], directions)
+
+
 def test_a_mesh_of_no_face_that_blocks() -> None:
     line = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
     with zo.prepare(line, "exact") as occluder:

@@ -1,8 +1,10 @@
 """Views: how an eye looks at the scene; in one frame from outside, in the six of a cube about it from inside."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
@@ -19,8 +21,8 @@ GUARD = np.float32(1.05)
 NO_WINDOW = np.float32(1e30)
 
 _X, _Y, _Z = np.eye(3)
-SIDES = np.array([[_Y, _Z, _X], [_Z, _Y, -_X], [_Z, _X, _Y], [_X, _Z, -_Y], [_X, _Y, _Z], [_Y, _X, -_Z]]) + 0.0
-"""Rows x, y, w of the frames that look along +x, -x, +y, -y, +z, -z."""
+SIDES = np.concatenate([_Y, _Z, _X, _Z, _Y, -_X, _Z, _X, _Y, _X, _Z, -_Y, _X, _Y, _Z, _Y, _X, -_Z]) + 0.0
+"""(54,): rows x, y, w of the frames that look along +x, -x, +y, -y, +z, -z."""
 
 NEAR = np.float32(1e-3)
 """Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
@@ -94,21 +96,11 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     scene equally well from any distance. From inside coordinates are about the eye; the cube's faces are those of
     the axes.
     """
-    eyes = (world_eyes - scene.centre) * scene.scale
-    distances = np.linalg.norm(eyes, axis=1)
-    outside = distances > OUTSIDE * farthest
-    matrices = np.zeros((len(eyes), 6, 3, 4))
-    if outside.any():
-        matrices[outside, 0] = _look_at(eyes[outside], distances[outside])
-    if not outside.all():
-        matrices[~outside] = _cube(eyes[~outside])
-    return Views(
-        matrices=matrices.reshape(len(eyes), 6, 12).astype(np.float32),
-        axes=np.ascontiguousarray(matrices[..., :3]),
-        n_frames=np.where(outside, 1, 6).astype(np.int64),
-        eyes=eyes,
-        world_eyes=np.ascontiguousarray(world_eyes),
-    )
+    k, world_eyes = len(world_eyes), np.ascontiguousarray(world_eyes)
+    eyes, n_frames = np.empty(3 * k), np.empty(k, dtype=np.int64)
+    matrices, axes = np.zeros(72 * k, dtype=np.float32), np.zeros(54 * k)
+    _place_frames(world_eyes.reshape(-1), scene.centre, scene.scale, OUTSIDE * farthest, eyes, matrices, axes, n_frames)
+    return Views(matrices.reshape(k, 6, 12), axes.reshape(k, 6, 3, 3), n_frames, eyes.reshape(k, 3), world_eyes)
 
 
 @inner
@@ -128,23 +120,37 @@ def view_of(views, k, frame):
     )
 
 
-def _look_at(eyes: FloatArray, distances: FloatArray) -> FloatArray:
-    """Look at the centre, world z upwards where that can be. (k, 3, 4)."""
-    forward = -eyes / distances[:, None]
-    pole = np.abs(forward[:, 2:]) > 0.999
-    right = np.cross(forward, np.where(pole, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]]))
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    matrices = np.zeros((len(eyes), 3, 4))
-    matrices[:, 0, :3] = right
-    matrices[:, 1, :3] = np.cross(forward, right)
-    matrices[:, 2, :3] = forward / distances[:, None]
-    matrices[:, 2, 3] = 1.0
-    return matrices
+@njit(cache=True)
+def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_frames):
+    """Fill in the fields of `Views`, each flat, where the others are 0: a kernel, as in NumPy one eye takes longest.
+
+    An eye farther than `outside` looks at the centre, world z upwards where that can be, one nearer along the axes.
+    """
+    for k in range(len(n_frames)):
+        for axis in range(3):
+            eyes[3 * k + axis] = (world_eyes[3 * k + axis] - centre[axis]) * scale
+        x, y, z = eyes[3 * k], eyes[3 * k + 1], eyes[3 * k + 2]
+        distance = math.sqrt(x * x + y * y + z * z)
+        if distance > outside:
+            n_frames[k] = 1
+            x, y, z = -x / distance, -y / distance, -z / distance
+            pole = abs(z) > 0.999
+            a, b, c = (-z if pole else y), (0.0 if pole else -x), (x if pole else 0.0)  # forward x upwards
+            length = math.sqrt(a * a + b * b + c * c)
+            a, b, c = a / length, b / length, c / length
+            _put_row(matrices, axes, 18 * k, (a, b, c), 0.0)
+            _put_row(matrices, axes, 18 * k + 1, (y * c - z * b, z * a - x * c, x * b - y * a), 0.0)
+            _put_row(matrices, axes, 18 * k + 2, (x / distance, y / distance, z / distance), 1.0)
+        else:
+            n_frames[k] = 6
+            for row in range(18):
+                a, b, c = SIDES[3 * row], SIDES[3 * row + 1], SIDES[3 * row + 2]
+                _put_row(matrices, axes, 18 * k + row, (a, b, c), -(a * x + b * y + c * z))
 
 
-def _cube(eyes: FloatArray) -> FloatArray:
-    """Look along +x, -x, +y, -y, +z, -z from the eye. (k, 6, 3, 4)."""
-    matrices = np.zeros((len(eyes), 6, 3, 4))
-    matrices[..., :3] = SIDES
-    matrices[..., 3] = -np.einsum("fij,kj->kfi", SIDES, eyes)
-    return matrices
+@njit
+def _put_row(matrices, axes, row, along, constant):
+    for i in range(3):
+        axes[3 * row + i] = along[i]
+        matrices[4 * row + i] = along[i]
+    matrices[4 * row + 3] = constant

@@ -18,6 +18,8 @@ def prepare(mesh: Mesh, *, contact: float = CONTACT) -> "Exact":
 class Exact(Occluder):
     """Packets of points against clusters of faces, both projected; float32 where its sign is certain, float64 else."""
 
+    _measures_directions = True  # as its threads come to them
+
     def __init__(self, mesh: Mesh, contact: float) -> None:
         from zbuf_occlude.image_space import Engine  # late: its options are looked at where nothing is computed
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, extreme_sizes
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
@@ -26,10 +26,6 @@ _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int
 
 FARTHEST = 1e15
 """Diagonals of the mesh that points and eyes may be away from it."""
-
-
-SHORTEST = 1e-20
-"""Directions shorter than this, and as much longer ones, would lose digits or overflow in products."""
 
 
 FAR = 1000.0
@@ -60,6 +56,9 @@ class Occluder(ABC):
     A method subclasses this, implements `_visible`, `_first_hits` if it can cast rays (its row in the table says why
     where it cannot) and, when it holds resources, `_release`.
     """
+
+    _measures_directions = False
+    """Whether `_first_hits` takes directions of any length, and calls `of_usual_length` where it must, itself."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
@@ -159,13 +158,13 @@ class Occluder(ABC):
             )
         if len(directions) == 0:
             return FirstHits(np.empty(0, dtype=np.int32), np.empty(0))
-        least, largest = np.array(extreme_sizes(directions.reshape(-1).view(np.int64))).view(np.float64)
-        if not (least >= SHORTEST and largest <= 1.0 / SHORTEST):
-            directions = _of_usual_length(as_vectors(directions, "directions"))
-        return self._first_hits(origins, directions)
+        return self._first_hits(origins, directions if self._measures_directions else of_usual_length(directions))
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
-        """Answer for checked arguments with at least one ray; `origins` is (n, 3), or (1, 3) for all rays."""
+        """Answer for checked arguments with at least one ray; `origins` is (n, 3), or (1, 3) for all rays.
+
+        Directions are of usual length (`arrays.SHORTEST`) but for a method that measures them.
+        """
         raise UnavailableError(
             f"first_hits must be asked of a method that casts rays; {type(self).__name__} does not. "
             "`zbuf-occlude methods` lists those that do."
@@ -288,14 +287,6 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
     return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 
 
-def _of_usual_length(directions: FloatArray) -> FloatArray:
-    """Return the same directions, shortened or lengthened by powers of two, which rounds nothing; none may be zero."""
-    largest = np.abs(directions).max(axis=1)
-    if not largest.all():
-        raise ArgumentError(f"directions must have a length; row {int(largest.argmin())} is zero. Leave it out.")
-    return np.asarray(np.ldexp(directions, -np.frexp(largest)[1][:, None]))
-
-
 def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
     """Let rays that begin far away begin where they come near the mesh, for what must be exact.
 
@@ -319,6 +310,7 @@ def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tupl
     away = origins - mesh.centre
     if not np.abs(away).max() > FAR * (mesh.diagonal or np.inf):
         return origins, 0.0
+    directions = of_usual_length(directions)
     directions = directions / np.abs(directions).max(axis=1, keepdims=True)
     units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     far = np.abs(away).max(axis=1) > FAR * mesh.diagonal

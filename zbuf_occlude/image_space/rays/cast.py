@@ -13,13 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.image_space.layout import BOTTOM, CHUNK_POINTS, CLUSTER, ENDLESS, LEFT, PACKET, RIGHT, TOP, ZERO
-from zbuf_occlude.image_space.rays.packet import Rays, State, Window, first_hits_of_packet, make_state, window_of
+from zbuf_occlude.arrays import FloatArray, IntArray, are_usual, of_usual_length
+from zbuf_occlude.image_space.layout import BOTTOM, CHUNK_POINTS, CLUSTER, ENDLESS, LEFT, RIGHT, TOP, ZERO
+from zbuf_occlude.image_space.rays.packet import PACKET_RAYS, Rays, Window, first_hits_of_packet, make_state, window_of
 from zbuf_occlude.image_space.rays.places import (
     BLOCK_RAYS,
     MOST_BITS,
-    Places,
     find_places,
     make_places,
     order_of_cells,
@@ -30,9 +29,9 @@ from zbuf_occlude.image_space.reference import reference
 from zbuf_occlude.image_space.scene import Scene
 from zbuf_occlude.image_space.search.listing import choose, list_clusters
 from zbuf_occlude.image_space.search.search import project_nodes
-from zbuf_occlude.image_space.search.workspace import Workspace, make_workspace
+from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import make_views, view_of
-from zbuf_occlude.lanes import inner, load, store
+from zbuf_occlude.lanes import N_LANES, inner, load, store
 from zbuf_occlude.threads import n_blocks, shared, take, take_block_from, take_end, together
 
 SINGLE_RAYS = 512
@@ -70,6 +69,8 @@ class Question(NamedTuple):
     ----------
     origin : (3,) float64, world space
     directions : (3 n,) float64
+    patterns : (3 n,) int64
+        Their bits.
     away : float
         How far the origin is from the scene's centre, scene units.
     bits : int
@@ -79,16 +80,20 @@ class Question(NamedTuple):
     cells : (n,) uint16
         Where there is room, the rays' cells are asked for, and no answers.
     face_ids, distances : (n,) int32, float64
+    unusual : (1,) int64
+        Becomes 1 where a direction is not of usual length: then there are no answers.
     """
 
     origin: FloatArray
     directions: FloatArray
+    patterns: NDArray[np.int64]
     away: float
     bits: int
     order: NDArray[np.uint32]
     cells: NDArray[np.uint16]
     face_ids: IntArray
     distances: FloatArray
+    unusual: NDArray[np.int64]
 
 
 def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -100,42 +105,63 @@ def find_first_hits(scene: Scene, origins: FloatArray, directions: FloatArray) -
     origins : (n, 3) or (1, 3) float64, world space
     directions : (n, 3) float64, world space
 
+    Raises
+    ------
+    ArgumentError
+        A direction is zero, not finite, or too large.
+
     Notes
     -----
     -1 and infinity where a ray meets nothing. O(log f) per ray.
     """
     n = len(directions)
     if len(scene.used) == 0:
+        of_usual_length(directions)
         return np.full(n, -1, dtype=np.int32), np.full(n, np.inf)
-    if (origins == origins[0]).all():
+    if len(origins) > 1 and (origins == origins[0]).all():
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
-    origins, directions = np.ascontiguousarray(origins), np.ascontiguousarray(directions)
-    away = float(np.linalg.norm((origins[0] - scene.centre) * scene.scale))
+    away = math.dist(origins[0], scene.centre) * scene.scale
     if len(origins) > 1 or n * CLUSTERS_PER_RAY < len(scene.used):
+        directions = of_usual_length(directions)
         together(_cast_singles, -(-n // SINGLE_RAYS), scene, origins, directions, np.arange(n), face_ids, distances)
         return face_ids, distances
     views = make_views(scene, origins, 1.0)
-    bits = min(max((n // PACKET).bit_length() // 2, 1), MOST_BITS)
+    bits = min(max((n // N_LANES).bit_length() // 2, 1), MOST_BITS)
     sort = n > BLOCK_RAYS and (n < RAYS_PER_CLUSTER * len(scene.used) or _are_scattered(directions))
-    order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
-    question = Question(origins[0], directions.reshape(-1), away, bits, order, cells, face_ids, distances)
     if sort:
-        together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
+        directions = of_usual_length(directions)
+    order, cells = np.empty(0, dtype=np.uint32), np.empty(n if sort else 0, dtype=np.uint16)
+    flat, unusual = directions.reshape(-1), np.zeros(1, dtype=np.int64)
+    hits = face_ids, distances, unusual
+    question = Question(origins[0], flat, flat.view(np.int64), away, bits, order, cells, *hits)
+    if sort:
+        together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question)
         question = question._replace(order=order_of_cells(cells, bits), cells=cells[:0])
-    together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question, own=lambda: _make_memory(scene))
+    together(_cast_blocks, n_blocks(n, BLOCK_RAYS), scene, views, question)
+    if unusual[0]:
+        return find_first_hits(scene, origins, of_usual_length(directions))
     return face_ids, distances
 
 
-def _are_scattered(directions: FloatArray) -> bool:
+@njit(cache=True)
+def _are_scattered(directions):
     """Whether rays that follow each other go anywhere, so that a block of them, as they come, has nothing in common."""
-    n = len(directions) // BLOCK_RAYS
+    n, m = len(directions) // BLOCK_RAYS, (BLOCK_RAYS + SAMPLE_STEP - 1) // SAMPLE_STEP  # blocks, rays asked of each
     if n < 2:
         return False
-    some = np.ascontiguousarray(directions[: n * BLOCK_RAYS].reshape(n, BLOCK_RAYS, 3)[:, ::SAMPLE_STEP])
-    sums, m = some.sum(axis=1), some.shape[1]  # of blocks of m rays
-    squares, total = np.vdot(some, some), sums.sum(axis=0)
-    return bool(squares - np.vdot(sums, sums) / m > SCATTERED * (squares - np.vdot(total, total) / (n * m)))
+    squares, of_blocks, of_all = 0.0, 0.0, 0.0
+    for axis in range(3):
+        total = 0.0
+        for first in range(0, n * BLOCK_RAYS, BLOCK_RAYS):
+            part = 0.0
+            for i in range(first, first + BLOCK_RAYS, SAMPLE_STEP):
+                part += directions[i, axis]
+                squares += directions[i, axis] * directions[i, axis]
+            of_blocks += part * part / m
+            total += part
+        of_all += total * total / (n * m)
+    return squares - of_blocks > SCATTERED * (squares - of_all)
 
 
 @shared
@@ -176,28 +202,33 @@ class Block(NamedTuple):
     slopes: FloatArray  # (BLOCK_RAYS,)
 
 
-def _make_memory(scene: Scene) -> tuple[Workspace, Places, State, Block]:
-    """What a thread works with alone: the search's workspace, a block's places, a packet's state, a block's answers."""
-    block = Block(
+_make_workspace = njit(make_workspace)
+
+
+@njit
+def _make_block():
+    return Block(
         directions=np.empty(3 * BLOCK_RAYS),
         face_ids=np.empty(BLOCK_RAYS, dtype=np.int32),
         distances=np.empty(BLOCK_RAYS),
         heights=np.empty(BLOCK_RAYS),
         slopes=np.empty(BLOCK_RAYS),
     )
-    return make_workspace(scene), make_places(), make_state(), block
 
 
 @shared
-def _cast_blocks(tasks, scene, views, question, memory):
-    """Take blocks of rays, in an order or as they come, and fill in their answers, or cells where these are asked."""
-    at = reference(memory[0]), reference(memory[1]), reference(memory[2]), memory[3]
-    _cast_tasks(tasks, reference(scene), views, question, at)
+def _cast_blocks(tasks, scene, views, question):
+    """Take blocks of rays, in an order or as they come, and fill in their answers, or cells where these are asked.
+
+    What a thread works with is allocated here: in Python threads would do so one after the other.
+    """
+    space, places = _make_workspace(len(scene.used), scene.nodes.shape[1]), make_places()
+    _cast_tasks(tasks, reference(scene), views, question, (space, places, make_state(), _make_block()))
 
 
 @inner
 def _cast_tasks(tasks, scene, views, question, memory):
-    space, places, state, block = memory
+    space, places, state, block = reference(memory[0]), reference(memory[1]), reference(memory[2]), memory[3]
     order, cells, bits = question.order, question.cells, question.bits
     axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(question.away, 1e-300)
     projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, ENDLESS)
@@ -213,6 +244,9 @@ def _cast_tasks(tasks, scene, views, question, memory):
         if len(order):
             directions, face_ids, distances = block.directions[: 3 * n], block.face_ids[:n], block.distances[:n]
             _gather(question.directions, order[first:last], directions)
+        elif not are_usual(question.patterns[3 * first : 3 * last]):
+            question.unusual[0] = 1
+            return
         find_places(axes, window, bits, directions, places)
         if len(cells):
             for i in range(n):
@@ -293,7 +327,7 @@ def _divide(directions, face_ids, heights, slopes, distances):
 
 @inner
 def _cast_frame(scene, view, frame, rays, places, number, space, state):
-    first, end = places.starts[number], places.ends[number]
+    first, end, room = places.starts[number], places.ends[number], places.coordinates.shape[1]
     n_before = list_clusters(scene, window_of(places.coordinates, first, end, frame.farthest), space)
     if n_before == 0:
         return
@@ -302,9 +336,10 @@ def _cast_frame(scene, view, frame, rays, places, number, space, state):
         n_listed = choose(n_before, window_of(places.coordinates, chunk, last, frame.farthest), space)
         if n_listed == 0:
             continue
-        for packet in range(chunk, last, PACKET):
-            store(state.coordinates, 0, load(places.coordinates, packet))
-            store(state.coordinates, PACKET, load(places.coordinates, places.coordinates.shape[1] + packet))
-            chosen = rays.chosen[packet : min(packet + PACKET, last)]
+        for packet in range(chunk, last, PACKET_RAYS):
+            for at in range(0, PACKET_RAYS, N_LANES):
+                store(state.coordinates, at, load(places.coordinates, packet + at))
+                store(state.coordinates, PACKET_RAYS + at, load(places.coordinates, room + packet + at))
+            chosen = rays.chosen[packet : min(packet + PACKET_RAYS, last)]
             taken = Rays(rays.origin, rays.directions, rays.face_ids, rays.heights, rays.slopes, chosen)
             first_hits_of_packet(scene, view, frame, taken, n_listed, space, state)

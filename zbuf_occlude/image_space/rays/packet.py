@@ -1,10 +1,10 @@
-"""Sixteen rays of one origin against the clusters listed before them, nearest first.
+"""Thirty-two rays of one origin against the clusters listed before them, nearest first.
 
 Clusters whose rectangles no ray goes through, or that lie behind what stops it, are left out. Where a few rays do, each
 is asked about 16 faces side by side. Where many do, the faces that their own rectangle misses are left out 16 at a
-time, and of each face left all rays are asked side by side. A face that a ray meets for certain nearer than its nearest
-so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer, `predicates.meeting` does,
-ray by ray. So faces and distances are the oracle's, ties included.
+time, and of each face left all rays are asked, 16 side by side. A face that a ray meets for certain nearer than its
+nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
+`predicates.meeting` does, ray by ray. So faces and distances are the oracle's, ties included.
 """
 
 import math
@@ -23,7 +23,6 @@ from zbuf_occlude.image_space.layout import (
     LEFT,
     NEAREST,
     ONE,
-    PACKET,
     RIGHT,
     SETUP_ROWS,
     TOP,
@@ -34,6 +33,7 @@ from zbuf_occlude.image_space.rays.single import nearer
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.lanes import (
     ALL,
+    N_LANES,
     absolute,
     count_lanes,
     divide,
@@ -63,6 +63,9 @@ ROUNDED = np.float32(5e-7)
 
 
 ROUNDED_UP = np.float32(1.000002)
+
+PACKET_RAYS = 2 * N_LANES
+"""Rays of a packet: two vectors, so that a look at a cluster, and each branch that nobody can predict, is for more."""
 
 FEW_RAYS = 6
 """Up to this many rays are asked about the 16 faces of a cluster one after the other; of more, all about a face."""
@@ -100,21 +103,21 @@ class Rays(NamedTuple):
 
 
 class State(NamedTuple):
-    """What is known of the rays of a packet, a lane for each.
+    """What is known of the rays of a packet, `PACKET_RAYS` of them.
 
     Parameters
     ----------
-    coordinates : (2, 16) float32
+    coordinates : (2, 32) float32
         x / w and y / w; the last ray's again where there are fewer.
-    lows, highs : (16,) float32
+    lows, highs : (32,) float32
         Bounds of g (`rays.setup`) where the nearest face so far is met; `ENDLESS` for none.
-    limits : (16,) float32
+    limits : (32,) float32
         The largest w that the upper bound stands for.
     scratch : (2, 16) float32
-    face_ids : (16,) int32
+    face_ids : (32,) int32
         That face, -1 for none.
-    fractions : (16,) float64
-        How many directions away it is, in the lanes of `decided`.
+    fractions : (32,) float64
+        How many directions away it is, of the rays of `decided`.
     decided : (1,) int64
         Mask of the rays of which more than the bounds is known.
     """
@@ -129,16 +132,17 @@ class State(NamedTuple):
     decided: NDArray[np.int64]
 
 
-def make_state() -> State:
+@njit
+def make_state():
     """Return an empty `State`."""
     return State(
-        coordinates=np.empty((2, PACKET), dtype=np.float32),
-        lows=np.empty(PACKET, dtype=np.float32),
-        highs=np.empty(PACKET, dtype=np.float32),
-        limits=np.empty(PACKET, dtype=np.float32),
-        scratch=np.empty((2, PACKET), dtype=np.float32),
-        face_ids=np.empty(PACKET, dtype=np.int32),
-        fractions=np.empty(PACKET),
+        coordinates=np.empty((2, PACKET_RAYS), dtype=np.float32),
+        lows=np.empty(PACKET_RAYS, dtype=np.float32),
+        highs=np.empty(PACKET_RAYS, dtype=np.float32),
+        limits=np.empty(PACKET_RAYS, dtype=np.float32),
+        scratch=np.empty((2, CLUSTER), dtype=np.float32),
+        face_ids=np.empty(PACKET_RAYS, dtype=np.int32),
+        fractions=np.empty(PACKET_RAYS),
         decided=np.empty(1, dtype=np.int64),
     )
 
@@ -148,7 +152,7 @@ def window_of(coordinates, first, last, farthest):
     """Return the window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
     x, y, room = load(coordinates, first), load(coordinates, coordinates.shape[1] + first), coordinates.shape[1]
     left, right, bottom, top = x, x, y, y
-    for i in range(first + PACKET, last, PACKET):
+    for i in range(first + N_LANES, last, N_LANES):
         x, y = load(coordinates, i), load(coordinates, room + i)
         left, right, bottom, top = minimum(left, x), maximum(right, x), minimum(bottom, y), maximum(top, y)
     return Window(lowest(left), highest(right), lowest(bottom), highest(top), farthest)
@@ -163,18 +167,18 @@ def first_hits_of_packet(scene, view, frame, rays, n_listed, space, state):
     scene, view, frame
         The scene, a `View`, and the frame's `Frame`.
     rays : Rays
-        At most 16 are chosen; their coordinates are in `state`.
+        At most `PACKET_RAYS` are chosen; their coordinates are in `state`.
     n_listed, space
         The clusters in ``space.listed``, the workspace.
     state : State
     """
-    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
     farthest = frame.farthest
-    window = Window(lowest(x), highest(x), lowest(y), highest(y), farthest)
-    store(state.lows, 0, splat(ENDLESS))
-    store(state.highs, 0, splat(ENDLESS))
-    store(state.limits, 0, splat(farthest))
-    fill(state.face_ids, 0, ALL, np.int32(-1))
+    window = window_of(state.coordinates, 0, PACKET_RAYS, farthest)
+    for at in range(0, PACKET_RAYS, N_LANES):
+        store(state.lows, at, splat(ENDLESS))
+        store(state.highs, at, splat(ENDLESS))
+        store(state.limits, at, splat(farthest))
+        fill(state.face_ids, at, ALL, np.int32(-1))
     state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, CLUSTER):
@@ -202,10 +206,13 @@ def first_hits_of_packet(scene, view, frame, rays, n_listed, space, state):
                     faces &= faces - 1
                     changed |= _ask_face(scene, frame, rays, within, asked, lane, space, state)
             if changed:
-                highs = load(state.highs, 0)
-                limit, limits = highest(highs), _farthest(frame, highs)
-                store(state.limits, 0, limits)
-                window = Window(window.left, window.right, window.bottom, window.top, highest(limits))
+                limit, most = -ENDLESS, ZERO
+                for at in range(0, PACKET_RAYS, N_LANES):
+                    highs = load(state.highs, at)
+                    limits = _farthest(frame, highs)
+                    store(state.limits, at, limits)
+                    limit, most = max(limit, highest(highs)), max(most, highest(limits))
+                window = Window(window.left, window.right, window.bottom, window.top, most)
     _finish(scene, rays, state)
 
 
@@ -223,14 +230,14 @@ def _farthest(frame, g):
 @inlined
 def _rays_before(rectangles, entry, state):
     """Mask of the rays that go through a listed rectangle and are not stopped before it."""
-    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
-    return (
-        not_less(x, splat(rectangles[LEFT, entry]))
-        & not_less(splat(rectangles[RIGHT, entry]), x)
-        & not_less(y, splat(rectangles[BOTTOM, entry]))
-        & not_less(splat(rectangles[TOP, entry]), y)
-        & not_less(load(state.limits, 0), splat(rectangles[NEAREST, entry]))
-    )
+    left, right = splat(rectangles[LEFT, entry]), splat(rectangles[RIGHT, entry])
+    bottom, top = splat(rectangles[BOTTOM, entry]), splat(rectangles[TOP, entry])
+    nearest, within = splat(rectangles[NEAREST, entry]), 0
+    for at in range(0, PACKET_RAYS, N_LANES):
+        x, y = load(state.coordinates, at), load(state.coordinates, PACKET_RAYS + at)
+        mask = not_less(x, left) & not_less(right, x) & not_less(y, bottom) & not_less(top, y)
+        within |= (mask & not_less(load(state.limits, at), nearest)) << at
+    return within
 
 
 @inlined
@@ -253,7 +260,7 @@ def _ask_ray(scene, frame, rays, asked, lane, space, state):
     maybe &= not_less(splat(state.highs[lane]), low)
     sure = greater(inside, splat(WITHIN)) & ~space.doubtful[slot]
     store(state.scratch, 0, low)
-    store(state.scratch, PACKET, high)
+    store(state.scratch, CLUSTER, high)
     changed = False
     while maybe:
         place = first_lane(maybe)
@@ -273,34 +280,35 @@ def _ask_ray(scene, frame, rays, asked, lane, space, state):
 def _ask_face(scene, frame, rays, within, asked, place, space, state):
     """Ask the rays within about a face of a (cluster, slot); return whether any ray's nearest has changed."""
     cluster, slot = asked
-    x, y = load(state.coordinates, 0), load(state.coordinates, PACKET)
-    row = slot * SETUP_ROWS * CLUSTER + place
-    inside = splat(ENDLESS)
-    for edge in range(3):
-        a, b, c = spread3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
-        inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-    maybe = within & not_less(inside, splat(-WITHIN))
-    if maybe == 0:
-        return False
-    row += DEPTH * CLUSTER
-    a, b, c = spread3(space.setups, row, CLUSTER)
-    g = muladd(x, a, muladd(y, b, c))
-    error = muladd(absolute(g), spread(space.setups, row + 4 * CLUSTER), spread(space.setups, row + 3 * CLUSTER))
-    low, high, lows, highs = g - error, g + error, load(state.lows, 0), load(state.highs, 0)
-    maybe &= not_less(highs, low)
-    known = ((space.doubtful[slot] >> place) & 1) - 1
-    sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
-    face = scene.face_ids[cluster, place]
-    if sure:
-        store(state.lows, 0, select(sure, low, lows))
-        store(state.highs, 0, select(sure, high, highs))
-        fill(state.face_ids, 0, sure, face)
-        state.decided[0] &= ~sure
-    doubtful, changed = maybe & ~sure, sure != 0
-    while doubtful:
-        lane = first_lane(doubtful)
-        doubtful &= doubtful - 1
-        changed |= _decide(scene, frame, rays, face, lane, state)
+    base = slot * SETUP_ROWS * CLUSTER + place
+    row = base + DEPTH * CLUSTER
+    face, known = scene.face_ids[cluster, place], ((space.doubtful[slot] >> place) & 1) - 1
+    changed = False
+    for at in range(0, PACKET_RAYS, N_LANES):
+        x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET_RAYS + at), splat(ENDLESS)
+        for edge in range(3):
+            a, b, c = spread3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+            inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
+        maybe = (within >> at) & not_less(inside, splat(-WITHIN))
+        if maybe == 0:
+            continue
+        a, b, c = spread3(space.setups, row, CLUSTER)
+        g = muladd(x, a, muladd(y, b, c))
+        error = muladd(absolute(g), spread(space.setups, row + 4 * CLUSTER), spread(space.setups, row + 3 * CLUSTER))
+        low, high, lows, highs = g - error, g + error, load(state.lows, at), load(state.highs, at)
+        maybe &= not_less(highs, low)
+        sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
+        if sure:
+            store(state.lows, at, select(sure, low, lows))
+            store(state.highs, at, select(sure, high, highs))
+            fill(state.face_ids, at, sure, face)
+            state.decided[0] &= ~(sure << at)
+        doubtful = maybe & ~sure
+        changed |= sure != 0
+        while doubtful:
+            lane = first_lane(doubtful)
+            doubtful &= doubtful - 1
+            changed |= _decide(scene, frame, rays, face, at + lane, state)
     return changed
 
 

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
-from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS, PACKET
+from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS
+from zbuf_occlude.image_space.rays.packet import PACKET_RAYS
 from zbuf_occlude.image_space.scene.scene import Float32
 from zbuf_occlude.lanes import inlined, inner
 
@@ -27,7 +28,7 @@ class Places(NamedTuple):
     Parameters
     ----------
     coordinates : (2, m) float32
-        x / w and y / w. Each frame begins at a multiple of 16, and repeats its last ray up to the next.
+        x / w and y / w. Each frame begins at a multiple of `PACKET_RAYS`, and repeats its last ray up to the next.
     order : (m,) int32
         Which ray of the block that is.
     starts, ends : (6,) int64
@@ -47,9 +48,10 @@ class Places(NamedTuple):
     counts: IntArray
 
 
-def make_places() -> Places:
+@njit
+def make_places():
     """Allocate a thread's `Places`."""
-    room = BLOCK_RAYS + N_FRAMES * PACKET
+    room = BLOCK_RAYS + N_FRAMES * PACKET_RAYS
     return Places(
         coordinates=np.empty((2, room), dtype=np.float32),
         order=np.empty(room, dtype=np.int32),
@@ -102,12 +104,12 @@ def sort_places(n, n_frames, bits, places):
         if present >> frame & 1:
             total = _accumulate(counts[frame * size : (frame + 1) * size], total)
         places.ends[frame] = total
-        total = (total + PACKET - 1) // PACKET * PACKET
+        total = (total + PACKET_RAYS - 1) // PACKET_RAYS * PACKET_RAYS
     x, y = places.coordinates[0], places.coordinates[1]
     _scatter(cells, nowhere, places.unsorted, counts, x, y, places.order)
     for frame in range(n_frames):
         last = places.ends[frame] - 1
-        for at in range(last + 1, last + 1 + -(last + 1) % PACKET):
+        for at in range(last + 1, last + 1 + -(last + 1) % PACKET_RAYS):
             x[at], y[at] = x[last], y[last]
 
 

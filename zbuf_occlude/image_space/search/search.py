@@ -28,7 +28,8 @@ def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
         answer[:] = 1
     alone = n_eyes * points.n_points <= PAIRS_ALONE
     n_tasks = 1 if alone else n_eyes * n_blocks
-    together(_search_views, n_tasks, scene, points, views, n_blocks, answer, own=lambda: make_workspace(scene))
+    sizes = len(scene.used), scene.nodes.shape[1]
+    together(_search_views, n_tasks, scene, points, views, n_blocks, answer, own=lambda: make_workspace(*sizes))
     return answer.view(bool)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.image_space.layout import CLUSTER, GROUP, PACKET, SETUP_ROWS
-from zbuf_occlude.image_space.scene.scene import Float32, Scene
+from zbuf_occlude.image_space.scene.scene import Float32
 from zbuf_occlude.lanes import inlined
 
 SLOTS = 4096
@@ -40,32 +40,25 @@ class Workspace(NamedTuple):
     image: Float32  # (3, 16) x / w, y / w and w of the points in hand
 
 
-def make_workspace(scene: Scene) -> Workspace:
-    """Allocate a thread's workspace."""
-    n_clusters = len(scene.used)
+def make_workspace(n_clusters: int, n_nodes: int) -> Workspace:
+    """Allocate a thread's workspace for a scene of so many clusters and nodes. Numba understands it, too."""
     capacity = n_clusters + CLUSTER
+    clusters, rectangles = np.empty((2, capacity), dtype=np.int32), np.empty((2, 6, capacity), dtype=np.float32)
     n_slots = 1
     while n_slots < min(n_clusters, SLOTS):
         n_slots *= 2
     return Workspace(
-        rectangles=np.empty((6, scene.nodes.shape[1]), dtype=np.float32),
+        rectangles=np.empty((6, n_nodes), dtype=np.float32),
         chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
         scratch=np.empty((2, capacity), dtype=np.int32),
         depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
-        before=_make_list(capacity),
-        listed=_make_list(capacity),
+        before=ClusterList(clusters[0], rectangles[0]),
+        listed=ClusterList(clusters[1], rectangles[1]),
         setups=np.empty(n_slots * SETUP_ROWS * CLUSTER, dtype=np.float32),
         slot_rectangles=np.empty((6, n_slots), dtype=np.float32),
         slot_tags=np.full(n_slots, -1, dtype=np.int64),
         doubtful=np.zeros(n_slots, dtype=np.int64),
         image=np.zeros((3, PACKET), dtype=np.float32),
-    )
-
-
-def _make_list(capacity: int) -> ClusterList:
-    """Allocate a list of clusters."""
-    return ClusterList(
-        clusters=np.empty(capacity, dtype=np.int32), rectangles=np.empty((6, capacity), dtype=np.float32)
     )
 
 
