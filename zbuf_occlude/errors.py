@@ -53,3 +53,8 @@ class GlError(OccludeError, RuntimeError):
 
 class DatasetError(OccludeError, RuntimeError):
     """A dataset folder or file is not what it should be."""
+
+
+def in_words(error: Exception) -> str:
+    """Return what an exception says, without the number and the file's name that are in an OSError's text."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -170,6 +170,19 @@ def test_an_output_folder_that_cannot_be_made_is_a_usage_error(
         assert f"cannot be made in {str(tmp_path)!r}: it may not be written in. Choose another." in outcome.err
 
 
+@pytest.mark.parametrize("option", ["--views", "--labels", "--sensor", "--scene"])
+def test_a_file_that_is_not_there_is_told_once_and_in_words(run: Run, tetrahedron: Path, option: str) -> None:
+    name = {"--views": "gone.csv", "--labels": "gone.csv", "--sensor": "gone.yaml", "--scene": "gone.json"}[option]
+    command = ("scan", "--sensor", "vlp-16") if option == "--scene" else ("generate",)
+    where = ("--azimuth", 0, "--range", 5, "--size", 1) if option == "--scene" else ()
+    outcome = run(*command, tetrahedron, *where, option, name, "--out", tetrahedron.parent / "out.ply")
+    assert outcome.code == 2
+    said = outcome.err.splitlines()[-1]
+    assert f"{name}: No such file or directory" in said
+    assert said.count(name) == 1
+    assert "Errno" not in said
+
+
 def test_a_dry_run_into_a_folder_that_is_another_s(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
     """It says what `generate` would."""
     full, taken = tmp_path / "full", tmp_path / "taken"

@@ -5,7 +5,7 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.errors import MeshError, in_words
 
 SUFFIX = ".zip"
 
@@ -107,4 +107,6 @@ def _cached(archive: Path, process: int) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(archive)
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise MeshError(f"{archive}: it must be a ZIP archive; reading says: {error}. Is it damaged?") from None
+        raise MeshError(
+            f"{archive}: it must be a ZIP archive; reading says: {in_words(error)}. Is it damaged?"
+        ) from None

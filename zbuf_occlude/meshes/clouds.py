@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import MeshError
+from zbuf_occlude.errors import MeshError, in_words
 from zbuf_occlude.meshes.archives import read_bytes
 from zbuf_occlude.meshes.ply import read_ply_points
 
@@ -52,7 +52,7 @@ def _table(path: Path, suffix: str) -> FloatArray:
                 heading = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
             table = np.loadtxt(path, delimiter=",", skiprows=int(heading), ndmin=2)
     except (OSError, ValueError) as error:
-        raise MeshError(f"it must be readable as numbers; reading says: {error}. Check it.") from None
+        raise MeshError(f"it must be readable as numbers; reading says: {in_words(error)}. Check it.") from None
     if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
         raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
     return np.asarray(table[:, :3], dtype=np.float64)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, in_words
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
 _KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")
@@ -53,7 +53,7 @@ def read_labels(path: Path) -> list[Label]:
         if data[:2] == b"\x1f\x8b":
             data = gzip.decompress(data)
     except (OSError, EOFError, zlib.error) as error:
-        raise OptionError(f"labels must be a readable file; {path}: {error}.") from None
+        raise OptionError(f"labels must be a readable file; {path}: {in_words(error)}.") from None
     is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
     labels = parse_json(data, path.name) if is_json else parse_csv(data, path.name)
     if not labels:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, in_words
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
@@ -39,7 +39,7 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     try:
         document = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise OptionError(f"a scene must be readable JSON; {path}: {error}.") from None
+        raise OptionError(f"a scene must be readable JSON; {path}: {in_words(error)}.") from None
     objects = document.get("objects") if isinstance(document, dict) else None
     if not isinstance(objects, list):
         raise OptionError(f"{path} must be {form}; it has no list of objects.")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.errors import ArgumentError, OptionError, in_words
 from zbuf_occlude.sensors.model import Imperfections
 from zbuf_occlude.sensors.rays import KINDS, numbers_of
 from zbuf_occlude.sensors.table import Row
@@ -34,7 +34,7 @@ def read_sensor(path: Path) -> Row:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise OptionError(f"a sensor's file must be readable; {path}: {error}.") from None
+        raise OptionError(f"a sensor's file must be readable; {path}: {in_words(error)}.") from None
     return _of_csv(path, text) if path.suffix.lower() == ".csv" else _of_yaml(path, text)
 
 

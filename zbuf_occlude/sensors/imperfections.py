@@ -71,7 +71,9 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
     Parameters
     ----------
     albedos, cosines, ranges : (n,) float
-        Of each return; cosine of its incidence; metres, as is `reach`.
+        Of each return; cosine of its incidence; metres.
+    reach : float
+        Metres, as `Imperfections.reach`.
 
     Returns
     -------

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.errors import ArgumentError, OptionError, in_words
 from zbuf_occlude.views.model import Views
 from zbuf_occlude.views.positions import PAPER_DISTANCE
 
@@ -51,7 +51,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise OptionError(f"views must be a readable CSV; {path}: {error}.") from None
+        raise OptionError(f"views must be a readable CSV; {path}: {in_words(error)}.") from None
     columns = set(rows[0]) if rows else set()
     if {*_ROTATION, *_TRANSLATION} <= columns:
         return _views(Path(path), rows, _camera_of_row)
@@ -205,4 +205,4 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise OptionError(f"cameras must be a readable text file; {path}: {error}.") from None
+        raise OptionError(f"cameras must be a readable text file; {path}: {in_words(error)}.") from None
