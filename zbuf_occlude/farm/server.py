@@ -1,11 +1,12 @@
 """The process that workers on this machine are forked from; light to import, for it is started before all else."""
 
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 
 LONGEST_TEMPORARY_FOLDER = 70
 """Bytes; in a folder of a longer name a process has no address for others to reach it by."""
@@ -28,13 +29,24 @@ def start_server() -> None:
     """
     if forks():
         forkserver.set_forkserver_preload(["zbuf_occlude.farm.warm"])
-        with _environment(ENVIRONMENT):
+        resource_tracker.ensure_running()  # the server would start it, and it lets interrupts through again
+        with _environment(ENVIRONMENT), _no_interrupts():
             forkserver.ensure_running()
 
 
 def forks() -> bool:
     """Whether workers are forked; outside Linux what systems bring along does not survive that."""
     return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= LONGEST_TEMPORARY_FOLDER
+
+
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Start children that no interrupt reaches, until they let it (`zbuf_occlude.farm.warm`)."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

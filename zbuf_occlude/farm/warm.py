@@ -1,11 +1,14 @@
 """Imported where workers are forked from: loads what they need, compiled functions too, while no thread is running."""
 
 import gc
+import signal
 
 from zbuf_occlude.kernels import load_only, without_scipy
 
 __all__ = ["worker"]
 
+heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as the server has it, once it has imported this
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 gc.disable()
 with without_scipy():
     from numba import njit
@@ -24,3 +27,4 @@ with without_scipy():
         njit(lambda: None)()  # half a second's work that numba leaves for the first function
 gc.enable()
 gc.freeze()  # what is loaded stays: no collection looks through it, here at the end or, page by page, in a worker
+signal.signal(signal.SIGINT, heard)  # whoever is forked has it back
