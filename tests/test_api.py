@@ -106,7 +106,9 @@ def documented(docstring: str, section: str = "Parameters") -> list[str] | None:
 
 def is_kernel(node: ast.FunctionDef) -> bool:
     return any(
-        name in ast.unparse(d) for d in node.decorator_list for name in ("njit", "intrinsic", "inner", "inlined")
+        name in ast.unparse(d)
+        for d in node.decorator_list
+        for name in ("njit", "intrinsic", "inner", "inlined", "merged")
     )
 
 

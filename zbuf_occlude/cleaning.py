@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.kernels import njit
@@ -25,17 +26,23 @@ def faulty_faces(vertices: FloatArray, faces: IntArray, no_area: float) -> tuple
         The corners of a face before it have the same three positions, in any order; 0.0 is -0.0.
     """
     positions = _first_equal_rows((vertices + 0.0).view(np.int64))  # -0.0 + 0.0 is 0.0
-    return _degenerate(vertices, faces, no_area), _duplicates(positions, faces)
+    corners, degenerate = np.empty((len(faces), 3), dtype=np.int64), np.empty(len(faces), dtype=np.bool_)
+    _fill_sorted(positions, faces, corners)
+    _fill_degenerate(vertices, faces, no_area, degenerate)
+    return degenerate, _first_equal_rows(corners) != np.arange(len(faces))
 
 
-@njit(cache=True)
-def _first_equal_rows(rows):
-    """For each row of (n, 3) int64 the first row that equals it, (n,) int64; a hash table with open addresses."""
-    size = 16
-    while size < 2 * len(rows):
-        size *= 2
-    table = np.full(size, -1, np.int64)
-    first = np.empty(len(rows), np.int64)
+def _first_equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each row of (n, 3) int64 the first row that equals it, (n,) int64."""
+    first, table = np.empty(len(rows), dtype=np.int64), np.full(1 << max(4, (2 * len(rows) - 1).bit_length()), -1)
+    _fill_first_equal(rows, table, first)
+    return first
+
+
+@njit(cache=True, nogil=True)
+def _fill_first_equal(rows, table, first):
+    """Enter rows in a hash table with open addresses: a power of two, twice as many as rows; -1 where nothing is."""
+    size = len(table)
     for i in range(len(rows)):
         mixed = np.uint64(0)
         for axis in range(3):  # the constants and shifts are those of SplitMix64
@@ -51,25 +58,20 @@ def _first_equal_rows(rows):
                 first[i] = other
                 break
             slot = (slot + 1) & (size - 1)
-    return first
 
 
-@njit(cache=True)
-def _duplicates(positions, faces):
-    """Whether each face has the positions, given by number, of one before it."""
-    rows = np.empty((len(faces), 3), np.int64)
+@njit(cache=True, nogil=True)
+def _fill_sorted(positions, faces, rows):
+    """The positions, given by number, of each face's corners in ascending order."""
     for i in range(len(faces)):
         a, b, c = positions[faces[i, 0]], positions[faces[i, 1]], positions[faces[i, 2]]
         low, high = min(a, b, c), max(a, b, c)
         rows[i, 0], rows[i, 1], rows[i, 2] = low, a + b + c - low - high, high
-    first = _first_equal_rows(rows)
-    return first != np.arange(len(first))
 
 
-@njit(cache=True)
-def _degenerate(vertices, faces, no_area):
+@njit(cache=True, nogil=True)
+def _fill_degenerate(vertices, faces, no_area, found):
     """Whether the normal n = (b - a) x (c - a) of each face is as good as none."""
-    found = np.empty(len(faces), np.bool_)
     for i in range(len(faces)):
         a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -78,4 +80,3 @@ def _degenerate(vertices, faces, no_area):
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz)
         found[i] = math.sqrt(nx * nx + ny * ny + nz * nz) <= no_area * longest
-    return found

@@ -28,6 +28,11 @@ and references to its arrays are not counted, which would cost more than the geo
 """
 inlined = njit(_nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """The same for what is best copied into its callers."""
+merged = njit(_nrt=False, inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""The same for what has one caller, itself without counted references, which takes it in before it is compiled.
+
+Of nested functions numba optimises the inner ones anew with each outer one.
+"""
 
 N_LANES = 16
 ALL = (1 << N_LANES) - 1

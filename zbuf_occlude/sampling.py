@@ -157,7 +157,8 @@ def sample_surface(
     else:
         counts = exact_counts(mesh.areas, n_points or 0, rng)
     positions = points_in_triangles(mesh.corners, counts, rng)
-    face_ids, normals = _of_faces(mesh.face_normals, counts, len(positions))
+    face_ids, normals = np.empty(len(positions), dtype=np.int32), np.empty((len(positions), 3))
+    _fill_faces(mesh.face_normals, counts, face_ids, normals)
     colors = None
     if mesh.colors is not None:
         colors = mesh.colors.at(face_ids, barycentric(mesh.corners[face_ids], positions))
@@ -187,12 +188,17 @@ def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> 
     edges = np.cumsum(areas)
     if not np.isfinite(edges[-1]):
         raise ArgumentError("a mesh must have a finite area to be sampled; this one overflows. Scale it down.")
-    return np.asarray(_counted(rng.random(n_points), edges))
+    counts, guide = np.zeros(len(edges), dtype=np.int32), np.empty(len(edges), dtype=np.int64)
+    _count(rng.random(n_points), edges, guide, counts)
+    return counts
 
 
 def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Generator) -> FloatArray:
     """Algorithm 2: of each triangle, corners (f, 3, 3), as many uniform points as `counts` (f,) says, (n, 3)."""
-    return np.asarray(_placed(corners, counts, rng.random((2, int(counts.sum())))))
+    draws = rng.random((2, int(counts.sum())))
+    positions = np.empty((draws.shape[1], 3))
+    _place(corners, counts, draws, positions)
+    return positions
 
 
 def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
@@ -211,14 +217,16 @@ def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArra
     -------
     (n,) int64, a permutation for `SurfacePoints.select`.
     """
-    return np.asarray(_curve_order(points.positions, points.face_ids, lower, CELLS / side if side > 0 else 0.0))
+    n = len(points)
+    codes, order, spare = np.zeros(n, dtype=np.uint64), np.arange(n), np.empty(n, dtype=np.int64)
+    _sort_along_curve(points.positions, points.face_ids, lower, CELLS / side if side > 0 else 0.0, codes, order, spare)
+    return order
 
 
-@njit(cache=True)
-def _counted(draws, edges):
+@njit(cache=True, nogil=True)
+def _count(draws, edges, guide, counts):
     """How many draws, in [0, 1) of the last edge, fall between the edges of each face and of the one before."""
     n = len(edges)
-    counts, guide = np.zeros(n, np.int32), np.empty(n, np.int64)
     face = 0
     for cell in range(n):  # the first face that draws of each n-th part may fall on
         while face < n - 1 and edges[face] / edges[-1] * n < cell:
@@ -231,13 +239,11 @@ def _counted(draws, edges):
         while face < n - 1 and edges[face] <= place:
             face += 1
         counts[face] += 1
-    return counts
 
 
-@njit(cache=True)
-def _placed(corners, counts, draws):
+@njit(cache=True, nogil=True)
+def _place(corners, counts, draws, positions):
     """Points of uniform draws (2, n) in triangles."""
-    positions = np.empty((draws.shape[1], 3))
     i = 0
     for face in range(len(counts)):
         for _ in range(counts[face]):
@@ -248,13 +254,11 @@ def _placed(corners, counts, draws):
                 a, b, c = corners[face, 0, axis], corners[face, 1, axis], corners[face, 2, axis]
                 positions[i, axis] = b - r1 * (b - a) + r2 * (c - b)
             i += 1
-    return positions
 
 
-@njit(cache=True)
-def _of_faces(face_normals, counts, n_points):
+@njit(cache=True, nogil=True)
+def _fill_faces(face_normals, counts, face_ids, normals):
     """Face and unit normal of each point, the points in the order of the faces; no normal where there is no area."""
-    face_ids, normals = np.empty(n_points, np.int32), np.empty((n_points, 3))
     end = 0
     for face in range(len(counts)):
         begin, end = end, end + counts[face]
@@ -265,16 +269,13 @@ def _of_faces(face_normals, counts, n_points):
         for i in range(begin, end):
             face_ids[i] = face
             normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
-    return face_ids, normals
 
 
-@njit(cache=True)
-def _curve_order(positions, face_ids, lower, scale):
-    """Merge sort by (code, place), face by face."""
+@njit(cache=True, nogil=True)
+def _sort_along_curve(positions, face_ids, lower, scale, codes, order, spare):
+    """Merge sort of 0, 1, 2, ... in `order` by (code, place), face by face; the codes are 0 before."""
     n = len(positions)
-    codes, order, spare = np.zeros(n, np.uint64), np.empty(n, np.int64), np.empty(n, np.int64)
     for i in range(n):
-        order[i] = i  # numba's arange takes a second to compile
         for axis in range(3):
             cell = (positions[i, axis] - lower[axis]) * scale
             bits = np.uint64(min(max(cell, 0.0), CELLS - 1.0))
@@ -309,4 +310,3 @@ def _curve_order(positions, face_ids, lower, scale):
                 for place in range(left, right):
                     order[place] = spare[place]  # a slice takes numba two seconds to compile, for its error's text
             width *= 2
-    return order

@@ -12,9 +12,11 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-shared = njit(nogil=True, cache=True)
+shared = njit(nogil=True, cache=True, _nrt=False)
 """Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
-task is left."""
+task is left. It allocates nothing, and references to its arrays are not counted."""
+shared_with_memory = njit(nogil=True, cache=True)
+"""The same for a kernel that allocates what its thread works with."""
 
 N_COUNTERS = 4
 """Of `tasks`: what is taken, threads that take from an end, what is taken from the front, and from the back."""

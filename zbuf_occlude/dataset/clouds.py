@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.subsets import ALL, draw_visible, placed
@@ -198,7 +198,7 @@ def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: 
 
 
 def _fill_scan(
-    record: Any, points: ScanPoints, chosen: NDArray[np.intp], recipe: Recipe, view: int, pose: FloatArray | None
+    record: Any, points: ScanPoints, chosen: IntArray, recipe: Recipe, view: int, pose: FloatArray | None
 ) -> None:
     for name, (kind, _) in point_columns(recipe).items():
         values = points.columns[name][chosen]

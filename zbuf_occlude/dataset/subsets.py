@@ -1,15 +1,16 @@
 """Random subsets of the points that a view sees, and where they come to lie in their cloud, in compiled passes."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.kernels import njit
 
 ALL = -1
 """As a size: every visible point."""
 
 
-@njit(cache=True, nogil=True)
-def draw_visible(mask, size, seed, view):
+def draw_visible(mask: BoolArray, size: int, seed: np.uint64, view: int) -> tuple[IntArray, int]:
     """Draw `size` of the points that a view sees, in random order; they repeat only where there are fewer.
 
     Parameters
@@ -34,15 +35,27 @@ def draw_visible(mask, size, seed, view):
     pseudorandom number generators, OOPSLA 2014, doi:10.1145/2660193.2660195), brought into a range without bias as
     in Lemire: Fast random integer generation in an interval, 2019, doi:10.1145/3230636.
     """
-    state = _mixed(seed ^ _mixed(np.uint64(view) + np.uint64(1)))
     visible = np.empty(len(mask) + 1, dtype=np.int32)
+    n_visible = _list(mask, visible)
+    chosen = np.empty(n_visible if size == ALL else size, dtype=np.int32)
+    _draw(visible, n_visible, seed, view, chosen)
+    return chosen, n_visible
+
+
+@njit(cache=True, nogil=True)
+def _list(mask, visible):
+    """Write the indices of the points that a view sees; one place more is written to. Returns how many there are."""
     n_visible = 0
     for i in range(len(mask)):
         visible[n_visible] = i
         n_visible += mask[i]
-    if size < 0:
-        size = n_visible
-    chosen = np.empty(size, dtype=np.int32)
+    return n_visible
+
+
+@njit(cache=True, nogil=True)
+def _draw(visible, n_visible, seed, view, chosen):
+    """Shuffle the first places, as many as are chosen, of what is visible."""
+    state, size = _mixed(seed ^ _mixed(np.uint64(view) + np.uint64(1))), len(chosen)
     n_once = min(size, n_visible)
     for i in range(n_once):
         state, j = _below(state, n_visible - i)
@@ -55,11 +68,17 @@ def draw_visible(mask, size, seed, view):
         for i in range(size):
             state, j = _below(state, size - i)
             chosen[i], chosen[i + j] = chosen[i + j], chosen[i]
-    return chosen, n_visible
 
 
-@njit(cache=True, nogil=True)
-def placed(positions, face_ids, chosen, frame, fitted, centre, factor):
+def placed(
+    positions: FloatArray,
+    face_ids: IntArray,
+    chosen: IntArray,
+    frame: FloatArray,
+    fitted: bool,
+    centre: FloatArray,
+    factor: float,
+) -> tuple[NDArray[np.float32], IntArray, FloatArray, float]:
     """Return the chosen points as a cloud: in a frame, centred, scaled.
 
     Parameters
@@ -83,26 +102,33 @@ def placed(positions, face_ids, chosen, frame, fitted, centre, factor):
     face_ids : (m,) int32
     centre, factor
     """
-    turned = np.empty((len(chosen), 3))
-    ids = np.empty(len(chosen), dtype=np.int32)
+    turned, data = np.empty((len(chosen), 3)), np.empty((len(chosen), 3), dtype=np.float32)
+    centre = centre.copy()
+    factor = _place(positions, chosen, frame, fitted, centre, factor, turned, data)
+    return data, face_ids[chosen], centre, factor
+
+
+@njit(cache=True, nogil=True)
+def _place(positions, chosen, frame, fitted, centre, factor, turned, data):
+    """Fill the cloud, and its centre where the box says it; returns the factor."""
     for i in range(len(chosen)):
         j = chosen[i]
-        ids[i] = face_ids[j]
         for axis in range(3):
             row = frame[axis]
             turned[i, axis] = row[0] * positions[j, 0] + row[1] * positions[j, 1] + row[2] * positions[j, 2] + row[3]
     if fitted:
-        low, high = turned[0].copy(), turned[0].copy()
-        for i in range(1, len(turned)):
-            for axis in range(3):
-                low[axis], high[axis] = min(low[axis], turned[i, axis]), max(high[axis], turned[i, axis])
-        centre, longest = (low + high) / 2.0, max(high[0] - low[0], high[1] - low[1], high[2] - low[2])
+        longest = 0.0
+        for axis in range(3):
+            low = high = turned[0, axis]
+            for i in range(1, len(turned)):
+                low, high = min(low, turned[i, axis]), max(high, turned[i, axis])
+            centre[axis] = (low + high) / 2.0
+            longest = max(longest, high - low)
         factor = 1.0 / longest if longest > 0.0 else 1.0
-    data = np.empty((len(chosen), 3), dtype=np.float32)
     for i in range(len(turned)):
         for axis in range(3):
             data[i, axis] = (turned[i, axis] - centre[axis]) * factor
-    return data, ids, centre, factor
+    return factor
 
 
 @njit(inline="always")

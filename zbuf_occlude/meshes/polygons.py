@@ -51,7 +51,8 @@ class Polygons:
         given = np.asarray(self.corners)
         given = np.ascontiguousarray(given, dtype=np.float64 if given.dtype.kind == "f" else np.int64)
         counts = np.asarray(self.counts, dtype=np.int64)
-        corners, out_of_range, unusable = _whole_numbers(given, vertices)
+        corners = np.empty(len(given), dtype=np.int64)
+        out_of_range, unusable = _fill_whole_numbers(given, vertices, corners)
         if out_of_range >= 0:
             n = len(vertices)
             raise MeshError(
@@ -102,13 +103,15 @@ class Polygons:
         if (self.counts == 3).all():
             return self.corners.reshape(-1, 3), np.arange(len(self.counts))
         starts = np.cumsum(self.counts) - self.counts
-        hubs = _hubs(self.vertices, self.corners, starts, self.counts)
+        hubs = np.zeros(len(self.counts), dtype=np.int64)
+        _choose_hubs(self.vertices, self.corners, starts, self.counts, hubs)
         n_triangles = np.maximum(self.counts - 2, 0)
         concave = np.flatnonzero(hubs == _EARS)
         ears = self._ears(starts[concave], self.counts[concave])
         n_triangles[concave] = [len(each) for each in ears]
         ends = np.cumsum(n_triangles)
-        triangles, polygon_ids = _fans(self.corners, starts, hubs, ends)
+        triangles, polygon_ids = np.empty((ends[-1], 3), dtype=np.int64), np.empty(ends[-1], dtype=np.int64)
+        _fill_fans(self.corners, starts, hubs, ends, triangles, polygon_ids)
         for polygon, each in zip(concave, ears, strict=True):
             triangles[ends[polygon] - len(each) : ends[polygon]] = self.corners[starts[polygon] + each]
         return triangles, polygon_ids
@@ -124,7 +127,8 @@ class Polygons:
             raise MeshError(
                 f"a concave face must have at most {_MOST_EARS:,} corners; one has {counts.max():,}. Cut it up."
             )
-        positions, axes = _planes(self.vertices, self.corners, starts, counts, int(counts.sum()))
+        positions, axes = np.empty((int(counts.sum()), 3)), np.empty((len(counts), 2, 3))
+        _fill_planes(self.vertices, self.corners, starts, counts, positions, axes)
         found = []
         for end, n, own in zip(np.cumsum(counts).tolist(), counts.tolist(), axes, strict=True):
             flat = positions[end - n : end] @ own.T
@@ -146,27 +150,25 @@ def _with_gaps(ears: Ints, n: int) -> Ints:
     return np.concatenate([ears, gaps])
 
 
-@njit(cache=True)
-def _whole_numbers(given, vertices):
-    """Corners as integers, and the first that is none or out of range, the first of an unusable vertex; else -1."""
-    corners = np.empty(len(given), np.int64)
+@njit(cache=True, nogil=True)
+def _fill_whole_numbers(given, vertices, corners):
+    """Corners as integers; returns the first that is none or out of range, the first of an unusable vertex; else -1."""
     for i in range(len(given)):
         if not 0 <= given[i] < len(vertices):  # NaN is not
-            return corners, i, -1
+            return i, -1
         corners[i] = given[i]
         if corners[i] != given[i]:
-            return corners, i, -1
+            return i, -1
     for i in range(len(given)):
         for axis in range(3):
             if not abs(vertices[corners[i], axis]) <= LARGEST:
-                return corners, -1, i
-    return corners, -1, -1
+                return -1, i
+    return -1, -1
 
 
-@njit(cache=True)
-def _hubs(vertices, corners, starts, counts):
-    """The corner that each polygon is fanned out from, its first or its second; `_EARS` where neither will do."""
-    hubs = np.zeros(len(counts), np.int64)
+@njit(cache=True, nogil=True)
+def _choose_hubs(vertices, corners, starts, counts, hubs):
+    """The corner that each polygon is fanned out from, its first (0) or its second; `_EARS` where neither will do."""
     for polygon in range(len(counts)):
         start, n = starts[polygon], counts[polygon]
         for hub in range(2 if n > 3 else 0):
@@ -186,14 +188,11 @@ def _hubs(vertices, corners, starts, counts):
             hubs[polygon] = hub if fits else _EARS
             if fits:
                 break
-    return hubs
 
 
-@njit(cache=True)
-def _fans(corners, starts, hubs, ends):
+@njit(cache=True, nogil=True)
+def _fill_fans(corners, starts, hubs, ends, triangles, polygon_ids):
     """Fill the triangles (f, 3) of fans, leaving those of ears empty, and the polygon of every triangle, (f,)."""
-    triangles = np.empty((ends[-1], 3), np.int64)
-    polygon_ids = np.empty(ends[-1], np.int64)
     begin = 0
     for polygon in range(len(ends)):
         n, start, hub = ends[polygon] - begin + 2, starts[polygon], hubs[polygon]
@@ -203,13 +202,11 @@ def _fans(corners, starts, hubs, ends):
             triangles[begin + i, 1] = corners[start + (hub + i + 1) % n]
             triangles[begin + i, 2] = corners[start + (hub + i + 2) % n]
         begin = ends[polygon]
-    return triangles, polygon_ids
 
 
-@njit(cache=True)
-def _planes(vertices, corners, starts, counts, n_corners):
+@njit(cache=True, nogil=True)
+def _fill_planes(vertices, corners, starts, counts, positions, axes):
     """Corners of polygons from the first of each, (c, 3), and two axes of the plane of each, (p, 2, 3)."""
-    positions, axes = np.empty((n_corners, 3)), np.empty((len(counts), 2, 3))
     end = 0
     for polygon in range(len(counts)):
         begin = end
@@ -233,7 +230,6 @@ def _planes(vertices, corners, starts, counts, n_corners):
         width, height = max(math.sqrt(dot(across, across)), _TINY), max(math.sqrt(dot(upwards, upwards)), _TINY)
         for axis in range(3):
             axes[polygon, 0, axis], axes[polygon, 1, axis] = across[axis] / width, upwards[axis] / height
-    return positions, axes
 
 
 def _usable(vertices: FloatArray) -> NDArray[np.bool_]:

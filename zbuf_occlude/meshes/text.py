@@ -96,7 +96,12 @@ class Lines:
         self._with_slashes = keywords.kind(keywords.with_slashes) or -1
         roles = _ROLES.copy()
         roles[list(comment)] = _COMMENT
-        self._values, self._unread, kinds, first = _scan(
+        most = (len(text) - start) // 2 + 2  # pages that are not written to take no memory
+        values, first = np.empty(most), np.empty(most, dtype=np.int64)
+        found = _Found(
+            values, values.view(np.uint64), np.empty((most, 3), dtype=np.int64), np.empty(most, dtype=np.uint8), first
+        )
+        n_numbers, n_unread, n_lines = _scan(
             np.frombuffer(text, dtype=np.uint8),
             start,
             roles,
@@ -104,11 +109,12 @@ class Lines:
             len(keywords.of_numbers),
             self._with_slashes,
             32 if keywords.lower_case else 0,
+            found,
         )
-        self._text = text
-        self.kinds: NDArray[np.uint8] = kinds
-        self.first: NDArray[np.int64] = first[:-1]
-        self.counts: NDArray[np.int64] = np.diff(first)
+        self._text, self._values, self._unread = text, values[:n_numbers], found.unread[:n_unread]
+        self.kinds: NDArray[np.uint8] = found.kinds[:n_lines]
+        self.first: NDArray[np.int64] = first[:n_lines]
+        self.counts: NDArray[np.int64] = np.diff(first[: n_lines + 1])
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -144,24 +150,31 @@ def _number(token: bytes) -> float:
     return float(token.partition(b"(")[0])
 
 
-@njit(cache=True)
-def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold):
-    """Find the lines and read their numbers.
+class _Found(NamedTuple):
+    """What `_scan` finds: m numbers, u tokens that it did not read, l lines.
 
-    Returns
-    -------
-    values : (m,) float64
-    unread : (u, 3) int64
-        Tokens that were not read: which number, first byte, byte after the last.
-    kinds : (l,) uint8
-    first : (l + 1,) int64
-        The last is m.
+    Parameters
+    ----------
+    values, bits : (>= m,) float64, and uint64 of the same memory
+    unread : (>= u, 3) int64
+        Which number, first byte, byte after the last.
+    kinds : (>= l,) uint8
+    first : (>= l + 1,) int64
+        The number each line begins with; the last is m.
     """
+
+    values: FloatArray
+    bits: NDArray[np.uint64]
+    unread: NDArray[np.int64]
+    kinds: NDArray[np.uint8]
+    first: NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
+    """Find the lines and read their numbers; return how many numbers, unread tokens and lines there are."""
+    values, bits, unread, kinds, first = found
     n = len(text)
-    most = (n - start) // 2 + 2  # pages that are not written to take no memory
-    values, unread = np.empty(most), np.empty((most, 3), np.int64)
-    kinds, first = np.empty(most, np.uint8), np.empty(most, np.int64)
-    bits = values.view(np.uint64)
     n_numbers, n_unread, n_lines = np.int64(0), 0, 0  # with a literal 0, read_decimal would be compiled for it too
     i = start
     while i < n:
@@ -210,7 +223,7 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold):
             kinds[n_lines], first[n_lines] = kind, begin
             n_lines += 1
     first[n_lines] = n_numbers
-    return values[:n_numbers], unread[:n_unread], kinds[:n_lines], first[: n_lines + 1]
+    return n_numbers, n_unread, n_lines
 
 
 def as_doubles(values: NDArray[np.generic]) -> FloatArray:

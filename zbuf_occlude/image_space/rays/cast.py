@@ -32,7 +32,7 @@ from zbuf_occlude.image_space.search.search import project_nodes
 from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import make_views, view_of
 from zbuf_occlude.lanes import N_LANES, inner, load, store
-from zbuf_occlude.threads import n_blocks, shared, take, take_block_from, take_end, together
+from zbuf_occlude.threads import n_blocks, shared_with_memory, take, take_block_from, take_end, together
 
 SINGLE_RAYS = 512
 """Rays that a thread takes at a time, in the caller's order, where they go one by one."""
@@ -164,7 +164,7 @@ def _are_scattered(directions):
     return squares - of_blocks > SCATTERED * (squares - of_all)
 
 
-@shared
+@shared_with_memory
 def _cast_singles(tasks, scene, origins, directions, chosen, face_ids, distances):
     """Take blocks of rays and fill in the answers, ray by ray; the last face met is the first asked."""
     room = CLUSTER * (len(scene.level_counts) + 8)
@@ -216,7 +216,7 @@ def _make_block():
     )
 
 
-@shared
+@shared_with_memory
 def _cast_blocks(tasks, scene, views, question):
     """Take blocks of rays, in an order or as they come, and fill in their answers, or cells where these are asked.
 

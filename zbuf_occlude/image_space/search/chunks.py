@@ -4,13 +4,13 @@ from zbuf_occlude.image_space.layout import CHUNK, COORDINATE_ERROR, GROUP, PACK
 from zbuf_occlude.image_space.search.listing import choose, list_clusters, tighten
 from zbuf_occlude.image_space.search.packets import search_packet, write_hidden
 from zbuf_occlude.image_space.search.project import extent_of_chunk, is_empty, joined, project_boxes, project_packet
-from zbuf_occlude.lanes import inner
+from zbuf_occlude.lanes import merged
 
 TIGHT_CLUSTERS = 1024
 """Lists of at most this many clusters get the rectangles of the projected faces."""
 
 
-@inner
+@merged
 def search_chunks(scene, points, view, chunks, space, answer):
     """Answer for the chunks from one to another; writes 0 where a point is hidden."""
     rectangles = space.chunk_rectangles
@@ -33,7 +33,7 @@ def search_chunks(scene, points, view, chunks, space, answer):
                 _search_packets(scene, points, view, chunk, n_listed, space, answer)
 
 
-@inner
+@merged
 def _search_packets(scene, points, view, chunk, n, space, answer):
     """Take the packets of a chunk through the n listed clusters."""
     for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):

@@ -11,7 +11,7 @@ from zbuf_occlude.image_space.search.decide import hide_near_points
 from zbuf_occlude.image_space.search.project import project_boxes
 from zbuf_occlude.image_space.search.workspace import make_workspace
 from zbuf_occlude.image_space.view import Views, view_of
-from zbuf_occlude.lanes import inner
+from zbuf_occlude.lanes import inner, merged
 from zbuf_occlude.threads import n_threads, shared, take, together
 
 PAIRS_ALONE = 10_000
@@ -39,7 +39,7 @@ def _search_views(tasks, scene, points, views, n_blocks, answer, space):
     _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, space)
 
 
-@inner
+@merged
 def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     task = take(tasks)
@@ -54,7 +54,7 @@ def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
         task = take(tasks)
 
 
-@inner
+@merged
 def _search_view(scene, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
