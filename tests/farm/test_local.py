@@ -301,15 +301,18 @@ def test_servers_that_die_are_replaced_and_three_in_a_row_an_error(
 
 def test_an_interrupt_while_the_server_starts_is_no_traceback() -> None:
     code = (
-        "import os, signal, time\n"
+        "import multiprocessing, os, signal, time\n"
         "from zbuf_occlude.farm.server import start_server\n"
         "signal.signal(signal.SIGINT, lambda *_: None)\n"
         "start_server()\n"
         "for _ in range(40):\n"
         "    time.sleep(0.02)\n"
         "    os.killpg(0, signal.SIGINT)\n"
+        "child = multiprocessing.get_context('forkserver').Process(target=print, args=('forked',))\n"
+        "child.start()\n"
+        "child.join()\n"
     )
     outcome = subprocess.run(
         [sys.executable, "-c", code], start_new_session=True, capture_output=True, text=True, timeout=60, check=True
     )
-    assert outcome.stderr == ""
+    assert (outcome.stdout, outcome.stderr) == ("forked\n", ""), "and the server goes on"
