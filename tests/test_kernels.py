@@ -5,10 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from numba import njit as njit_of_numba
+from numba.core import entrypoints
+from numba.core.caching import Cache
 from numba.core.dispatcher import Dispatcher
 
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.kernels import load_only, njit
 
 
 @njit(inline="always")
@@ -77,3 +80,11 @@ def test_what_is_not_found_is_compiled_after_load_only_too(tmp_path: Path) -> No
         assert child.returncode == 0, child.stderr
         said.append(child.stdout)
     assert said == ["0 True", "1 False"]
+
+
+def test_a_numba_that_is_made_otherwise_loads_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, was_initialized = Cache.load_overload, entrypoints._already_initialized
+    monkeypatch.delattr(Cache, "_load_overload")
+    load_only()
+    assert Cache.load_overload is before
+    assert entrypoints._already_initialized is was_initialized

@@ -65,6 +65,9 @@ def load_only() -> None:
     from numba.core.caching import Cache
     from numba.core.runtime import rtsys
 
+    if not (hasattr(Cache, "_load_overload") and hasattr(Cache, "_guard_against_spurious_io_errors")):
+        return  # a numba that is made otherwise loads as ever
+
     def load_overload(self: Any, signature: Any, context: Any) -> Any:
         rtsys.initialize(context)  # what compiled functions themselves call
         with self._guard_against_spurious_io_errors():
