@@ -51,7 +51,7 @@ def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
     return spare if _sort(keys, spare, counts, np.uint64(index_bits)) else keys
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def _sort(keys, spare, counts, first_bit):
     """Sort by digit after digit, the lowest first, from array to array; return whether it ended in `spare`."""
     n, in_spare, mask = len(keys), False, np.uint64((1 << DIGIT_BITS) - 1)

@@ -45,7 +45,7 @@ def count_stacked(mesh: Mesh, points: SurfacePoints, tolerance: float, key: str)
     return Counts(n_looked_at=len(some), n_stacked=n_stacked, most_stacked=WorstMesh(n_stacked / len(some), key))
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=True)
 def _have_another(corners, positions, normals, face_ids, axis, least, most):
     """Whether the normal's line meets another face farther than `least` and not farther than `most` away, (n,) bool.
 

@@ -120,7 +120,7 @@ def view_of(views, k, frame):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_frames):
     """Fill in the fields of `Views`, each flat, where the others are 0: a kernel, as in NumPy one eye takes longest.
 
@@ -148,7 +148,7 @@ def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_fr
                 _put_row(matrices, axes, 18 * k + row, (a, b, c), -(a * x + b * y + c * z))
 
 
-@njit
+@njit(_nrt=False)
 def _put_row(matrices, axes, row, along, constant):
     for i in range(3):
         axes[3 * row + i] = along[i]

@@ -171,7 +171,7 @@ def _scene_corner(scene, corner):
     )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, _nrt=False)
 def _stack_levels(scene):
     """Fill in the boxes of all levels, rounded outwards; padding stays zero: it is projected, never reached."""
     outwards = np.float32(2.0) * ROUNDOFF
