@@ -38,6 +38,22 @@ def test_random_scenes_notice_a_method_that_errs() -> None:
     assert disagreements(lambda mesh, contact: Blind(mesh), 1, 5)[0] > 0
 
 
+def test_no_face_hides_what_is_seen_past_it_in_its_own_plane() -> None:
+    """Triangles in a row; eyes, points and faces in one plane to the last digit, where volumes' signs are rounding."""
+    rng = np.random.default_rng(0)
+    apart = 3.0 * np.arange(12)
+    row = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) + apart[:, None, None] * [1.0, 0, 0]
+    weights = rng.dirichlet([1.0, 1.0, 1.0], (12, 20))
+    for _ in range(20):
+        turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-100.0, 100.0, 3)
+        eyes = np.stack([rng.uniform(0.0, 33.0, 3), np.full(3, -60.0), np.zeros(3)], axis=1) @ turn + shift
+        mesh = Mesh((row @ turn + shift).reshape(-1, 3), np.arange(36).reshape(-1, 3))
+        positions = (weights @ mesh.corners).reshape(-1, 3)
+        points = zo.SurfacePoints(positions, np.repeat(np.arange(12), 20), positions)
+        with zo.prepare(mesh, method="exact") as occluder:
+            assert occluder.visible(points, eyes).all()
+
+
 def crowd() -> tuple[Mesh, zo.SurfacePoints, np.ndarray]:
     """A sphere behind a cloud of triangles, seen from far, near and inside."""
     rng = np.random.default_rng(0)

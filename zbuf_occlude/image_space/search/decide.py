@@ -6,6 +6,10 @@ from zbuf_occlude.image_space.layout import CHUNK, CLUSTER, PACKET, UPPER, ZERO
 from zbuf_occlude.lanes import first_lane, inner
 from zbuf_occlude.predicates import blocks
 
+BESIDE = 1e-6
+"""A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
+point is from mesh or eye: as the oracle (`visibility.oracle.ROUNDING`), which leaves out runs of faces so."""
+
 
 @inner
 def decide(scene, points, view, cluster, faces, doubt, first):
@@ -78,22 +82,47 @@ def _segment_meets_box(eye, point, box, margin):
     """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
     enter, leave = 0.0, 1.0
     for axis in range(3):
-        low, high = box[axis] - margin - eye[axis], box[UPPER + axis] + margin - eye[axis]
-        step = point[axis] - eye[axis]
-        if low <= 0.0 <= high and low <= step <= high:
-            continue  # inside this slab all the way; no division by a small step
-        if step == 0.0:
-            return False
-        first, second = low / step, high / step
-        enter = max(enter, min(first, second))
-        leave = min(leave, max(first, second))
+        lower, upper = box[axis] - margin, box[UPPER + axis] + margin
+        enter, leave = _within_slab(eye[axis], point[axis], lower, upper, enter, leave)
     return enter <= leave
 
 
 @inner
+def _within_slab(eye, point, lower, upper, enter, leave):
+    """Of a part of a segment, from how many times its length after the eye to how many, what is between two walls."""
+    low, high, step = lower - eye, upper - eye, point - eye
+    if low <= 0.0 <= high and low <= step <= high:
+        return enter, leave  # inside this slab all the way; no division by a small step
+    if step == 0.0:
+        return 1.0, 0.0
+    first, second = low / step, high / step
+    return max(enter, min(first, second)), min(leave, max(first, second))
+
+
+@inner
 def _face_blocks(scene, eye, point, face):
-    a, b, c = scene.world_corners[face, 0], scene.world_corners[face, 1], scene.world_corners[face, 2]
-    return blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), scene.world_contact)
+    """Whether a face blocks a line of sight: by the definition, and not where that can but be rounding."""
+    corners = scene.world_corners[face]
+    a, b, c = corners[0], corners[1], corners[2]
+    by_definition = blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), scene.world_contact)
+    return by_definition and not _passes_beside(scene, eye, point, corners)
+
+
+@inner
+def _passes_beside(scene, eye, point, corners):
+    """Whether a line of sight passes beside a face's box: one in the face's plane to the last digit, whose volumes'
+    signs are rounding."""
+    reach, size = 2.0 / scene.scale, 0.0
+    for axis in range(3):
+        reach = max(reach, abs(eye[axis] - point[axis]), abs(point[axis] - scene.centre[axis]))
+        size = max(size, abs(point[axis]))
+    margin = BESIDE * (reach * scene.scale * reach + BESIDE * size)
+    enter, leave = 0.0, 1.0
+    for axis in range(3):
+        one, two, three = corners[0, axis], corners[1, axis], corners[2, axis]
+        lower, upper = min(one, two, three), max(one, two, three)
+        enter, leave = _within_slab(eye[axis], point[axis], lower - margin, upper + margin, enter, leave)
+    return enter > leave
 
 
 @inner
