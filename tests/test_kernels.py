@@ -1,10 +1,16 @@
 """Functions that are compiled when they are called: by Python, or by others that are compiled."""
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from types import FunctionType
+from typing import Any
 
+import numpy as np
 import pytest
 from numba import njit as njit_of_numba
 from numba.core import entrypoints
@@ -12,6 +18,9 @@ from numba.core.caching import Cache
 from numba.core.dispatcher import Dispatcher
 
 from zbuf_occlude.kernels import load_only, njit
+from zbuf_occlude.lanes import merged
+
+ROOT = Path(__file__).parents[1]
 
 
 @njit(inline="always")
@@ -40,6 +49,70 @@ def test_a_kernel_is_compiled_with_its_options_and_keeps_its_words() -> None:
     assert isinstance(twice._compiled, Dispatcher)
     assert twice.targetoptions["inline"] == "always"
     assert (twice.__name__, twice.__doc__) == ("twice", "Two of it.")
+
+
+def functions_of_modules(pattern: str) -> Iterator[Any]:
+    """Yield the functions, compiled or not, of the package's modules in whose text a pattern is found."""
+    for path in sorted((ROOT / "zbuf_occlude").rglob("*.py")):
+        if re.search(pattern, path.read_text(encoding="utf-8")):
+            module = import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+            for value in vars(module).values():
+                if isinstance(python_of(value), FunctionType) and value.__module__ == module.__name__:
+                    yield value
+
+
+def python_of(function: Any) -> Any:
+    return getattr(function, "py_func", function)
+
+
+def names_of(function: Any) -> list[Any]:
+    """What a function's body calls by its name."""
+    function = python_of(function)
+    return [function.__globals__.get(name) for name in function.__code__.co_names]
+
+
+def counts_references(function: Any) -> bool:
+    """Whether what is compiled counts references; without them numba knows no memory of its own."""
+    return not (isinstance(function, Dispatcher) and function.targetoptions.get("_nrt") is False)
+
+
+def is_merged(function: Any) -> bool:
+    return not counts_references(function) and function.targetoptions.get("inline") == "always"
+
+
+def test_merged_functions_have_one_caller_which_counts_no_references() -> None:
+    """numba takes them in before it compiles, with their caller's options and not with theirs."""
+    of_merged = [function for function in functions_of_modules(r"\bmerged\b") if is_merged(function)]
+    assert {function.__name__ for function in of_merged} >= {"_search_tasks", "search_chunks"}
+    names = "|".join(function.__name__ for function in of_merged)
+    callers = list(functions_of_modules(rf"\b({names})\b"))
+    for function in of_merged:
+        mine = [caller for caller in callers if any(named is function for named in names_of(caller))]
+        assert len(mine) == 1, f"{function.__name__} has {len(mine)} callers"
+        assert not counts_references(mine[0]), f"{mine[0].__name__} counts references, in {function.__name__}, too"
+
+
+@merged
+def sum_of_rows(rows: np.ndarray) -> float:
+    total = 0.0
+    for i in range(len(rows)):
+        row = rows[i]
+        for j in range(len(row)):
+            total += row[j]
+    return total
+
+
+def sum_of(rows: np.ndarray) -> float:
+    return sum_of_rows(rows)
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_what_is_merged_counts_references_where_its_caller_does(counted: bool) -> None:
+    """Which is what the test above is for: each look at a row would be noted down."""
+    kernel = njit_of_numba(**({} if counted else {"_nrt": False}))(sum_of)
+    assert kernel(np.ones((3, 4))) == 12.0
+    assert ("NRT_decref" in kernel.inspect_llvm(kernel.signatures[0])) is counted
+    assert counts_references(kernel) is counted
 
 
 def test_scipy_is_hidden_within_a_block_and_no_longer() -> None:

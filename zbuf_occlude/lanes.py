@@ -31,6 +31,7 @@ inlined = njit(_nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_w
 merged = njit(_nrt=False, inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """The same for what has one caller, itself without counted references, which takes it in before it is compiled.
 
+A caller's options become its own, so one that counts references would here, too; `tests/test_kernels.py` looks.
 Of nested functions numba optimises the inner ones anew with each outer one.
 """
 
