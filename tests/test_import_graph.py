@@ -12,7 +12,7 @@ FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names besides
-    {"errors": set(), "kernels": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
+    {"errors": set(), "interrupts": set(), "kernels": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
     {
         "arrays": set(),
         "checks": set(),

@@ -8,7 +8,11 @@ Importing this package touches no GPU and imports no dependency at all: each nam
 import importlib
 import typing
 
-from zbuf_occlude import numba_cache
+from zbuf_occlude import interrupts
+
+interrupts.end_quietly()
+
+from zbuf_occlude import numba_cache  # noqa: E402  (it takes a while)
 
 if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
     from zbuf_occlude import scenes, sensors, views

@@ -7,6 +7,7 @@ import sys
 
 import click
 
+from zbuf_occlude import interrupts
 from zbuf_occlude.cli import group
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
@@ -30,6 +31,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # names of files may be in no encoding at all
             stream.reconfigure(errors="backslashreplace")
     try:
+        interrupts.heard()
         code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
     except click.ClickException as error:
         error.show()

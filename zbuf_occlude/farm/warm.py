@@ -7,7 +7,8 @@ from zbuf_occlude.kernels import load_only, without_scipy
 
 __all__ = ["worker"]
 
-heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as the server has it, once it has imported this
+# what a whole group is sent is its parent's to hear, and the server ends with that: so no temporary folder stays
+heard = {one: signal.signal(one, signal.SIG_IGN) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 gc.disable()
 with without_scipy():
@@ -27,4 +28,5 @@ with without_scipy():
         njit(lambda: None)()  # half a second's work that numba leaves for the first function
 gc.enable()
 gc.freeze()  # what is loaded stays: no collection looks through it, here at the end or, page by page, in a worker
-signal.signal(signal.SIGINT, heard)  # whoever is forked has it back
+for one, handler in heard.items():
+    signal.signal(one, handler)  # whoever is forked has it back

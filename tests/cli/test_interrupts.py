@@ -1,0 +1,82 @@
+"""Ctrl-C from the first line on, a scheduler's SIGTERM, a closed terminal's SIGHUP: few words, and nothing stays."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no such signals")
+
+LONG = ("generate", "--method=oracle", "--views=paper100", "--points=50000", "--workers=1")
+BRIEF = ("generate", "--limit=1", "--method=oracle", "--views=ring:1@0", "--points=50", "--sample-size=8")
+
+
+def heard() -> None:
+    """Hear all signals, in a child, also where these tests run in the background of a shell."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize("module", ["hashlib", "click"])
+@pytest.mark.parametrize("by", ["module", "script"])
+def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback(tmp_path: Path, module: str, by: str) -> None:
+    """Sent while the package itself (hashlib), and its command line (click), import another module."""
+    (tmp_path / f"{module}.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGINT)\n")
+    script = tmp_path / "zbuf-occlude"
+    script.write_text("from zbuf_occlude.__main__ import main; main()\n")
+    ended = subprocess.run(
+        [sys.executable, *(["-m", "zbuf_occlude"] if by == "module" else [str(script)]), "methods"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        preexec_fn=heard,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_who_imports_the_package_keeps_pythons_interrupts() -> None:
+    program = "import signal, zbuf_occlude; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    subprocess.run([sys.executable, "-c", program, "zbuf_occlude"], preexec_fn=heard, check=True)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_asks_a_run_to_end_is_an_interrupt(tmp_path: Path, name: str) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    with subprocess.Popen(
+        [sys.executable, "-m", "zbuf_occlude", *LONG, "--out", str(tmp_path / "out")],
+        env={**os.environ, "TMPDIR": str(temporary)},
+        preexec_fn=heard,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        assert run.stderr is not None
+        said = ""
+        while "clouds/s" not in said:  # the bar: workers are at it
+            said += run.stderr.read(1)
+        run.send_signal(getattr(signal, name))
+        said += run.stderr.read()
+    assert run.returncode == 130
+    assert said.endswith("error: interrupted; what was finished is kept, and the same command resumes.\n")
+    assert "Traceback" not in said
+    assert list(temporary.iterdir()) == []
+
+
+def test_nohup_is_heeded(tmp_path: Path) -> None:
+    """Whoever starts it to outlive its terminal is not interrupted when that is closed."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "zbuf_occlude", *BRIEF, "--out", str(tmp_path / "out")],
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        assert run.stderr is not None
+        run.stderr.read(1)
+        run.send_signal(signal.SIGHUP)
+        run.stderr.read()
+    assert run.returncode == 0
