@@ -41,9 +41,9 @@ def read_obj(data: bytes) -> Polygons:
     is_vertex = lines.kinds == _VERTEX
     if (lines.counts[is_vertex] < 3).any():
         raise MeshError("every v line of an OBJ file must have three coordinates; one has fewer. Is it damaged?")
-    vertices = lines.numbers(kind=_VERTEX)[lines.first[is_vertex, None] + np.arange(3)]
+    vertices = lines.numbers(kind=_VERTEX).take(lines.first.compress(is_vertex)[:, None] + np.arange(3))
     is_face = (lines.kinds == _FACE) & (lines.counts > 0)
-    corners = lines.numbers(kind=_FACE)[np.repeat(is_face, lines.counts)]
+    corners = lines.numbers(kind=_FACE).compress(np.repeat(is_face, lines.counts))
     if (corners == 0).any():
         raise MeshError("indices in an OBJ file must count from 1, or back from -1; one is 0. Is it damaged?")
     counts = lines.counts[is_face]

@@ -198,7 +198,7 @@ def _visible(mesh: Mesh, own: IntArray, targets: FloatArray, eyes: FloatArray, c
     answer = np.empty(targets.shape[:2], dtype=np.bool_)
     n_runs = -(-len(mesh.faces) // RUN)
     faces = np.minimum(np.arange(n_runs * RUN), len(mesh.faces) - 1)
-    corners = np.ascontiguousarray(mesh.corners[faces].reshape(n_runs, RUN, 9).transpose(0, 2, 1))
+    corners = np.ascontiguousarray(mesh.corners.take(faces, axis=0).reshape(n_runs, RUN, 9).transpose(0, 2, 1))
     coordinates = corners.reshape(n_runs, 3, 3, RUN)
     boxes = np.concatenate([coordinates.min(axis=(1, 3)), coordinates.max(axis=(1, 3))], axis=1)
     runs = _Runs(corners, boxes, np.array(mesh.centre), max(mesh.longest_side, _TINY))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.hilbert import CODE_BITS, hilbert_code, sorted_keys
+from zbuf_occlude.hilbert import BLOCK, CODE_BITS, new_cells, place_along_curve, sorted_keys
 from zbuf_occlude.image_space.layout import CLUSTER, UPPER
 from zbuf_occlude.lanes import inner
 from zbuf_occlude.mesh import Mesh
@@ -18,9 +18,6 @@ LONG = 0.125
 RUN_FACES = 512
 """Faces that are halved together, a multiple of `CLUSTER`."""
 
-BLOCK_FACES = 4096
-"""Faces that a thread measures at a time."""
-
 NEVER = np.uint64(2**64 - 1)
 """Key of a face that blocks nothing."""
 
@@ -28,7 +25,8 @@ NEVER = np.uint64(2**64 - 1)
 class Scratch(NamedTuple):
     """What halving needs for n faces."""
 
-    areas: FloatArray  # (n,)
+    boxes: FloatArray  # (runs, 32, 6) of groups of 16 faces along an axis
+    areas: FloatArray  # (runs, 32) of the groups from each on
     first_half: NDArray[np.int64]  # (n,) 1 for the faces of a segment's first half
     order: IntArray  # (n,)
     segments: NDArray[np.int64]  # (runs, 33, 2) those to be halved
@@ -61,8 +59,8 @@ def make_clusters(mesh: Mesh) -> IntArray:
     n_faces = len(mesh.faces)
     index_bits = n_faces.bit_length()
     boxes, keys = np.empty((n_faces, 6)), np.empty(n_faces, dtype=np.uint64)
-    n_tasks = n_blocks(n_faces, BLOCK_FACES)
-    together(_measure_faces, n_tasks, mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys)
+    measured = mesh.corners, mesh.bounds[0], mesh.longest_side, index_bits, boxes, keys
+    together(_measure_faces, n_blocks(n_faces, BLOCK), *measured, own=new_cells)
     keys = sorted_keys(keys, index_bits, 64 - index_bits)
     order = (keys & np.uint64((1 << index_bits) - 1)).astype(np.int32)
     n_short = int(np.searchsorted(keys, np.uint64(1 << 63)))
@@ -83,13 +81,14 @@ def halve_runs(boxes: FloatArray, faces: IntArray) -> None:
     The faces of a cluster stay as they were given, along the curve: points sorted by face then follow it too.
     """
     n, n_runs = len(faces), n_blocks(len(faces), RUN_FACES)
-    near = boxes[faces]  # side by side in memory
+    near = boxes.take(faces, axis=0)  # side by side in memory
     keys = np.full((3, n_runs, RUN_FACES), NEVER)
     together(_place_along, n_runs, near, keys.reshape(3, -1))
     keys.sort()
     orders = keys.reshape(3, -1).astype(np.uint32).astype(np.int32)
     scratch = Scratch(
-        areas=np.empty(n),
+        boxes=np.empty((n_runs, RUN_FACES // CLUSTER, 6)),
+        areas=np.empty((n_runs, RUN_FACES // CLUSTER)),
         first_half=np.empty(n, dtype=np.int64),
         order=np.empty(n, dtype=np.int32),
         segments=np.empty((n_runs, RUN_FACES // CLUSTER + 1, 2), dtype=np.int64),
@@ -98,14 +97,14 @@ def halve_runs(boxes: FloatArray, faces: IntArray) -> None:
     places, full = orders[0, :n], n // CLUSTER * CLUSTER
     places[:full].reshape(-1, CLUSTER).sort()
     places[full:].sort()
-    faces[:] = faces[places]
+    faces[:] = faces.take(places)
 
 
 @shared
-def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
+def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys, cells):
     """Box each face, and give it the key that sorts it: long or not, its centre's place along the curve, its number."""
     scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
-    first, last = take_block(tasks, len(corners), BLOCK_FACES)
+    first, last = take_block(tasks, len(corners), BLOCK)
     while first < last:
         for face in range(first, last):
             a, b, c = corners[face]
@@ -114,16 +113,14 @@ def _measure_faces(tasks, corners, low, side, index_bits, boxes, keys):
                 lower, upper = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
                 boxes[face, axis], boxes[face, UPPER + axis] = lower, upper
                 extent = max(extent, upper - lower)
-            code = hilbert_code(
-                np.int64((0.5 * (boxes[face, 0] + boxes[face, 3]) - low[0]) * scale),
-                np.int64((0.5 * (boxes[face, 1] + boxes[face, 4]) - low[1]) * scale),
-                np.int64((0.5 * (boxes[face, 2] + boxes[face, 5]) - low[2]) * scale),
-            )
-            is_long = np.uint64(extent > LONG * side)
-            keys[face] = (is_long << np.uint64(63)) | (np.uint64(code) << np.uint64(index_bits)) | np.uint64(face)
+                cells[axis, face - first] = np.int64((0.5 * (lower + upper) - low[axis]) * scale)
+            keys[face] = np.uint64(extent > LONG * side) << np.uint64(63)
             if not _blocks_anything(a, b, c):
                 keys[face] = NEVER
-        first, last = take_block(tasks, len(corners), BLOCK_FACES)
+        place_along_curve(cells, last - first)
+        for face in range(first, last):
+            keys[face] |= (np.uint64(cells[0, face - first]) << np.uint64(index_bits)) | np.uint64(face)
+        first, last = take_block(tasks, len(corners), BLOCK)
 
 
 @inner
@@ -163,7 +160,7 @@ def _halve_runs(tasks, boxes, orders, scratch):
             first, last = segments[n_segments, 0], segments[n_segments, 1]
             if last - first <= CLUSTER:
                 continue
-            middle = first + _halve(boxes, orders, first, last, scratch)
+            middle = first + _halve(boxes, orders, first, last, begin // RUN_FACES, scratch)
             segments[n_segments, 0], segments[n_segments, 1] = first, middle
             segments[n_segments + 1, 0], segments[n_segments + 1, 1] = middle, last
             n_segments += 2
@@ -171,11 +168,11 @@ def _halve_runs(tasks, boxes, orders, scratch):
 
 
 @inner
-def _halve(boxes, orders, first, last, scratch):
+def _halve(boxes, orders, first, last, run, scratch):
     """Put the faces of a segment's better half first along each axis; return how many they are."""
     least, axis, half = np.inf, 0, 0
     for candidate in range(3):
-        cost, size = _cheapest_half(boxes, orders[candidate, first:last], scratch.areas[first:last])
+        cost, size = _cheapest_half(boxes, orders[candidate, first:last], scratch.boxes[run], scratch.areas[run])
         if half == 0 or cost < least:
             least, axis, half = cost, candidate, size
     for i in range(first, last):
@@ -187,22 +184,27 @@ def _halve(boxes, orders, first, last, scratch):
 
 
 @inner
-def _cheapest_half(boxes, order, areas):
-    """Least cost of halving faces in an order after a multiple of 16, and after how many; `areas` is scratch."""
-    n = len(order)
+def _cheapest_half(boxes, order, groups, areas):
+    """Least cost of halving faces in an order after a multiple of 16, and after how many; the last two are scratch."""
+    n, n_groups = len(order), (len(order) + CLUSTER - 1) // CLUSTER
+    for group in range(n_groups):
+        low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
+        for i in range(group * CLUSTER, min((group + 1) * CLUSTER, n)):
+            low, high = _widened(low, high, boxes, order[i])
+        groups[group, 0], groups[group, 1], groups[group, 2] = low
+        groups[group, 3], groups[group, 4], groups[group, 5] = high
     low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
-    for i in range(n - 1, 0, -1):
-        low, high = _widened(low, high, boxes, order[i])
-        if i % CLUSTER == 0:
-            areas[i // CLUSTER] = _half_area(low, high)
+    for group in range(n_groups - 1, 0, -1):
+        low, high = _widened(low, high, groups, group)
+        areas[group] = _half_area(low, high)
     low, high = (np.inf, np.inf, np.inf), (-np.inf, -np.inf, -np.inf)
     least, half = np.inf, 0
-    for i in range(n - 1):
-        low, high = _widened(low, high, boxes, order[i])
-        if (i + 1) % CLUSTER == 0:
-            cost = _half_area(low, high) * (i + 1) + areas[(i + 1) // CLUSTER] * (n - i - 1)
-            if half == 0 or cost < least:
-                least, half = cost, i + 1
+    for group in range(n_groups - 1):
+        low, high = _widened(low, high, groups, group)
+        size = (group + 1) * CLUSTER
+        cost = _half_area(low, high) * size + areas[group + 1] * (n - size)
+        if half == 0 or cost < least:
+            least, half = cost, size
     return least, half
 
 
