@@ -274,7 +274,7 @@ def command(
     if not is_plain(plan.recipe):
         with without_scipy():
             rehearse(plan.recipe, require_gpu)
-    elif not is_compiled(plan.recipe):
+    if not is_compiled(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         with without_scipy(), nothing_to_collect():  # a twentieth of the time
             compile_ahead(plan.recipe)

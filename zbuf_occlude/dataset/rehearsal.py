@@ -2,7 +2,7 @@
 
 import tempfile
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,12 @@ from zbuf_occlude.dataset.shard import run_shard
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.sampling import sample_surface
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup, document_of
 from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility.interface import Occluder
 
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
 
@@ -46,19 +50,45 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
 def is_plain(recipe: Recipe) -> bool:
     """Whether nothing of the method can be wrong or missing here: no option, no OpenGL, no further package."""
     row = find_method(recipe.method)
-    return not (row.needs_gl or row.extra or recipe.method_options or recipe.setup)
+    return not (row.needs_gl or row.extra or recipe.method_options)
 
 
 def is_compiled(recipe: Recipe) -> bool:
-    """Whether a job of this method was rehearsed here."""
-    return numba_cache.is_compiled(recipe.method)
+    """Whether a job of this kind was rehearsed here."""
+    return numba_cache.is_compiled(_kind(recipe))
 
 
 def compile_ahead(recipe: Recipe) -> None:
-    """Run the job of a plain recipe on a pyramid, and note that all is compiled; nothing of it stays."""
-    with tempfile.TemporaryDirectory() as place:
+    """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
+    small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
+    if recipe.setup is not None:
+        small = replace(small, scanning=asdict(Setup(document_of(make("hdl-64e")), size="file", method=recipe.method)))
+    with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
+        gl = None
+        if find_method(recipe.method).needs_gl:
+            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+            gl = stack.enter_context(GlContext.open())
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
-        small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
-        run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), None)
-    numba_cache.note_compiled(recipe.method)
+        run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
+        if recipe.setup is not None:
+            mesh = load_mesh(path)
+            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})))
+            _ask_all_ways(occluder, mesh)
+    numba_cache.note_compiled(_kind(recipe))
+
+
+def _ask_all_ways(occluder: Occluder, mesh: Mesh) -> None:
+    """Ask as scans of large things in scenes do: many rays in no order, rays of several places, and what hides what."""
+    eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
+    points = sample_surface(mesh, n_points=10_000, seed=0)
+    rays = np.random.default_rng(0).permutation(points.positions) - eye
+    occluder.first_hits([eye], rays)
+    occluder.first_hits([eye, eye + mesh.longest_side], rays[:2])
+    occluder.visible(points, [eye])
+
+
+def _kind(recipe: Recipe) -> str:
+    """The method's name; scans cast rays, which other functions do."""
+    return recipe.method if recipe.setup is None else f"{recipe.method}-scans"

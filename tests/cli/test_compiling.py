@@ -1,0 +1,35 @@
+"""The first run says that it compiles, whatever it makes; the next does not."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+
+SMALL = ("--limit", 1, "--sample-size", 16, "--workers", 1)
+SAID = "compiling, once"
+
+
+@pytest.mark.parametrize(
+    "job",
+    [
+        ("--method", "exact", "--views", "ring:1@0"),
+        ("--method", "exact", "--set", "contact=1e-6", "--views", "ring:1@0"),
+        ("--sensor", "hdl-64e", "--range", "10", "--scene", "ground", "--views", "ring:1@0"),
+        pytest.param(("--method", "depth_buffer", "--views", "ring:1@0"), marks=pytest.mark.gl),
+    ],
+)
+def test_the_first_run_says_that_it_compiles(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, job: tuple[str, ...]
+) -> None:
+    noted: set[str] = set()
+    monkeypatch.setattr("zbuf_occlude.numba_cache.is_compiled", noted.__contains__)
+    monkeypatch.setattr("zbuf_occlude.numba_cache.note_compiled", noted.add)
+    first = run("generate", *job, *SMALL, "--out", tmp_path / "first")
+    assert first.code == 0, first.err
+    assert SAID in first.err
+    again = run("generate", *job, *SMALL, "--out", tmp_path / "again")
+    assert again.code == 0, again.err
+    assert SAID not in again.err
+    first_bytes, again_bytes = (next((tmp_path / name).glob("*.h5")).read_bytes() for name in ("first", "again"))
+    assert first_bytes == again_bytes

@@ -1,0 +1,47 @@
+"""What is compiled ahead, before workers start, is all that the job then calls."""
+
+import subprocess
+import sys
+
+import pytest
+
+JOB = """
+import gc, sys, tempfile
+from dataclasses import asdict
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from zbuf_occlude import numba_cache
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.rehearsal import compile_ahead
+from zbuf_occlude.dataset.shard import run_shard
+from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.meshes import shapes
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup, document_of
+
+def compiled():
+    functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {(each.py_func.__qualname__, str(types)) for each in functions for types in each.overloads}
+
+method, scene = sys.argv[1:]
+setup = scene and asdict(Setup(document_of(make("hdl-64e")), range=(10.0, 10.0), scene=scene))
+numba_cache.note_compiled = print
+recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
+compile_ahead(recipe)
+ahead = compiled()
+with tempfile.TemporaryDirectory() as out, GlContext.open() as gl:
+    sidecar = run_shard(Plan(shapes.collection().interleaved().limit(2), recipe), 0, Path(out), gl)
+assert not sidecar.failures, sidecar.failures
+print(sorted(compiled() - ahead))
+"""
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    ("method", "scene", "kind"),
+    [("exact", "", "exact"), ("depth_buffer", "", "depth_buffer"), ("exact", "street", "exact-scans")],
+)
+def test_a_job_calls_no_function_that_was_not_compiled_ahead(method: str, scene: str, kind: str) -> None:
+    child = subprocess.run([sys.executable, "-c", JOB, method, scene], capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.split("\n")[:2] == [kind, "[]"]
