@@ -88,6 +88,28 @@ def test_detection_goes_by_albedo_incidence_and_range() -> None:
     assert faults_of.detection(0.0, 1.0, 30.0, 140.0) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("albedo", "metres", "reach", "share"),
+    [
+        (0.2, 0.0, 130.0, 1.0),  # no path, no loss
+        (0.2, 1e-300, 130.0, 1.0),
+        (0.2, 50.0, np.inf, 1.0),
+        (0.2, 50.0, 1e300, 1.0),
+        (0.2, 50.0, 1e-300, 0.0),
+        (0.2, np.inf, 130.0, 0.0),
+        (0.0, 1.0, 130.0, 0.0),  # black
+        (0.0, 500.0, 130.0, 0.0),
+        (1e-320, 500.0, 130.0, 0.0),
+    ],
+)
+@pytest.mark.parametrize("cosine", [1.0, 0.0], ids=["square", "grazed"])
+def test_detection_at_its_ends(albedo: float, metres: float, reach: float, share: float, cosine: float) -> None:
+    with np.errstate(all="raise", under="ignore"):
+        assert faults_of.detection(albedo, cosine, metres, reach) == share
+        assert faults_of.detection([albedo] * 3, [cosine] * 3, [metres] * 3, reach).tolist() == [share] * 3
+        assert faults_of.detection([], [], [], reach).shape == (0,)
+
+
 @pytest.mark.parametrize("albedo", [0.05, 0.5, 1.0])
 def test_a_scan_loses_what_is_not_detected(albedo: float) -> None:
     sensor = make("pinhole:width=200,height=200,fov=2", axial=False, reach=40.0)

@@ -95,6 +95,29 @@ def test_one_scene_one_albedo_for_each_object() -> None:
     assert streets[0] != streets[1]  # every view has its own street, and another car in it
 
 
+def test_returns_over_all_paints() -> None:
+    """Of a plate across the line of sight: exp(-(range / reach)^2 / albedo), its mean over albedos of every factor."""
+    plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
+    camera = make("pinhole:width=20,height=20,fov=2", axial=False, reach=40.0)
+    asked = Setup(document_of(camera), range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
+    n_draws = 300
+    found = [len(scans(asked, ring(1), plate, "plate", seed=seed)[0].scan) / 400 for seed in range(n_draws)]
+    factors = (np.arange(10_000) + 0.5) / 10_000
+    shares = np.exp(-0.25 / (ALBEDOS[0] * (ALBEDOS[1] / ALBEDOS[0]) ** factors))
+    assert np.mean(found) == pytest.approx(shares.mean(), abs=3 * shares.std() / np.sqrt(n_draws))
+    assert np.quantile(found, [0.1, 0.9]) == pytest.approx(np.quantile(shares, [0.1, 0.9]), abs=0.08)
+
+
+def test_a_capture_is_the_scan_of_its_scene() -> None:
+    """What generate and the loops' transform keep is what `zo.scan` gives of the same scene, place and seed."""
+    for capture in scans(setup(scene="street", range=(8.0, 30.0), keep="all"), ring(2)):
+        view = int(capture.scan.origin[0] < 0.0)
+        again = zo.scan(capture.scene, make("vlp-32c"), capture.pose, seed=seeds("scan", view), method="embree")
+        assert len(again) > 1000
+        for name in ("positions", "intensities", "rings", "columns", "instances"):
+            assert getattr(again, name).tobytes() == getattr(capture.scan, name).tobytes()
+
+
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS])
 def test_every_kind_of_scene(kind: str) -> None:
     asked = setup(range=(12.0, 12.0) if kind != "room" else (4.0, 4.0), scene=kind, keep="all")

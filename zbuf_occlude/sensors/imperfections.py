@@ -82,7 +82,8 @@ def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: 
     cosines = np.asarray(cosines, dtype=np.float64)
     back = cosines + ROUGH_BACK * (1.0 - cosines**2)
     signals = np.maximum(np.asarray(albedos) * back, np.finfo(np.float64).tiny)
-    return np.asarray(np.exp(-((np.asarray(ranges) / reach) ** 2) / signals))
+    with np.errstate(over="ignore"):  # what is black, or far beyond the reach, is never detected
+        return np.asarray(np.exp(-((np.asarray(ranges) / reach) ** 2) / signals))
 
 
 def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:

@@ -58,7 +58,7 @@ class Imperfections:
     echo_separation : float
         Surfaces within one beam nearer to each other than this give one return, at a range between them.
     returns : str
-        Which return is kept: "first", "strongest" or "last".
+        Which return is kept: "first", "strongest" (the greatest share of the beam over range squared) or "last".
     drop : float
         Share of the returns that is lost anyway.
     attenuation, drop_limit, drop_zero : float

@@ -34,7 +34,7 @@ class Scan:
     intensities : (n,) float
         Albedo times the cosine of the incidence over the range squared (the clean one, metres).
     rings, columns, instances, n_returns : (n,) int
-        Laser, firing, object, and how many returns the beam had in all.
+        Laser, firing, object, and how many returns the beam has in all, before any is lost.
     """
 
     origin: FloatArray
