@@ -68,3 +68,10 @@ def test_what_was_compiled_is_noted_until_a_source_changes(tmp_path: Path, monke
     monkeypatch.setattr(numba_cache, "__file__", str(tmp_path / "numba_cache.py"))
     (tmp_path / "changed.py").touch()
     assert not numba_cache.is_compiled("job")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere LLVM alone knows the processor")
+def test_a_note_is_looked_for_without_llvm() -> None:
+    """To import it takes as long as NumPy, in a process that compiles nothing."""
+    program = "import sys, zbuf_occlude.numba_cache as c; c.is_compiled('job'); print('llvmlite' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "False\n"

@@ -12,6 +12,7 @@ from zbuf_occlude.cleaning import faulty_faces
 from zbuf_occlude.colors import SurfaceColors, of_trimesh
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.origin import UNKNOWN, Origin
+from zbuf_occlude.vectors import fill_normals
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""
@@ -126,7 +127,9 @@ class Mesh:
     @cached_property
     def face_normals(self) -> FloatArray:
         """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
-        return sealed(_normals(self.corners))
+        normals = np.empty((len(self.faces), 3))
+        fill_normals(self.corners, normals)
+        return sealed(normals)
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -209,11 +212,6 @@ class Mesh:
 
     def _with_vertices(self, vertices: FloatArray) -> "Mesh":
         return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin, self.colors)
-
-
-def _normals(corners: FloatArray) -> FloatArray:
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    return np.cross(b - a, c - a)
 
 
 def box_around(positions: FloatArray) -> Mesh:

@@ -11,6 +11,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+_KIND = {"vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "cpu", "isa"}
+"""What Linux tells of a processor of x86-64, ARM, POWER or RISC-V that does not differ among those of one kind."""
+
 
 def ensure_writable() -> None:
     """Point NUMBA_CACHE_DIR at a new temporary folder when numba would find no folder to write into, and fail.
@@ -69,10 +72,20 @@ def note_compiled(job: str) -> None:
 
 
 def _note(job: str) -> Path | None:
+    place = _place()
+    return None if place is None else Path(place, f"zbuf_occlude-{job}-{_processor()}.compiled")
+
+
+def _processor() -> str:
+    """Name the kind of processor that functions are compiled for."""
+    with suppress(OSError):  # Linux; to import LLVM for its name takes as long as NumPy
+        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+        told = [line for line in lines if line.partition(":")[0].strip() in _KIND]
+        if told:
+            return hashlib.sha1("\n".join(told).encode()).hexdigest()[:16]
     from llvmlite.binding import get_host_cpu_name  # late, for the package is light to import
 
-    place = _place()
-    return None if place is None else Path(place, f"zbuf_occlude-{job}-{get_host_cpu_name()}.compiled")
+    return str(get_host_cpu_name())
 
 
 def _stamp() -> str:

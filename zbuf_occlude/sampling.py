@@ -102,9 +102,12 @@ class SurfacePoints:
             chosen = np.flatnonzero(chosen)
         rows = chosen.astype(np.intp, copy=False)
         try:
-            picked = [each.take(rows, axis=0) for each in (self.positions, self.face_ids, self.normals)]
-            colors = None if self.colors is None else self.colors.take(rows, axis=0)
-            return SurfacePoints.of_checked(*picked, colors)  # take: a fourth of the time of positions[rows]
+            return SurfacePoints.of_checked(
+                self.positions.take(rows, axis=0),  # a fourth of the time of positions[rows]
+                self.face_ids.take(rows),
+                self.normals.take(rows, axis=0),
+                None if self.colors is None else self.colors.take(rows, axis=0),
+            )
         except IndexError as error:
             raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
 
