@@ -32,6 +32,7 @@ const float EPSILON = $EPSILON;          // float32's unit roundoff
 const float SLACK = 4e-6;                // of boxes: some 64 roundings of coordinates below 1
 const float FAR = 1e6;                   // a packet so far out is left to float64
 const float TINY = 1e-30;
+const double BESIDE = 1e-6LF;            // of reach^2 / diagonal, by which a line of sight passes beside a face's box
 
 struct Face { vec4 a_ab, ab_ac, ac_n, bc; };  // corner a, edges ab, ac, normal n, edge bc, one after the other
 struct ExactPoint { double x, y, z; uint order, unused; };
@@ -52,7 +53,7 @@ uniform uint n_tasks;                    // 0: every packet and eye, from the ro
 uniform uint n_packets, first_eye, words;  // words of an eye's row of bits
 uniform uint first_face, n_faces, n_levels, level_start[$MAX_LEVELS], level_size[$MAX_LEVELS];
 uniform float contact;                   // in the mesh's unit
-uniform double contact64;                // in world units
+uniform double contact64, diagonal64;    // in world units
 
 shared uint extent[5];                   // of the packet as the eye sees it; ordered like floats
 shared uint stack[$STACK], n_pushed[2];
@@ -87,6 +88,25 @@ float unordered(uint key)
     return uintBitsToFloat((key & 0x80000000u) != 0u ? key & 0x7fffffffu : ~key);
 }
 
+// Whether a line of sight passes beside a face's box. What `blocks64` says of such a face is rounding: the line lies in
+// its plane to the last digit. The box is widened as image_space/search/decide.py has it.
+bool passes_beside(dvec3 e, dvec3 p, dvec3 a, dvec3 b, dvec3 c)
+{
+    dvec3 d = e - p, away = max(abs(d), abs(a - p)), at = abs(p);
+    double reach = max(diagonal64, max(away.x, max(away.y, away.z)));
+    double margin = BESIDE * (2.0LF * reach / diagonal64 * reach + BESIDE * max(at.x, max(at.y, at.z)));
+    dvec3 low = min(a, min(b, c)) - margin - p, high = max(a, max(b, c)) + margin - p;
+    double enter = 0.0LF, leave = 1.0LF;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (low[axis] <= min(0.0LF, d[axis]) && high[axis] >= max(0.0LF, d[axis])) continue;
+        if (d[axis] == 0.0LF) return true;
+        double one = low[axis] / d[axis], other = high[axis] / d[axis];
+        enter = max(enter, min(one, other));
+        leave = min(leave, max(one, other));
+    }
+    return enter > leave;
+}
+
 bool blocked64(uint face, uint point, uint eye)
 {
     uint i = 9u * face;
@@ -95,7 +115,7 @@ bool blocked64(uint face, uint point, uint eye)
     dvec3 c = dvec3(corners[i + 6u], corners[i + 7u], corners[i + 8u]);
     dvec3 p = dvec3(exact_points[point].x, exact_points[point].y, exact_points[point].z);
     dvec3 e = dvec3(eyes[eye].x, eyes[eye].y, eyes[eye].z);
-    return blocks64(e, p, a, b, c, contact64);
+    return blocks64(e, p, a, b, c, contact64) && !passes_beside(e, p, a, b, c);
 }
 
 bool meets_shaft(uint box)

@@ -101,3 +101,18 @@ def wrong_outside_band(mesh: zo.Mesh, answer: np.ndarray, points: zo.SurfacePoin
     if not len(some):
         return 0
     return int((differs[:, some] & judge.decided(points.select(some), eyes)).sum())
+
+
+def row_in_a_plane(seed: int) -> tuple[zo.Mesh, zo.SurfacePoints, np.ndarray]:
+    """Triangles in a row, points and eyes, in one plane to the last digit, where volumes' signs are rounding.
+
+    Every eye sees every point, past the triangles beside the line of sight.
+    """
+    rng = np.random.default_rng(seed)
+    row = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) + 3.0 * np.arange(12)[:, None, None] * [1.0, 0, 0]
+    turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-100.0, 100.0, 3)
+    mesh = zo.Mesh((row @ turn + shift).reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    positions = (rng.dirichlet([1.0, 1.0, 1.0], (12, 20)) @ mesh.corners).reshape(-1, 3)
+    points = zo.SurfacePoints(positions, np.repeat(np.arange(12), 20), np.tile(turn[2], (240, 1)))
+    eyes = np.stack([rng.uniform(0.0, 33.0, 3), np.full(3, -60.0), np.zeros(3)], axis=1) @ turn + shift
+    return mesh, points, eyes

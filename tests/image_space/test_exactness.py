@@ -12,6 +12,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.random_scenes import CONTACTS, KINDS, disagreements, disagreements_of, scene
+from tests.scenes import row_in_a_plane
 from zbuf_occlude import Mesh, sample_surface
 from zbuf_occlude.meshes.shapes import solids
 from zbuf_occlude.visibility.interface import Occluder
@@ -38,20 +39,11 @@ def test_random_scenes_notice_a_method_that_errs() -> None:
     assert disagreements(lambda mesh, contact: Blind(mesh), 1, 5)[0] > 0
 
 
-def test_no_face_hides_what_is_seen_past_it_in_its_own_plane() -> None:
-    """Triangles in a row; eyes, points and faces in one plane to the last digit, where volumes' signs are rounding."""
-    rng = np.random.default_rng(0)
-    apart = 3.0 * np.arange(12)
-    row = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) + apart[:, None, None] * [1.0, 0, 0]
-    weights = rng.dirichlet([1.0, 1.0, 1.0], (12, 20))
-    for _ in range(20):
-        turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-100.0, 100.0, 3)
-        eyes = np.stack([rng.uniform(0.0, 33.0, 3), np.full(3, -60.0), np.zeros(3)], axis=1) @ turn + shift
-        mesh = Mesh((row @ turn + shift).reshape(-1, 3), np.arange(36).reshape(-1, 3))
-        positions = (weights @ mesh.corners).reshape(-1, 3)
-        points = zo.SurfacePoints(positions, np.repeat(np.arange(12), 20), positions)
-        with zo.prepare(mesh, method="exact") as occluder:
-            assert occluder.visible(points, eyes).all()
+@pytest.mark.parametrize("seed", range(20))
+def test_no_face_hides_what_is_seen_past_it_in_its_own_plane(seed: int) -> None:
+    mesh, points, eyes = row_in_a_plane(seed)
+    with zo.prepare(mesh, method="exact") as occluder:
+        assert occluder.visible(points, eyes).all()
 
 
 def crowd() -> tuple[Mesh, zo.SurfacePoints, np.ndarray]:

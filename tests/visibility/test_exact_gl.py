@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import zbuf_occlude as zo
+from tests.scenes import row_in_a_plane
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.context import GlContext
@@ -218,6 +219,13 @@ def test_a_huge_face_does_not_make_the_tiny_ones_dear(gl: GlContext) -> None:
     beside = work_of(mixed, zo.SurfacePoints(points.positions, points.face_ids + 1, points.normals), gl)
     assert alone.triangles / alone.groups < 1000
     assert beside.triangles / beside.groups < 1.2 * alone.triangles / alone.groups
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_face_hides_what_is_seen_past_it_in_its_own_plane(seed: int, gl: GlContext) -> None:
+    mesh, points, eyes = row_in_a_plane(seed)
+    with zo.prepare(mesh, "exact_gl", gl=gl) as occluder:
+        assert occluder.visible(points, eyes).all()
 
 
 def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:

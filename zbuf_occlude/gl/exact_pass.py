@@ -129,7 +129,7 @@ class ExactPass:
         self._unit = Unit.of(centre, diagonal)
         self.shapes = shapes or (SOFTWARE if gl.is_software else HARDWARE)
         self.work = Work()
-        self._contact = contact
+        self._contact, self._diagonal = contact, diagonal
         self._counting = counting
         self._limit = block_limit(gl)
         self._groups_per_second = _FIRST_GROUPS / DISPATCH_SECONDS
@@ -198,7 +198,7 @@ class ExactPass:
             STACK=MAX_LEVELS * opened * (WIDTH + 1),
         )
         program["contact"].value = self._contact * self._unit.scale
-        program["contact64"].value = self._contact
+        program["contact64"].value, program["diagonal64"].value = self._contact, self._diagonal
         return program
 
     def _answer(self, program: Any, n_packets: int, answer: BoolArray) -> None:
