@@ -60,7 +60,8 @@ def main() -> None:
     except OSError as error:  # a full disk, a folder that must not be written
         echo(f"error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", err=True)
         code = FAILED
-    gc.freeze()  # at the end nothing is looked through for what nobody needs, a tenth of a second
+    if "torch" not in sys.modules:  # Triton counts what of it is left at the end, and says so at length
+        gc.freeze()  # at the end nothing is looked through for what nobody needs, a tenth of a second
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -9,6 +9,7 @@ from tqdm import tqdm
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import (
     AUTO_ELSEWHERE,
+    MeshPlace,
     OutFolder,
     choice_options,
     collect,
@@ -38,7 +39,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
 
 
 @click.command()
-@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of rows and report.")
 @click.option(
     "--method",

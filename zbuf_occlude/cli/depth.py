@@ -10,6 +10,7 @@ from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.limits import Limits
 
 
@@ -55,12 +56,12 @@ def write_png(path: Path, depths: FloatArray) -> None:
     if seen.any():
         near, far = depths[seen].min(), depths[seen].max()
         grey[seen] = 65535 - 50000 * ((depths[seen] - near) / max(far - near, np.finfo(np.float64).tiny))
-    Image.fromarray(grey).save(path)
+    atomic.write(path, lambda file: Image.fromarray(grey).save(file, format="PNG"))
 
 
 def write_npy(path: Path, depths: FloatArray) -> None:
     """Write a float32 array."""
-    np.save(path, depths.astype(np.float32))
+    atomic.write(path, lambda file: np.save(file, depths.astype(np.float32)))
 
 
 def write_exr(path: Path, depths: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""echo: the one way in which commands print, names made printable."""
+"""echo: the one way in which commands print, names made printable; and what several of them say alike."""
 
 import click
 
@@ -12,3 +12,8 @@ def echo(text: object, *, err: bool = False) -> None:
     no encoding, is written as in Python; ``\\n`` alone ends a line.
     """
     click.echo("\n".join(map(printable, str(text).split("\n"))), err=err)
+
+
+def on(renderer: str) -> str:
+    """Say which renderer drew; nothing of a method that renders nothing."""
+    return "" if renderer == "none" else f" on {renderer}"

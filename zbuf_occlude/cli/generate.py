@@ -15,6 +15,7 @@ from zbuf_occlude.cli.dry_run import check_place, costs, describe
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import (
+    MeshPlace,
     OutFolder,
     SampleSize,
     choice_options,
@@ -69,7 +70,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 
 
 @click.command()
-@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder.")
 @click.option(
     "--shapes",

@@ -37,6 +37,17 @@ class MethodName(click.Choice):  # type: ignore[type-arg]  # takes no parameter 
         return super().convert(value, param, ctx)
 
 
+class MeshPlace(click.Path):
+    """Path of a mesh file, a folder or an archive."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path."""
+        name = os.fsdecode(super().convert(value, param, ctx))
+        if not name:  # of a variable that is not set: not the current folder
+            self.fail("it must be the name of a file or folder; it is empty. For this folder, write a dot.", param, ctx)
+        return Path(name)
+
+
 class OutFolder(click.Path):
     """Path of a folder to write into, which need not be there."""
 

@@ -42,7 +42,7 @@ def _warnings(
                 f"one class, {meshes.classes[0]!r}: nothing to tell apart. If that folder holds the class folders, "
                 "give it itself; or say the classes with --labels FILE."
             )
-        elif len(meshes.classes) == len(meshes):
+        elif len(meshes.classes) == len(meshes) and any(entry.path is not None for entry in meshes):
             warnings.append("one object per class: are these folders of single models? --labels FILE says the classes.")
     if preset is not None and len(meshes) < preset.n_objects:
         warnings.append(f"{preset.name} has {preset.n_objects:,} objects in its paper; here are {len(meshes):,}.")

@@ -12,6 +12,7 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.ply import write_table
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.limits import Limits
@@ -98,11 +99,12 @@ def command(
     if suffix == ".ply":
         write_table(out, table)
     elif suffix == ".npy":
-        np.save(out, table)
+        atomic.write(out, lambda file: np.save(file, table))
     else:
         names = table.dtype.names or ()
         rows = np.stack([table[name].astype(np.float64) for name in names], axis=1)
-        np.savetxt(out, rows, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+        header = ",".join(names)
+        atomic.write(out, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g"))
     hidden = ""
     if setup.share is not None:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"

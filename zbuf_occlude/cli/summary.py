@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.cli.echo import on
 from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.confidence import CONFIDENCE
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
@@ -82,7 +83,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
     lines = [
         f"{counted(n_kept, 'cloud')}{left_out if n_kept < counts['clouds'] else ''} of "
         f"{counted(n_used, 'mesh', 'meshes')}, "
-        f"{counted(len(document['classes']), 'class', 'classes')}, {how} on {document['renderer']}",
+        f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on(document['renderer'])}",
         *why,
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         measured(error),

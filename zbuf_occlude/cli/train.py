@@ -45,7 +45,9 @@ HELD_OUT = 0.1
 @click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.  [default: jitter]")
 @click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 @click.option(
-    "--mixed-precision/--full-precision", default=True, help="On CUDA, half precision where it is safe.  [default: so]"
+    "--mixed-precision/--full-precision",
+    default=True,
+    help="On CUDA, half precision where it is safe.  [default: mixed]",
 )
 def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.

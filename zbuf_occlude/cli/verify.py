@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
-from zbuf_occlude.cli.options import up_option
+from zbuf_occlude.cli.options import MeshPlace, up_option
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
 from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.verify import verify
@@ -18,7 +18,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.argument("meshes", nargs=-1, type=click.Path(path_type=Path), metavar="[MESH_OR_DIR]...")
+@click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @up_option
 @click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds to ask of the oracle.")
 @engine_options
@@ -76,5 +76,8 @@ def check(
         echo("not asked of the oracle: give the meshes the dataset was made of")
     for fault in verdict.faults:
         echo(f"fault: {fault}", err=True)
-    echo("faults found" if verdict.faults else "the dataset is what its manifest says")
+    if verdict.faults:
+        echo("faults found. Copy those files from where they were made, or make the dataset again, with --overwrite")
+    else:
+        echo("the dataset is what its manifest says")
     return not verdict.faults

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.echo import echo, on
 from zbuf_occlude.cli.options import (
     camera_options,
     chosen_method,
@@ -22,6 +22,7 @@ from zbuf_occlude.cli.options import (
     with_option,
 )
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.ply import write_ply
 from zbuf_occlude.limits import Limits
@@ -107,7 +108,7 @@ def command(
         lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
         echo(f"warning: {mesh} {lacking}", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
-    echo(f"{len(cloud)} of {len(samples)} points visible, by {method} on {renderer}: {out}{why}")
+    echo(f"{len(cloud)} of {len(samples)} points visible, by {method}{on(renderer)}: {out}{why}")
 
 
 def write_scan(
@@ -144,7 +145,7 @@ def write_cloud(
     chosen = [(positions, "x,y,z"), *(more[name] for name in ATTRIBUTES if name in attributes)]
     table = np.concatenate([each for each, _ in chosen if each is not None], axis=1)
     if out.suffix.lower() == ".npy":
-        np.save(out, table)
+        atomic.write(out, lambda file: np.save(file, table))
     else:
         header = ",".join(names for _, names in chosen)
-        np.savetxt(out, table, delimiter=",", header=header, comments="", fmt="%.9g")
+        atomic.write(out, lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.9g"))

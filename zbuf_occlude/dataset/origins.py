@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude.dataset.damage import REMEDY
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar
 from zbuf_occlude.errors import DatasetError
@@ -67,8 +68,14 @@ def check_finished(plan: Plan, manifest: Mapping[str, Any], limits: Limits, out:
     Raises
     ------
     DatasetError
-        A mesh is another than its clouds were made of, or one that failed may be made now.
+        A file is missing, a mesh is another than its clouds were made of, or one that failed may be made now.
+
+    Notes
+    -----
+    Files are not read; `verify` does that.
     """
+    if lost := next((name for name in sorted(manifest["sha256"]) if not (out / name).exists()), None):
+        raise DatasetError(f"{out / lost} must be there; it is missing. {REMEDY}")
     made = {key: Origin.from_document(document) for key, document in manifest.get("origins", {}).items()}
     check_origins(plan.meshes, made, out)
     again = list(_failed_that_may_be_made(plan, manifest.get("tries", {}), limits))

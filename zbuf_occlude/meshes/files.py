@@ -155,6 +155,10 @@ def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin:
 def _hint(data: bytes, suffix: str) -> str:
     """Say so when a file that could not be read looks like one of another format."""
     start = data[:4096]
+    if start.startswith(b"version https://git-lfs"):
+        return " It is a pointer of Git LFS, not the file itself: run `git lfs pull` where it was cloned."
+    if re.match(rb"\s*<(!doctype\s+)?html", start, re.IGNORECASE):
+        return " It is a web page: download the file again."
     for other, beginning in _BEGINNINGS.items():
         if beginning.match(start):
             return "" if other == suffix else f" Its content looks like {other}: rename it?"

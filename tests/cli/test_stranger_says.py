@@ -1,0 +1,112 @@
+"""What somebody new meets: pointers for files, variables that are not set, disks that are full, files that are lost."""
+
+import gc
+import resource
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from zbuf_occlude import load_mesh
+from zbuf_occlude.errors import MeshError
+
+SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 100, "--sample-size", 8, "--workers", 1)
+EYE = ("--azimuth", 30, "--elevation", 20)
+
+
+@contextmanager
+def room_for(n_bytes: int) -> Iterator[None]:
+    """Let no file grow beyond this, as on a disk that is full."""
+    before, writes = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
+    sys.dont_write_bytecode = True  # Python keeps what it could write of it, and fails at the next import
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = writes
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def check_that_nothing_is_left(run: Run, out: Path, *command: object) -> None:
+    """Run a command where there is room, which also compiles, and where there is not."""
+    assert run(*command, "--out", out).code == 0
+    assert out.stat().st_size > 500
+    out.unlink()
+    with room_for(500):
+        outcome = run(*command, "--out", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith("error: ")
+    assert len(outcome.err.splitlines()) == 1
+    assert [path for path in out.parent.iterdir() if path.is_file()] == []
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".off", ".ply", ".stl"])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0f\nsize 123\n", "run `git lfs pull`"),
+        (b"\n<!DOCTYPE html>\n<html><body>404</body></html>", "It is a web page: download the file again."),
+    ],
+)
+def test_what_was_fetched_instead_of_a_mesh(tmp_path: Path, suffix: str, content: bytes, said: str) -> None:
+    path = tmp_path / f"chair{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("command", [("generate",), ("compare",), ("verify", ".")])
+def test_an_empty_name_is_not_the_current_folder(run: Run, tmp_path: Path, command: tuple[str, ...]) -> None:
+    outcome = run(*command, "", *(() if "verify" in command else ("--out", tmp_path / "out")))
+    assert outcome.code == 2
+    assert "it must be the name of a file or folder; it is empty. For this folder, write a dot." in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run("generate", modelnet, "--out", out, *SMALL).code == 0
+    whole = {path.name: path.read_bytes() for path in out.glob("*.h5")}
+    (out / "ply_data_test0.h5").unlink()
+    outcome = run("generate", modelnet, "--out", out, *SMALL)
+    assert outcome.code == 1
+    assert f"{out / 'ply_data_test0.h5'} must be there; it is missing. Copy it again from where it" in outcome.err
+    verdict = run("verify", out)
+    assert verdict.code == 1
+    assert "faults found. Copy those files from where" in verdict.out
+    assert run("generate", modelnet, "--out", out, *SMALL, "--overwrite").code == 0
+    assert {path.name: path.read_bytes() for path in out.glob("*.h5")} == whole
+
+
+@pytest.mark.parametrize("name", ["cloud.npy", "cloud.csv", "cloud.ply"])
+def test_a_cloud_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
+    mesh = next(modelnet.rglob("*.off"))
+    check_that_nothing_is_left(run, tmp_path / name, "visible", mesh, *EYE, "--method", "oracle")
+    check_that_nothing_is_left(run, tmp_path / name, "scan", mesh, "--range", 3, "--size", 1)
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("name", ["depth.npy", "depth.png"])
+def test_a_picture_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
+    check_that_nothing_is_left(run, tmp_path / name, "depth", next(modelnet.rglob("*.off")), *EYE, "--size", 64)
+
+
+@pytest.mark.parametrize("shapes", ["classes", "formulas"])
+def test_of_built_in_shapes_nobody_is_asked_for_labels(run: Run, shapes: str) -> None:
+    outcome = run("generate", "--shapes", shapes, "--limit", 8, "--dry-run")
+    assert outcome.code == 0, outcome.err
+    assert "one object per class" not in outcome.err
+
+
+def test_what_a_command_leaves_is_not_frozen_where_triton_counts_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    frozen = []
+    monkeypatch.setattr(gc, "freeze", lambda: frozen.append(True))
+    monkeypatch.delitem(sys.modules, "torch", raising=False)
+    assert (run("sensors").code, frozen) == (0, [True])
+    monkeypatch.setitem(sys.modules, "torch", gc)
+    assert (run("sensors").code, frozen) == (0, [True])
