@@ -98,7 +98,7 @@ def nearest_double(digits, exponent):
     return (np.uint64(power) << np.uint64(52)) | (mantissa & np.uint64(0xFFFFFFFFFFFFF)), True
 
 
-@njit()
+@njit(forceinline=True)
 def read_decimal(text, i, bits, values, place):
     """Read a number at a place in a text.
 
