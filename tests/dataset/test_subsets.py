@@ -6,7 +6,7 @@ from scipy import stats
 
 from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.dataset.clouds import fit
-from zbuf_occlude.dataset.subsets import ALL, draw_visible, placed
+from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
 
 SEED = np.uint64(12345)
 UNLIKELY = 1e-6
@@ -40,8 +40,8 @@ def test_all_are_equally_likely_at_every_place(size: int) -> None:
         [draw_visible(mask, size, SEED, view)[0] for view in range(4000)],
         [draw_visible(mask, size, np.uint64(seed), 3)[0] for seed in range(4000)],
     ):
-        for place in np.transpose(draws):
-            assert stats.chisquare(np.bincount(place, minlength=7)).pvalue > UNLIKELY
+        for at_place in np.transpose(draws):
+            assert stats.chisquare(np.bincount(at_place, minlength=7)).pvalue > UNLIKELY
 
 
 def test_all_orders_are_equally_likely() -> None:
@@ -74,21 +74,20 @@ def test_clouds_are_placed_as_said(fitted: bool, turned: bool) -> None:
     positions, face_ids = rng.normal(size=(200, 3)) + 5.0, rng.integers(0, 9, 200).astype(np.int32)
     chosen = rng.permutation(200)[:40].astype(np.int32)
     frame = view_matrices(np.array([[3.0, 4.0, 5.0]]), np.zeros(3))[0] if turned else np.eye(4)
-    data, ids, centre, factor = placed(positions, face_ids, chosen, frame, fitted, np.array([1.0, 2.0, 3.0]), 0.5)
+    centre, data, ids = np.array([1.0, 2.0, 3.0]), np.empty((40, 3), np.float32), np.empty(40, np.int32)
+    factor = place(positions, face_ids, chosen, frame, fitted, centre, 0.5, np.empty((40, 3)), data, ids)
     expected = positions[chosen] @ frame[:3, :3].T + frame[:3, 3]
     box = fit(expected) if fitted else (np.array([1.0, 2.0, 3.0]), 0.5)
     assert np.allclose(centre, box[0], rtol=1e-14)
     assert np.isclose(factor, box[1], rtol=1e-14)
     assert np.allclose(data, (expected - box[0]) * box[1], atol=1e-6)
-    assert data.dtype == np.float32
     assert np.array_equal(ids, face_ids[chosen])
 
 
 def test_a_single_place_has_factor_one() -> None:
-    chosen = np.zeros(5, dtype=np.int32)
-    data, _, centre, factor = placed(
-        np.ones((1, 3)), np.zeros(1, dtype=np.int32), chosen, np.eye(4), True, np.zeros(3), 1.0
-    )
+    chosen, face_ids = np.zeros(5, dtype=np.int32), np.zeros(1, dtype=np.int32)
+    centre, data, ids = np.zeros(3), np.empty((5, 3), np.float32), np.empty(5, np.int32)
+    factor = place(np.ones((1, 3)), face_ids, chosen, np.eye(4), True, centre, 1.0, np.empty((5, 3)), data, ids)
     assert (data == 0).all()
     assert (centre == 1).all()
     assert factor == 1.0

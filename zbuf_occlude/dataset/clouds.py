@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.subsets import ALL, draw_visible, placed
+from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
@@ -156,28 +156,34 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    poses, turns, upright = views.poses, recipe.frame == "camera", np.eye(4)
+    poses, in_camera_frame, upright = views.poses, recipe.frame == "camera", np.eye(4)
     whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
+    fitted = recipe.scale == "cloud"
     size = ALL if recipe.sample_size is None else recipe.sample_size
     seed = seed_of(recipe.seed, key, variation, 0).generate_state(1, np.uint64)[0]
     records["variation"], records["view_id"], records["pose"] = variation, seeing, poses[seeing]
     records["view"] = np.stack([views.azimuth, views.elevation, views.distance], axis=1)[seeing]
-    for record, view in zip(records, seeing, strict=True):
-        frame, centre = (poses[view], poses[view, :3, :3] @ whole) if turns else (upright, whole)
-        if turns and recipe.scale == "object":
-            centre = centre + poses[view, :3, 3]
-        chosen, record["n_visible"] = draw_visible(mask[view], size, seed, view)
-        if recipe.subset == "fps" and 0 < size < record["n_visible"]:
-            visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), int(view)])
+    data, face_ids = records["data"], records["face_ids"]
+    centres, factors, n_visible = np.empty((len(records), 3)), np.empty(len(records)), np.empty(len(records), int)
+    for row, view in enumerate(seeing.tolist()):
+        frame, centres[row] = (poses[view], poses[view, :3, :3] @ whole) if in_camera_frame else (upright, whole)
+        if in_camera_frame and recipe.scale == "object":
+            centres[row] += poses[view, :3, 3]
+        chosen, n_visible[row] = draw_visible(mask[view], size, seed, view)
+        if recipe.subset == "fps" and 0 < size < n_visible[row]:
+            visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), view])
             chosen = visible[farthest_points(points.positions[visible], size, rng)].astype(np.int32)
-        record["data"], record["face_ids"], record["centre"], record["factor"] = placed(
-            points.positions, points.face_ids, chosen, frame, recipe.scale == "cloud", centre, factor
-        )
-        record["visible_fraction"] = record["n_visible"] / len(points)
+        if size == ALL:
+            data[row], face_ids[row] = np.empty((len(chosen), 3), np.float32), np.empty(len(chosen), np.int32)
+        filled = np.empty((len(chosen), 3)), data[row], face_ids[row]
+        factors[row] = place(points.positions, points.face_ids, chosen, frame, fitted, centres[row], factor, *filled)
         if isinstance(points, ScanPoints) and not recipe.complete:
-            _fill_scan(record, points, chosen, recipe, int(view), poses[view] if recipe.frame == "camera" else None)
+            _fill_scan(records[row], points, chosen, recipe, view, poses[view] if in_camera_frame else None)
         elif recipe.attributes:
-            _fill_attributes(record, points.select(chosen), recipe, views, int(view))
+            _fill_attributes(records[row], points.select(chosen), recipe, views, view)
+    records["centre"], records["factor"], records["n_visible"] = centres, factors, n_visible
+    in_scans = isinstance(points, ScanPoints) and not recipe.complete
+    records["visible_fraction"] = 1.0 - records["hidden"] if in_scans else n_visible / len(points)
     return records
 
 
@@ -205,7 +211,6 @@ def _fill_scan(
         record[name] = (values @ pose[:3, :3].T if name == "normal" and pose is not None else values).astype(kind)
     for name, values in points.facts.items():
         record[name] = values[view]
-    record["visible_fraction"] = 1.0 - record["hidden"]
 
 
 def draw(visible: NDArray[np.intp], size: int | None, rng: np.random.Generator) -> NDArray[np.intp]:

@@ -1,9 +1,8 @@
 """Random subsets of the points that a view sees, and where they come to lie in their cloud, in compiled passes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.arrays import BoolArray, IntArray
 from zbuf_occlude.kernels import njit
 
 ALL = -1
@@ -35,27 +34,22 @@ def draw_visible(mask: BoolArray, size: int, seed: np.uint64, view: int) -> tupl
     pseudorandom number generators, OOPSLA 2014, doi:10.1145/2660193.2660195), brought into a range without bias as
     in Lemire: Fast random integer generation in an interval, 2019, doi:10.1145/3230636.
     """
-    visible = np.empty(len(mask) + 1, dtype=np.int32)
-    n_visible = _list(mask, visible)
-    chosen = np.empty(n_visible if size == ALL else size, dtype=np.int32)
-    _draw(visible, n_visible, seed, view, chosen)
-    return chosen, n_visible
+    chosen = np.empty(len(mask) if size == ALL else size, dtype=np.int32)
+    n_visible = _draw(mask, size == ALL, seed, view, np.empty(len(mask) + 1, dtype=np.int32), chosen)
+    return chosen[:n_visible] if size == ALL else chosen, n_visible
 
 
 @njit(cache=True, nogil=True)
-def _list(mask, visible):
-    """Write the indices of the points that a view sees; one place more is written to. Returns how many there are."""
+def _draw(mask, whole, seed, view, visible, chosen):
+    """List what is visible, and shuffle the first places, as many as are chosen; return how many are visible.
+
+    One place more of the list is written to than there are points.
+    """
     n_visible = 0
     for i in range(len(mask)):
         visible[n_visible] = i
         n_visible += mask[i]
-    return n_visible
-
-
-@njit(cache=True, nogil=True)
-def _draw(visible, n_visible, seed, view, chosen):
-    """Shuffle the first places, as many as are chosen, of what is visible."""
-    state, size = _mixed(seed ^ _mixed(np.uint64(view) + np.uint64(1))), len(chosen)
+    state, size = _mixed(seed ^ _mixed(np.uint64(view) + np.uint64(1))), n_visible if whole else len(chosen)
     n_once = min(size, n_visible)
     for i in range(n_once):
         state, j = _below(state, n_visible - i)
@@ -68,18 +62,12 @@ def _draw(visible, n_visible, seed, view, chosen):
         for i in range(size):
             state, j = _below(state, size - i)
             chosen[i], chosen[i + j] = chosen[i + j], chosen[i]
+    return n_visible
 
 
-def placed(
-    positions: FloatArray,
-    face_ids: IntArray,
-    chosen: IntArray,
-    frame: FloatArray,
-    fitted: bool,
-    centre: FloatArray,
-    factor: float,
-) -> tuple[NDArray[np.float32], IntArray, FloatArray, float]:
-    """Return the chosen points as a cloud: in a frame, centred, scaled.
+@njit(cache=True, nogil=True)
+def place(positions, face_ids, chosen, frame, fitted, centre, factor, turned, data, faces):
+    """Place the chosen points in a cloud: in a frame, centred, scaled.
 
     Parameters
     ----------
@@ -93,42 +81,40 @@ def placed(
         Whether the cloud's own box says centre and factor: its longest side becomes 1.
     centre : (3,) float64
     factor : float
-        What is subtracted, and multiplied with, where the box does not say it.
+        What is subtracted, and multiplied with; where the box says it, the centre is filled and the factor not read.
+    turned : (m, 3) float64
+        Overwritten.
+    data : (m, 3) float32
+        Filled: ``(p - centre) * factor``.
+    faces : (m,) int32
+        Filled: the face that each point lies on.
 
     Returns
     -------
-    data : (m, 3) float32
-        ``(p - centre) * factor``.
-    face_ids : (m,) int32
-    centre, factor
+    factor : float
     """
-    turned, data = np.empty((len(chosen), 3)), np.empty((len(chosen), 3), dtype=np.float32)
-    centre = centre.copy()
-    factor = _place(positions, chosen, frame, fitted, centre, factor, turned, data)
-    return data, face_ids[chosen], centre, factor
-
-
-@njit(cache=True, nogil=True)
-def _place(positions, chosen, frame, fitted, centre, factor, turned, data):
-    """Fill the cloud, and its centre where the box says it; returns the factor."""
+    low_x = low_y = low_z = np.inf
+    high_x = high_y = high_z = -np.inf
     for i in range(len(chosen)):
-        j = chosen[i]
-        for axis in range(3):
-            row = frame[axis]
-            turned[i, axis] = row[0] * positions[j, 0] + row[1] * positions[j, 1] + row[2] * positions[j, 2] + row[3]
+        p = positions[chosen[i]]
+        x, y, z = _turned(frame[0], p), _turned(frame[1], p), _turned(frame[2], p)
+        low_x, low_y, low_z = min(x, low_x), min(y, low_y), min(z, low_z)
+        high_x, high_y, high_z = max(x, high_x), max(y, high_y), max(z, high_z)
+        turned[i, 0], turned[i, 1], turned[i, 2] = x, y, z
+        faces[i] = face_ids[chosen[i]]
     if fitted:
-        longest = 0.0
-        for axis in range(3):
-            low = high = turned[0, axis]
-            for i in range(1, len(turned)):
-                low, high = min(low, turned[i, axis]), max(high, turned[i, axis])
-            centre[axis] = (low + high) / 2.0
-            longest = max(longest, high - low)
+        centre[0], centre[1], centre[2] = (low_x + high_x) / 2.0, (low_y + high_y) / 2.0, (low_z + high_z) / 2.0
+        longest = max(high_x - low_x, high_y - low_y, high_z - low_z)
         factor = 1.0 / longest if longest > 0.0 else 1.0
-    for i in range(len(turned)):
+    for i in range(len(chosen)):
         for axis in range(3):
             data[i, axis] = (turned[i, axis] - centre[axis]) * factor
     return factor
+
+
+@njit(inline="always")
+def _turned(row, p):
+    return row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3]
 
 
 @njit(inline="always")
