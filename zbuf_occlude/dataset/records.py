@@ -3,6 +3,8 @@
 import io
 import zlib
 from collections.abc import Iterable
+from functools import reduce
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,7 +19,7 @@ from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.order import order_of
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.source import Numbers
+from zbuf_occlude.dataset.source import IDS, Numbers
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -53,18 +55,19 @@ class RecordStore:
 
         Of formats that want whole objects, all are one run: by mesh, variation, view.
         """
-        records = np.concatenate(self._kept)
+        clouds = [records[row : row + 1] for records in self._kept for row in range(len(records))]
         if find_format(self._plan.format).whole_objects:
-            return self._write_runs(path, [records])
-        parts, places = _places(self._plan, records)
+            return self._write_runs(path, [clouds])
+        parts, places = _places(self._plan, _ids_of(self._kept))
         rows = np.lexsort((places, parts))
         ends = np.searchsorted(parts[rows], np.array(self._plan.parts_of(self._plan.group_of(shard))), side="right")
-        return self._write_runs(path, [records[some] for some in np.split(rows, ends)[: len(ends)]])
+        return self._write_runs(path, [[clouds[row] for row in some] for some in np.split(rows, ends)[: len(ends)]])
 
-    def _write_runs(self, path: Path, clouds: list[NDArray[Any]]) -> list[Run]:
+    def _write_runs(self, path: Path, clouds: list[list[NDArray[Any]]]) -> list[Run]:
         runs = [_packed(some, self._plan) for some in clouds]
-        atomic.write(path, lambda file: file.writelines(runs), synced=False)  # their checksums are in the sidecar
-        return [(len(run), zlib.crc32(run)) for run in runs]
+        pieces = list(chain.from_iterable(runs))
+        atomic.write(path, lambda file: atomic.write_pieces(file, pieces), synced=False)  # the sidecar has checksums
+        return [(sum(map(len, run)), reduce(lambda before, piece: zlib.crc32(piece, before), run, 0)) for run in runs]
 
 
 def read_run(path: Path, plan: Plan, begin: int, run: Run) -> NDArray[Any]:
@@ -85,14 +88,14 @@ def read_run(path: Path, plan: Plan, begin: int, run: Run) -> NDArray[Any]:
         return np.frombuffer(content, record_type(plan.recipe))
 
 
-def _packed(records: NDArray[Any], plan: Plan) -> Any:
-    """Return the bytes of some records."""
+def _packed(clouds: list[NDArray[Any]], plan: Plan) -> list[memoryview]:
+    """Return the bytes of some clouds, a record each, in pieces: of records where they are, nothing is copied."""
     if plan.recipe.sample_size is not None:
-        return records.view(np.uint8).data
+        return [record.view(np.uint8).data for record in clouds]
     file = io.BytesIO()
-    if len(records):
-        ragged.save(file, records, plan.recipe)
-    return file.getbuffer()
+    if clouds:
+        ragged.save(file, np.concatenate(clouds), plan.recipe)
+    return [file.getbuffer()]
 
 
 def are_whole(path: Path, runs: list[Run]) -> bool:
@@ -109,6 +112,14 @@ def in_places(plan: Plan, pieces: Iterable[NDArray[Any]]) -> NDArray[Any]:
         _, places = _places(plan, piece)
         records[places], is_there[places] = piece, True
     return records if is_there.all() else records[is_there]
+
+
+def _ids_of(kept: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return what tells the clouds of some arrays of records apart, one after the other."""
+    ids = np.empty(sum(map(len, kept)), IDS)
+    for name in IDS.names or ():
+        ids[name] = np.concatenate([records[name] for records in kept])
+    return ids
 
 
 def _places(plan: Plan, records: NDArray[Any]) -> tuple[Numbers, Numbers]:
