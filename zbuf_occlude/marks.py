@@ -129,13 +129,16 @@ def paint(picture: NDArray[np.uint32], places: FloatArray, diameter: float, colo
     colours : (n, 3) float
         RGB in [0, 1].
     """
-    reach = np.arange(-int(diameter / 2.0), int(diameter / 2.0) + 1)
-    down, right = (offsets.ravel() for offsets in np.meshgrid(reach, reach, indexing="ij"))
-    inside = down**2 + right**2 <= diameter**2 / 4.0
+    reach, (height, width) = int(diameter / 2.0), picture.shape
+    offsets = np.arange(-reach, reach + 1)
+    down, right = np.nonzero(offsets[:, None] ** 2 + offsets**2 <= diameter**2 / 4.0)
     columns, rows = np.floor(places).astype(np.intp).T
-    rows, columns = rows[:, None] + down[inside], columns[:, None] + right[inside]
+    shown = (rows >= -reach) & (rows < height + reach) & (columns >= -reach) & (columns < width + reach)
+    wide = np.empty((height + 4 * reach, width + 4 * reach), dtype=np.uint32)  # whole marks fit, and none is cut
+    wide[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width] = picture
     opaque = np.full((len(colours), 4), 255, dtype=np.uint8)
     opaque[:, :3] = np.rint(colours * 255.0)
-    packed = np.broadcast_to(opaque.view(np.uint32), rows.shape)
-    shown = (rows >= 0) & (rows < picture.shape[0]) & (columns >= 0) & (columns < picture.shape[1])
-    picture[rows[shown], columns[shown]] = packed[shown]  # of several to one place NumPy keeps the last
+    corners = (rows[shown] + reach) * wide.shape[1] + columns[shown] + reach
+    marked = (corners[:, None] + (down * wide.shape[1] + right)).ravel()
+    wide.ravel()[marked] = np.repeat(opaque.view(np.uint32)[shown], len(down))  # of several to one NumPy keeps the last
+    picture[:] = wide[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width]

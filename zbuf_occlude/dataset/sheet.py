@@ -58,14 +58,14 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     clouds = _clouds_of_all_classes(source)
     labels = clouds["label"][:, 0]
     shown = choose(labels, clouds["pose"])
-    canvas = np.full((2 * (TITLE + PANEL) * FINER, len(shown) * PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
+    picture = Image.new("RGB", (len(shown) * PANEL, 2 * (TITLE + PANEL)), "white")
     for column, index in enumerate(shown):
         positions, camera, up = upright(clouds[index], in_camera_frame)
         values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
         for row, (eye, above) in enumerate(((FIXED, None), (camera, up))):
-            place = np.s_[_top(row) * FINER :, column * PANEL * FINER :]
-            _draw(canvas[place][: PANEL * FINER, : PANEL * FINER], positions, eye, above, values)
-    picture = Image.frombuffer("RGBX", canvas.shape[::-1], canvas, "raw", "RGBX", 0, 1).reduce(FINER).convert("RGB")
+            panel = _drawn(positions, eye, above, values)
+            finer = Image.frombuffer("RGBX", panel.shape, panel, "raw", "RGBX", 0, 1)
+            picture.paste(finer.reduce(FINER).convert("RGB"), (column * PANEL, _top(row)))
     draw = ImageDraw.Draw(picture)
     for column, index in enumerate(shown):
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
@@ -95,19 +95,18 @@ def _top(row: int) -> int:
     return TITLE + row * (TITLE + PANEL)
 
 
-def _draw(
-    panel: NDArray[np.uint32],
-    positions: FloatArray,
-    eye: FloatArray,
-    up: FloatArray | None,
-    values: FloatArray | None,
-) -> None:
+def _drawn(
+    positions: FloatArray, eye: FloatArray, up: FloatArray | None, values: FloatArray | None
+) -> NDArray[np.uint32]:
+    """Return the picture of a cloud, RGBA, `FINER` times as fine as it will be."""
+    panel = np.full((PANEL * FINER, PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
     middle, half = frame_of(places, None)
     half *= MARGIN
     diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
     pixels = ((places - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel)
     paint(panel, pixels, float(diameter), colours)
+    return panel
 
 
 def _written(text: str, size: int) -> tuple[str, Any]:
