@@ -66,9 +66,11 @@ def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:
     ascending, back = np.unique(chosen, return_inverse=True)  # as h5py wants them
     records: Records = np.empty(len(ascending), record_type(recipe))
     if recipe.sample_size is not None:
+        in_a_row = len(ascending) > 0 and ascending[-1] - ascending[0] + 1 == len(ascending)
+        wanted = slice(ascending[0], ascending[-1] + 1) if in_a_row else ascending  # h5py reads a slice at once
         for name in records.dtype.names or ():
-            records[name] = arrays[name][ascending]
-        return records[back]
+            records[name] = arrays[name][wanted]
+        return records if np.array_equal(chosen, ascending) else records[back]
     offsets = np.asarray(arrays[OFFSETS])
     if len(offsets) != len(arrays["label"]) + 1 or (np.diff(offsets) < 1).any() or offsets[-1] > len(arrays["data"]):
         raise ValueError("offsets do not fit the points")
