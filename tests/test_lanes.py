@@ -1,4 +1,4 @@
-"""Every operation on 16 lanes against its plain twin in NumPy, NaN, infinity and minus zero included."""
+"""Every operation on 16 and on 32 lanes against its plain twin in NumPy, NaN, infinity and minus zero included."""
 
 import numpy as np
 import pytest
@@ -6,17 +6,18 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from zbuf_occlude import lanes
-from zbuf_occlude.lanes import load, store
+from zbuf_occlude.lanes import load, load_wide, store
 
 RNG = np.random.default_rng(0)
 SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 3e-39], dtype=np.float32)
 A = np.concatenate([RNG.normal(size=24).astype(np.float32), np.repeat(SPECIAL, 8)])
 B = np.concatenate([RNG.normal(size=24).astype(np.float32), np.tile(SPECIAL, 8)])
-STARTS = range(0, len(A) - 15, 5)  # not aligned to anything
+STARTS = range(0, len(A) - 31, 5)  # not aligned to anything
+WIDTHS = pytest.mark.parametrize(("n", "load"), [(16, load), (32, load_wide)], ids=["16", "32"])
 
 
 def bits(bools: np.ndarray) -> int:
-    return sum(1 << i for i in range(16) if bools[i])
+    return sum(1 << i for i in range(len(bools)) if bools[i])
 
 
 @njit
@@ -34,8 +35,8 @@ def multiply(a, b):
     return a * b
 
 
-def on_vectors(operation):
-    """Compile a kernel that applies a function of two vectors to the 16 numbers at an index."""
+def on_vectors(operation, n, load):
+    """Compile a kernel that applies a function of two vectors to the n numbers at an index."""
 
     @njit
     def kernel(a, b, out, i):
@@ -45,13 +46,13 @@ def on_vectors(operation):
         out = np.zeros(len(a), dtype=np.float32)
         kernel(a, b, out, i)
         assert not out[:i].any()
-        assert not out[i + 16 :].any()
-        return out[i : i + 16]
+        assert not out[i + n :].any()
+        return out[i : i + n]
 
     return call
 
 
-def on_masks(operation):
+def on_masks(operation, load):
     @njit
     def kernel(a, b, i):
         return operation(load(a, i), load(b, i))
@@ -59,6 +60,7 @@ def on_masks(operation):
     return kernel
 
 
+@WIDTHS
 @pytest.mark.parametrize(
     ("operation", "twin"),
     [
@@ -72,51 +74,81 @@ def on_masks(operation):
     ids=["add", "subtract", "multiply", "divide", "minimum", "maximum"],
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_two_vectors_to_one(operation, twin) -> None:
-    kernel = on_vectors(operation)
+def test_two_vectors_to_one(operation, twin, n, load) -> None:
+    kernel = on_vectors(operation, n, load)
     for i in STARTS:
-        np.testing.assert_array_equal(kernel(A, B, i), twin(A, B)[i : i + 16])
+        np.testing.assert_array_equal(kernel(A, B, i), twin(A, B)[i : i + n])
 
 
+@WIDTHS
 @pytest.mark.parametrize(
     ("operation", "twin"),
     [(lanes.greater, lambda a, b: a > b), (lanes.not_less, lambda a, b: ~(a < b))],
     ids=["greater", "not_less"],
 )
-def test_two_vectors_to_a_mask(operation, twin) -> None:
-    kernel = on_masks(operation)
+def test_two_vectors_to_a_mask(operation, twin, n, load) -> None:
+    kernel = on_masks(operation, load)
     for i in STARTS:
-        assert kernel(A, B, i) == bits(twin(A, B)[i : i + 16])
+        assert kernel(A, B, i) == bits(twin(A, B)[i : i + n])
 
 
-def test_muladd_rounds_once_or_twice() -> None:
+@WIDTHS
+def test_a_number_stands_in_all_lanes(n, load) -> None:
+    @njit
+    def kernel(a, b, mask, out):
+        number, v = lanes.number(b, 5), load(a, 0)
+        store(out, 0, number - v)
+        store(out, n, v * number)
+        store(out, 2 * n, lanes.minimum(number, v))
+        store(out, 3 * n, lanes.muladd(number, v, number))
+        store(out, 4 * n, lanes.select(mask, number, v))
+        return lanes.greater(v, number), lanes.not_less(number, v)
+
+    a, b = RNG.normal(size=(2, n)).astype(np.float32)
+    out, mask = np.empty((5, n), dtype=np.float32), RNG.random(n) < 0.5
+    assert kernel(a, b, bits(mask), out.reshape(-1)) == (bits(a > b[5]), bits(b[5] >= a))
+    np.testing.assert_array_equal(out[:3], [b[5] - a, a * b[5], np.minimum(a, b[5])])
+    np.testing.assert_allclose(out[3], b[5] * a + b[5], rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(out[4], np.where(mask, b[5], a))
+
+
+def test_two_widths_are_not_mixed() -> None:
+    @njit
+    def kernel(a):
+        return lanes.greater(load(a, 0), load_wide(a, 0))
+
+    with pytest.raises(TypingError):
+        kernel(A)
+
+
+@WIDTHS
+def test_muladd_rounds_once_or_twice(n, load) -> None:
     @njit
     def kernel(a, b, c, out):
         store(out, 0, lanes.muladd(load(a, 0), load(b, 0), load(c, 0)))
 
-    a, b, c = (RNG.normal(size=16).astype(np.float32) for _ in range(3))
-    out = np.empty(16, dtype=np.float32)
+    a, b, c = (RNG.normal(size=n).astype(np.float32) for _ in range(3))
+    out = np.empty(n, dtype=np.float32)
     kernel(a, b, c, out)
     once = (a.astype(np.float64) * b + c).astype(np.float32)
     assert ((out == once) | (out == a * b + c)).all()
 
 
-def test_one_vector() -> None:
+@WIDTHS
+def test_one_vector(n, load) -> None:
     @njit
     def kernel(a, out):
         v = load(a, 0)
         store(out, 0, lanes.absolute(v))
-        store(out, 16, lanes.splat(a[3]))
-        store(out, 32, lanes.square_root(lanes.absolute(v)))
-        store(out, 48, lanes.spread(a, 5))
+        store(out, n, lanes.square_root(lanes.absolute(v)))
+        store(out, 2 * n, lanes.splat(a[3]))
         return lanes.lowest(v), lanes.highest(v)
 
     for _ in range(20):
-        a = RNG.normal(size=16).astype(np.float32)
-        out = np.empty(64, dtype=np.float32)
+        a = RNG.normal(size=n).astype(np.float32)
+        out = np.empty(2 * n + 16, dtype=np.float32)
         assert kernel(a, out) == (a.min(), a.max())
-        parts = [np.abs(a), np.full(16, a[3]), np.sqrt(np.abs(a)), np.full(16, a[5])]
-        np.testing.assert_array_equal(out, np.concatenate(parts))
+        np.testing.assert_array_equal(out, np.concatenate([np.abs(a), np.sqrt(np.abs(a)), np.full(16, a[3])]))
 
 
 def test_masks() -> None:
@@ -136,6 +168,21 @@ def test_masks() -> None:
         assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(before[2:] == -1))
         assert ids.tolist() == [*before[:2], *np.where(bools, 7, before[2:])]
         np.testing.assert_array_equal(out, np.where(bools, A[:16], B[:16]))
+
+
+def test_wide_masks() -> None:
+    @njit
+    def kernel(mask, a, b, ids, value, out):
+        store(out, 0, lanes.select(mask, load_wide(a, 0), load_wide(b, 0)))
+        return lanes.first_lane(mask), lanes.count_lanes(mask), lanes.equal_wide(ids, 2, value)
+
+    out = np.empty(32, dtype=np.float32)
+    for bools in RNG.random((20, 32)) < 0.3:
+        bools[int(RNG.integers(32))] = True
+        ids = RNG.integers(-1, 3, 34).astype(np.int32)
+        first, count, same = kernel(bits(bools), A, B, ids, -1, out)
+        assert (first, count, same) == (np.flatnonzero(bools)[0], bools.sum(), bits(ids[2:] == -1))
+        np.testing.assert_array_equal(out, np.where(bools, A[:32], B[:32]))
 
 
 def test_strided_arrays_are_refused() -> None:
@@ -161,13 +208,13 @@ def test_three_vectors_at_a_time() -> None:
         lanes.store3(out, 16, 16, lanes.cross3(u, v))
         lanes.store3(out, 64, 16, lanes.transform(matrix, u[0], u[1], u[2]))
         lanes.store3(out, 112, 16, lanes.splat3((matrix[0], matrix[1], matrix[2])))
-        lanes.store3(out, 160, 16, lanes.spread3(matrix, 1, 4))
+        out[160:163] = lanes.numbers3(matrix, 1, 4)
 
-    out = np.zeros((13, 16), dtype=np.float32)
+    out = np.zeros((11, 16), dtype=np.float32)
     kernel(a, b, matrix, out.reshape(-1))
     rows = matrix.reshape(3, 4)
     np.testing.assert_allclose(out[0], (a * b).sum(axis=0) + 0.5, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[1:4], np.cross(a, b, axis=0), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(out[4:7], rows[:, :3] @ a + rows[:, 3:], rtol=1e-5, atol=1e-5)
     assert np.array_equal(out[7:10], np.repeat(matrix[:3, None], 16, axis=1))
-    assert np.array_equal(out[10:], np.repeat(rows[:, 1:2], 16, axis=1))
+    assert np.array_equal(out[10, :3], rows[:, 1])

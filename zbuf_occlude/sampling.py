@@ -209,7 +209,7 @@ def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Ge
 
 
 def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
-    """Order points that come face by face along a Morton curve within each face: a tenth of the cost of Hilbert's.
+    """Order points that come face by face along a Morton curve within each face.
 
     Parameters
     ----------

@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from zbuf_occlude.lanes import N_LANES
+from zbuf_occlude.lanes import N_LANES, N_WIDE
 
 CLUSTER = N_LANES
 """Faces of a cluster, and children of a node: they are tested side by side."""
 
-PACKET = N_LANES
-"""Points of a packet."""
+PACKET = N_WIDE
+"""Points of a packet: tested side by side, too; in two registers, so that a look at a cluster, and each branch that
+nobody can predict, is for more."""
 
-CHUNK = 16
+CHUNK = 8
 """Packets of a chunk, which share a list of clusters."""
 
 CHUNK_POINTS = CHUNK * PACKET

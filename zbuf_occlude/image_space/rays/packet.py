@@ -50,10 +50,10 @@ from zbuf_occlude.lanes import (
     minimum,
     muladd,
     not_less,
+    number,
+    numbers3,
     select,
     splat,
-    spread,
-    spread3,
     store,
 )
 from zbuf_occlude.vectors import cross, dot, minus
@@ -287,14 +287,14 @@ def _ask_face(scene, frame, rays, within, asked, place, space, state):
     for at in range(0, PACKET_RAYS, N_LANES):
         x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET_RAYS + at), splat(ENDLESS)
         for edge in range(3):
-            a, b, c = spread3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+            a, b, c = numbers3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
             inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
         maybe = (within >> at) & not_less(inside, splat(-WITHIN))
         if maybe == 0:
             continue
-        a, b, c = spread3(space.setups, row, CLUSTER)
+        a, b, c = numbers3(space.setups, row, CLUSTER)
         g = muladd(x, a, muladd(y, b, c))
-        error = muladd(absolute(g), spread(space.setups, row + 4 * CLUSTER), spread(space.setups, row + 3 * CLUSTER))
+        error = muladd(absolute(g), number(space.setups, row + 4 * CLUSTER), number(space.setups, row + 3 * CLUSTER))
         low, high, lows, highs = g - error, g + error, load(state.lows, at), load(state.highs, at)
         maybe &= not_less(highs, low)
         sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)

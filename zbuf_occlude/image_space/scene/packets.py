@@ -1,4 +1,4 @@
-"""Points in packets of 16 and chunks of 16 packets, of neighbours along a Hilbert curve."""
+"""Points in packets of 32 and chunks of 8 packets, of neighbours along a Hilbert curve."""
 
 from typing import NamedTuple
 
@@ -25,9 +25,9 @@ class Packets(NamedTuple):
     coordinates : (3, n') float32, scene space
     own : (n',) int32
         The row of the own face; -1 for none.
-    boxes : (6, n' / 16) float32
+    boxes : (6, n' / 32) float32
         Of the packets, scene space.
-    reach : (n' / 16,) float32
+    reach : (n' / 32,) float32
         Largest distance from the scene's centre in each packet, at least 1.
     chunk_boxes : (6, c) float32
         Of the chunks, scene space; padded to a multiple of 16 of them.

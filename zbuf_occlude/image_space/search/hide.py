@@ -1,4 +1,4 @@
-"""Hiding: 16 faces against a box of points, 16 points against a face, 16 faces against a point."""
+"""Hiding: 16 faces against a box of points, a packet against a face, 16 faces against a point."""
 
 import numpy as np
 
@@ -19,18 +19,20 @@ from zbuf_occlude.image_space.search.decide import decide
 from zbuf_occlude.lanes import (
     absolute,
     dot3,
-    equal,
+    equal_wide,
     first_lane,
     greater,
     inlined,
     load,
     load3,
+    load3_wide,
+    load_wide,
     minimum,
     muladd,
     not_less,
+    number,
+    numbers3,
     splat,
-    spread,
-    spread3,
 )
 
 SURE = np.float32(1.001)
@@ -80,7 +82,7 @@ def classify(scene, points, space, slot, cluster, extent):
         covering &= greater(zero - middle - half, contact * splat(extent.inverse_distance_max))
         while covering:
             lane = first_lane(covering)
-            if not equal(points.own, extent.first, np.int32(CLUSTER * cluster + lane)):
+            if not equal_wide(points.own, extent.first, np.int32(CLUSTER * cluster + lane)):
                 return maybe, True
             covering &= covering - 1
     return maybe, False
@@ -94,26 +96,23 @@ def hide_by_faces(scene, points, view, space, at, faces, within, extent):
     not be predicted, and cost more than the tests.
     """
     base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
-    x, y = load(space.image, 0), load(space.image, PACKET)
-    point = load3(points.coordinates, extent.first, width)
-    blur, error = splat(extent.blur * SURE), splat(PLANE_ERROR * extent.reach)
-    most, least = splat(extent.inverse_distance_max), splat(extent.inverse_distance_min)
-    no_blur, zero, doubtful = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[at[1]]
+    x, y = load_wide(space.image, 0), load_wide(space.image, PACKET)
+    point = load3_wide(points.coordinates, extent.first, width)
+    blur, error = extent.blur * SURE, PLANE_ERROR * extent.reach
+    most, least, doubtful = extent.inverse_distance_max, extent.inverse_distance_min, space.doubtful[at[1]]
     hidden, doubt, doubt_faces = 0, 0, 0
     while faces:
         lane = first_lane(faces)
         faces &= faces - 1
         row = base + lane
-        inside = splat(ENDLESS)
-        for edge in range(3):
-            a, b, c = spread3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
-            inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-        normal = spread3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
-        height = spread(space.setups, row + (NORMAL + 3) * CLUSTER) - dot3(point, normal, zero)
-        contact = spread(space.setups, row + CONTACT * CLUSTER)
+        p, q, r = _edge_of(space, row, 0), _edge_of(space, row, 1), _edge_of(space, row, 2)
+        inside = _inside(x, y, p, q, r)
+        normal = numbers3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
+        height = number(space.setups, row + (NORMAL + 3) * CLUSTER) - dot3(point, normal, ZERO)
+        contact = number(space.setups, row + CONTACT * CLUSTER)
         unknown = -((doubtful >> lane) & 1)
-        possible = within & not_less(inside, no_blur) & (not_less(height + error, contact * least) | unknown)
-        possible &= ~equal(points.own, extent.first, np.int32(at[0] * CLUSTER + lane))
+        possible = within & not_less(inside, -blur) & (not_less(height + error, contact * least) | unknown)
+        possible &= ~equal_wide(points.own, extent.first, np.int32(at[0] * CLUSTER + lane))
         sure = possible & greater(inside, blur) & greater(height - error, contact * most) & ~unknown
         hidden |= sure
         doubt |= possible & ~sure
@@ -139,10 +138,9 @@ def hide_by_points(scene, points, view, space, at, within, extent):
         lane = first_lane(within)
         within &= within - 1
         i = extent.first + lane
-        x, y = spread(space.image, lane), spread(space.image, PACKET + lane)
-        inside = minimum(muladd(x, p[0], muladd(y, p[1], p[2])), muladd(x, q[0], muladd(y, q[1], q[2])))
-        inside = minimum(inside, muladd(x, r[0], muladd(y, r[1], r[2])))
-        height = offset - dot3(spread3(points.coordinates, i, width), normal, zero)
+        x, y = number(space.image, lane), number(space.image, PACKET + lane)
+        inside = _inside(x, y, p, q, r)
+        height = offset - dot3(numbers3(points.coordinates, i, width), normal, zero)
         possible = not_less(inside, no_blur) & (not_less(height + error, least) | doubtful)
         possible &= used & ~_own_face(points.own[i] - CLUSTER * at[0])
         sure = possible & greater(inside, blur) & greater(height - error, most) & ~doubtful
@@ -159,6 +157,19 @@ def hide_by_points(scene, points, view, space, at, within, extent):
 def _edge(space, base, edge):
     """An edge function of 16 faces."""
     return load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+
+
+@inlined
+def _edge_of(space, row, edge):
+    """An edge function of one face."""
+    return numbers3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+
+
+@inlined
+def _inside(x, y, p, q, r):
+    """The least of three edge functions: of points in a face, or of a point in faces."""
+    inside = minimum(muladd(x, p[0], muladd(y, p[1], p[2])), muladd(x, q[0], muladd(y, q[1], q[2])))
+    return minimum(inside, muladd(x, r[0], muladd(y, r[1], r[2])))
 
 
 @inlined

@@ -6,7 +6,7 @@ from zbuf_occlude.image_space.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, L
 from zbuf_occlude.image_space.search.hide import classify, hide_by_faces, hide_by_points
 from zbuf_occlude.image_space.search.listing import overlapping
 from zbuf_occlude.image_space.search.setup import slot_of
-from zbuf_occlude.lanes import count_lanes, first_lane, inlined, load3, not_less, splat, spread
+from zbuf_occlude.lanes import count_lanes, first_lane, inlined, load3_wide, not_less, number
 
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""
@@ -21,7 +21,8 @@ def search_packet(scene, points, view, undecided, extent, n, space):
     """
     found_hidden = 0
     # more than a coordinate, or its sum with this, can err
-    error, seen = splat(np.float32(1.5) * COORDINATE_ERROR * extent.blur * view.reach), load3(space.image, 0, PACKET)
+    error = np.float32(1.5) * COORDINATE_ERROR * extent.blur * view.reach
+    seen = load3_wide(space.image, 0, PACKET)
     least = seen[0] - error, seen[1] - error
     most = seen[0] + error, seen[1] + error, seen[2] + error
     for j in range(0, n, CLUSTER):
@@ -51,11 +52,11 @@ def _within(space, entry, least, most):
     """
     bounds, capacity = space.listed.rectangles, space.listed.rectangles.shape[1]
     return (
-        not_less(most[0], spread(bounds, LEFT * capacity + entry))
-        & not_less(spread(bounds, RIGHT * capacity + entry), least[0])
-        & not_less(most[1], spread(bounds, BOTTOM * capacity + entry))
-        & not_less(spread(bounds, TOP * capacity + entry), least[1])
-        & not_less(most[2], spread(bounds, NEAREST * capacity + entry))
+        not_less(most[0], number(bounds, LEFT * capacity + entry))
+        & not_less(number(bounds, RIGHT * capacity + entry), least[0])
+        & not_less(most[1], number(bounds, BOTTOM * capacity + entry))
+        & not_less(number(bounds, TOP * capacity + entry), least[1])
+        & not_less(most[2], number(bounds, NEAREST * capacity + entry))
     )
 
 

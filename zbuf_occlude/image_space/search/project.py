@@ -13,6 +13,7 @@ import numpy as np
 from zbuf_occlude.image_space.layout import (
     BOTTOM,
     CHUNK_POINTS,
+    CLUSTER,
     COORDINATE_ERROR,
     ENDLESS,
     FARTHEST,
@@ -35,6 +36,7 @@ from zbuf_occlude.lanes import (
     inlined,
     inner,
     load3,
+    load3_wide,
     lowest,
     maximum,
     minimum,
@@ -95,7 +97,7 @@ def project_boxes(boxes, first, last, view, error, rectangles):
     """
     total, width = boxes.shape[1], rectangles.shape[1]
     far, near, guard, edge = splat(ENDLESS), splat(-ENDLESS), splat(error), splat(view.window)
-    for i in range(first, last, PACKET):
+    for i in range(first, last, CLUSTER):
         x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
         left, right, below, above = near, near, near, near
         lower, upper = load3(boxes, i, total), load3(boxes, UPPER * total + i, total)
@@ -181,7 +183,7 @@ def project_packet(scene, points, packet, view, image):
     ----------
     scene, points, packet, view
         Which packet of which points, seen how.
-    image : (3, 16) float32
+    image : (3, 32) float32
         Receives x / w, y / w and w.
 
     Returns
@@ -193,28 +195,27 @@ def project_packet(scene, points, packet, view, image):
     base, total = packet * PACKET, points.coordinates.shape[1]
     reach = max(points.reach[packet], view.reach)
     shown = (1 << min(points.n_points - base, PACKET)) - 1
-    x, y, z = load3(points.coordinates, base, total)
+    x, y, z = load3_wide(points.coordinates, base, total)
     u, v, w = transform(view.matrix, x, y, z)
     if view.near > ZERO:
-        rim = splat(view.window) * w
-        shown &= not_less(rim, absolute(u)) & not_less(rim, absolute(v)) & greater(w, splat(view.near * reach))
-    inverse = divide(splat(ONE), w)
+        rim = view.window * w
+        shown &= not_less(rim, absolute(u)) & not_less(rim, absolute(v)) & greater(w, view.near * reach)
+    inverse = divide(ONE, w)
     u, v = u * inverse, v * inverse
     store(image, 0, u)
     store(image, PACKET, v)
     store(image, 2 * PACKET, w)
     # what the view does not show must not widen the rectangle
-    far, low = splat(ENDLESS), splat(-ENDLESS)
-    inverse_max = max(ONE, highest(select(shown, inverse, low)))
+    inverse_max = max(ONE, highest(select(shown, inverse, -ENDLESS)))
     slack = np.float32(3.0) * COORDINATE_ERROR * reach * inverse_max
     bounds = _inverse_distances(points.boxes, packet, view, np.float32(scene.contact))
     extent = Extent(
         first=base,
-        left=lowest(select(shown, u, far)) - slack,
-        right=highest(select(shown, u, low)) + slack,
-        bottom=lowest(select(shown, v, far)) - slack,
-        top=highest(select(shown, v, low)) + slack,
-        farthest=highest(select(shown, w, low)) + slack,
+        left=lowest(select(shown, u, ENDLESS)) - slack,
+        right=highest(select(shown, u, -ENDLESS)) + slack,
+        bottom=lowest(select(shown, v, ENDLESS)) - slack,
+        top=highest(select(shown, v, -ENDLESS)) + slack,
+        farthest=highest(select(shown, w, -ENDLESS)) + slack,
         blur=inverse_max * reach / view.reach,
         reach=reach,
         inverse_distance_max=bounds[0],

@@ -37,7 +37,7 @@ class Workspace(NamedTuple):
     slot_rectangles: Float32  # (6, n_slots) around the faces set up there
     slot_tags: NDArray[np.int64]  # (n_slots,) of which cluster, in which view
     doubtful: NDArray[np.int64]  # (n_slots,) masks of the faces that float32 must not decide
-    image: Float32  # (3, 16) x / w, y / w and w of the points in hand
+    image: Float32  # (3, 32) x / w, y / w and w of the points in hand
 
 
 def make_workspace(n_clusters: int, n_nodes: int) -> Workspace:
