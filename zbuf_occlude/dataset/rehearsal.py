@@ -83,7 +83,7 @@ def _ask_all_ways(occluder: Occluder, mesh: Mesh) -> None:
     """Ask as scans of large things in scenes do: many rays in no order, rays of several places, and what hides what."""
     eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
     points = sample_surface(mesh, n_points=10_000, seed=0)
-    rays = np.random.default_rng(0).permutation(points.positions) - eye
+    rays = np.random.default_rng(0).normal(size=(10_000, 3))
     occluder.first_hits([eye], rays)
     occluder.first_hits([eye, eye + mesh.longest_side], rays[:2])
     occluder.visible(points, [eye])

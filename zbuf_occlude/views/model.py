@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, frozen, sealed
+from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
 from zbuf_occlude.camera import rigid_matrices, view_matrices
 from zbuf_occlude.errors import ArgumentError
 
@@ -87,12 +86,12 @@ class Views:
     def __repr__(self) -> str:
         return f"Views({len(self)})"
 
-    @cached_property
+    @property
     def eyes(self) -> FloatArray:
         """Centres of projection, world space, (k, 3). At the poles the position is exactly on the z axis."""
         flat = np.where(np.abs(self.elevation) >= np.pi / 2 - 1e-9, 0.0, np.cos(self.elevation))
         direction = np.stack([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
-        return sealed(self.target + self.distance[:, None] * direction)
+        return np.asarray(self.target + self.distance[:, None] * direction)
 
     @property
     def ups(self) -> FloatArray:

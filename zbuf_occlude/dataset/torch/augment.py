@@ -30,8 +30,9 @@ class Rotate:
         c, s = math.cos(turn), math.sin(turn)
         matrix = cloud.new_tensor([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         n_turned = 6 if self.normals else 3
-        turned = (cloud[:, :n_turned].reshape(len(cloud), -1, 3) @ matrix).reshape(len(cloud), n_turned)
-        return torch.cat([turned, cloud[:, n_turned:]], dim=1)
+        # one product for each, of one shape: a larger one would round otherwise on some processors
+        turned = [cloud[:, first : first + 3].contiguous() @ matrix for first in range(0, n_turned, 3)]
+        return torch.cat([*turned, cloud[:, n_turned:]], dim=1)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
-from zbuf_occlude.image_space.layout import CHUNK, CHUNK_POINTS
+from zbuf_occlude.image_space.layout import CHUNK_POINTS, GROUP
 from zbuf_occlude.image_space.rays.packet import PACKET_RAYS
 from zbuf_occlude.image_space.scene.scene import Float32
 from zbuf_occlude.lanes import inlined, inner
 
-BLOCK_RAYS = CHUNK * CHUNK_POINTS
+BLOCK_RAYS = GROUP * CHUNK_POINTS
 """Rays that a thread takes at a time: a list of clusters is made for them, from which each `CHUNK_POINTS` choose."""
 
 MOST_BITS = 6
