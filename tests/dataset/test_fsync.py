@@ -42,14 +42,6 @@ def test_a_file_is_kept_before_it_has_its_name(
     assert n_kept[0] == 1
 
 
-def test_pieces_are_written_whole_where_the_system_takes_a_few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pieces, writev = [memoryview(bytes([number % 256]) * 5) for number in range(3000)], os.writev
-    for some in (lambda given: given, lambda given: [given[0], given[1][:3]]):
-        monkeypatch.setattr(os, "writev", lambda file, given, some=some: writev(file, some(given)))
-        atomic.write(tmp_path / "file", lambda file: atomic.write_pieces(file, pieces))
-        assert (tmp_path / "file").read_bytes() == b"".join(pieces)
-
-
 def test_rows_are_kept_when_they_are_written(tmp_path: Path, kept: list[tuple[int, bytes]]) -> None:
     (tmp_path / SHARDS).mkdir()
     values = np.arange(6.0).reshape(2, 3)

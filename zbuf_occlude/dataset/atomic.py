@@ -6,14 +6,12 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
 _TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
-_MOST_PIECES = 1024
-"""That Linux takes at once."""
 
 
 def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
@@ -55,19 +53,6 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     finally:
         with suppress(OSError):  # it is not there any more, or never was
             temporary.unlink()
-
-
-def write_pieces(file: IO[bytes], pieces: Sequence[memoryview]) -> None:
-    """Write many pieces of bytes from where they are, as many at a time as may be.
-
-    Each call costs the system the more the less it is given: 33 kB at a time take almost three times as long.
-    """
-    for first in range(0, len(pieces), _MOST_PIECES):
-        some = pieces[first : first + _MOST_PIECES]
-        file.flush()
-        if (n_bytes := os.writev(file.fileno(), some)) < sum(map(len, some)):  # the disk is almost full, or past 2 GB
-            file.seek(0, os.SEEK_END)
-            file.write(b"".join(some)[n_bytes:])
 
 
 def _publish(temporary: Path, path: Path, exclusive: bool) -> None:

@@ -28,8 +28,8 @@ UNITS = {
     "visible_fraction": "of the points sampled on the object",
 }
 
-AT_ONCE = 2**22
-"""Bytes of a field that are copied together and written: they stay in a cache, and are not many small writes."""
+AT_ONCE = 2**20
+"""Bytes of a field that are copied together and written: they stay in a cache."""
 
 
 def names(plan: Plan) -> Iterator[str]:
