@@ -8,14 +8,8 @@ void main()
     uint visible = 0u, doubts = 0u;
     for (uint part = 0u; part < 4u; part++) {
         Point point = point_at(block * 256u + part * 64u + gl_LocalInvocationID.x);
-        uint found = ask(eye, point);
-        found |= ask(eye + 1, point) << 1;
-        found |= ask(eye + 2, point) << 2;
-        found |= ask(eye + 3, point) << 3;
-        found |= ask(eye + 4, point) << 4;
-        found |= ask(eye + 5, point) << 5;
-        found |= ask(eye + 6, point) << 6;
-        found |= ask(eye + 7, point) << 7;
+        uint found = 0u;
+        for (int i = 0; i < $EYES; i++) found |= ask(eye + i, point) << i;
         visible |= (found & 0xFFu) << (8u * part);
         doubts |= (found >> 8) << (8u * part);
     }

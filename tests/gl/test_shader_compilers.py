@@ -10,7 +10,7 @@ from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.depth_pass import MOST_TILES
 from zbuf_occlude.gl.exact_data import LEAF, WIDTH
 from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape
-from zbuf_occlude.gl.point_data import MOST_HIDDEN
+from zbuf_occlude.gl.point_data import GROUP, MOST_HIDDEN
 from zbuf_occlude.gl.shaders import load, shader_folder
 
 
@@ -34,7 +34,11 @@ PROGRAMS: list[tuple[str, dict[str, object]]] = [
     *[("exact.comp", exact(shape)) for _, shape in (*SOFTWARE, *HARDWARE)],
     *[("depth.vert", {"TILES": MOST_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
     *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
-    *[(name, {"TILES": MOST_TILES, "CUBE": cube}) for name in ("depth_test.comp", "vote.comp") for cube in (0, 1)],
+    *[
+        (name, {"TILES": MOST_TILES, "CUBE": cube, "EYES": GROUP})
+        for name in ("depth_test.comp", "vote.comp")
+        for cube in (0, 1)
+    ],
     *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
     *[(name, {}) for name in ("candidates.comp", "peak.comp", "probe.comp", "stream.comp")],
 ]

@@ -41,7 +41,8 @@ class LocalWorker:
         context: Any = multiprocessing.get_context("forkserver" if forks() else "spawn")
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
-        environment = {"LP_NUM_THREADS": str(n_threads), **os.environ}
+        # llvmpipe's threads come on top of the one that calls it; with 0 of them that one draws
+        environment = {"LP_NUM_THREADS": str(n_threads if n_threads > 1 else 0), **os.environ}
         arguments = (theirs, sent, device_index, n_threads, environment)
         for attempt in range(SERVERS):
             start_server()  # it may have been killed

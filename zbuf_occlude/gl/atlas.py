@@ -86,6 +86,7 @@ class Atlas:
         if self.faces:
             self._ids = self._gl.ctx.texture(self.size, 1, dtype="i4")
             self._ids.filter = (_NEAREST, _NEAREST)
+            self._ids.repeat_x = self._ids.repeat_y = False
             call.framebuffer_texture(_FRAMEBUFFER, _COLOR_ATTACHMENT0, self._ids.glo, 0)
             drawn = _COLOR_ATTACHMENT0
         call.draw_buffers(1, (UINT * 1)(drawn))

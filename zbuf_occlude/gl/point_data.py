@@ -6,13 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.threads import n_blocks, shared, take_block, together
 
 GROUP = 8
 """Eyes whose answers share a byte on the GPU."""
-
-BLOCK = 16_384
-"""Points that a thread takes at a time."""
 
 MOST_HIDDEN = 0.3
 """Without a witness, a point is visible when no more than this of the weighed votes around it says hidden."""
@@ -72,30 +68,3 @@ class Batch(NamedTuple):
     def n_groups(self) -> int:
         """How many groups of `GROUP` eyes there are; the last may not be full."""
         return -(-self.n_eyes // GROUP)
-
-
-def coherent_order(positions: FloatArray, normals: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return an order in which neighbours look at neighbouring pixels, which caches like.
-
-    Cells of a 16 x 16 x 16 grid, for each octant of the normals apart; what shares a cell keeps its order.
-    """
-    low, high = np.array([[column.min(), column.max()] for column in positions.T]).T
-    side = float((high - low).max())
-    keys = np.empty(len(positions), dtype=np.uint16)
-    scale = 16.0 * (1.0 - 1e-9) / side if side > 0.0 else 0.0
-    together(_fill_keys, n_blocks(len(positions), BLOCK), positions, normals, low, scale, keys)
-    return np.argsort(keys, kind="stable")  # a radix sort, for 16 bits
-
-
-@shared
-def _fill_keys(tasks, positions, normals, low, scale, keys):
-    """Octant of the normal and cell of each point, from the highest bits down."""
-    first, last = take_block(tasks, len(positions), BLOCK)
-    while first < last:
-        for i in range(first, last):
-            octant, cell = 0, 0
-            for axis in range(3):
-                octant |= int(normals[i, axis] > 0.0) << axis
-                cell = cell << 4 | int((positions[i, axis] - low[axis]) * scale)
-            keys[i] = octant << 12 | cell
-        first, last = take_block(tasks, len(positions), BLOCK)

@@ -1,6 +1,5 @@
 """The points on the GPU: reprojected and tested against the depth atlas, one bit a point and eye."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,8 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.gl.buffers import Buffers, parts
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.point_data import GROUP, Batch, PointData, coherent_order
+from zbuf_occlude.gl.point_data import GROUP, Batch, PointData
+from zbuf_occlude.hilbert import hilbert_order
 
 BLOCK = 256
 """Points of a work group of 64 invocations, four each."""
@@ -44,7 +44,7 @@ class UploadedPoints:
     """
 
     def __init__(self, gl: GlContext, points: PointData) -> None:
-        order = coherent_order(points.positions, points.normals)
+        order = hilbert_order(points.positions)
         n_blocks = -(-len(order) // BLOCK)
         slots = np.resize(order, n_blocks * BLOCK)  # repeats points to fill the last block
         records = np.zeros(len(order), dtype=POINT)
@@ -70,14 +70,14 @@ class PointPass:
     gl : GlContext
     points : UploadedPoints
         The caller's.
-    programs : sequence of moderngl.ComputeShader
-        depth_test.comp alone, or vote.comp and witness.comp.
     out : (k, n) bool
         Receives the answers.
     n_groups : int
         Groups of answers that there is to be room for.
     most_eyes : int
         Of a batch.
+    doubts : bool
+        Whether there is to be room for a list of doubtful pairs.
 
     Notes
     -----
@@ -88,27 +88,33 @@ class PointPass:
         self,
         gl: GlContext,
         points: UploadedPoints,
-        programs: Sequence[Any],
         out: BoolArray,
         *,
         n_groups: int,
         most_eyes: int,
+        doubts: bool,
     ) -> None:
         self._ctx, self._points, self._out = gl.ctx, points, out
-        self._vote, self._decide = programs[0], programs[1] if len(programs) > 1 else None
         self._n_words = points.n_slots // 4
         self._answers = np.empty((n_groups, points.n_slots), dtype=np.uint8)
         listed = 4 * min(points.n_slots * most_eyes, MOST_LISTED)
-        lists = {"count": 4, "doubtful": listed} if self._decide is not None else {}
+        lists = {"count": 4, "doubtful": listed} if doubts else {}
         self._buffers = Buffers(gl, answers=self._answers.nbytes, **lists)
 
-    def ask(self, batch: Batch) -> None:
-        """Answer for a batch, which has just been drawn; `finish` fetches the answers."""
+    def ask(self, batch: Batch, answer: Any, decide: Any = None) -> None:
+        """Answer for a batch, which has just been drawn; `finish` fetches the answers.
+
+        Parameters
+        ----------
+        batch : Batch
+        answer, decide : moderngl.ComputeShader
+            depth_test.comp alone, or vote.comp and witness.comp.
+        """
         self._points.buffers.bind(points=0)
         self._buffers.bind(answers=1)
-        if self._decide is not None:
+        if decide is not None:
             self._buffers.bind(count=2, doubtful=3)
-        for program in (self._vote, self._decide):
+        for program in (answer, decide):
             set_uniforms(
                 program,
                 n_eyes=batch.n_eyes,
@@ -117,13 +123,13 @@ class PointPass:
             )
         n_blocks = self._n_words // 64
         for part in parts(n_blocks, min(MOST_LISTED // (BLOCK * batch.n_eyes), _MOST_GROUPS)):
-            if self._decide is not None:
+            if decide is not None:
                 self._buffers.clear("count")
-            set_uniforms(self._vote, first_block=part.start)
-            self._vote.run(part.stop - part.start, batch.n_groups)
+            set_uniforms(answer, first_block=part.start)
+            answer.run(part.stop - part.start, batch.n_groups)
             self._ctx.memory_barrier()
-            if self._decide is not None:
-                self._decide.run(_STRIDED_GROUPS)
+            if decide is not None:
+                decide.run(_STRIDED_GROUPS)
                 self._ctx.memory_barrier()
 
     def finish(self, batches: list[Batch]) -> None:

@@ -197,7 +197,7 @@ class DepthBuffer(Occluder):
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_per_eye, (batch.first_eye + batch.n_eyes) * tiles_per_eye
             row[: last - first] = tiles[first:last]
-        programs = self._programs(tiles_per_eye, depth_pass)
+        doubts = self._criteria.witness
         passes: list[PointPass] = []
         with Buffers(self._gl, tiles=padded) as buffers:
             try:
@@ -207,14 +207,17 @@ class DepthBuffer(Occluder):
                     first += len(part.bytes)
                     n_groups = batches[-1].first_group + batches[-1].n_groups
                     most_eyes = min(depth_pass.n_eyes, len(out))
-                    passes.append(PointPass(self._gl, part, programs, mine, n_groups=n_groups, most_eyes=most_eyes))
+                    passes.append(
+                        PointPass(self._gl, part, mine, n_groups=n_groups, most_eyes=most_eyes, doubts=doubts)
+                    )
                 depth_pass.atlas.use(depths=0, faces=1)
                 self._mesh_buffers.bind(corners=4)
                 for i, batch in enumerate(batches):
                     buffers.bind_uniforms("tiles", 0, offset=i * padded[0].nbytes, size=padded[0].nbytes)
                     depth_pass.draw(batch.n_eyes * tiles_per_eye)
+                    programs = self._programs(tiles_per_eye, depth_pass, batch.n_eyes)
                     for each in passes:
-                        each.ask(batch)
+                        each.ask(batch, *programs)
                 for each in passes:
                     each.finish(batches)
             finally:
@@ -243,15 +246,17 @@ class DepthBuffer(Occluder):
             )
         return self._passes[tiles_per_eye, ids]
 
-    def _programs(self, tiles_per_eye: int, depth_pass: DepthPass) -> list[Any]:
+    def _programs(self, tiles_per_eye: int, depth_pass: DepthPass, n_eyes: int) -> list[Any]:
+        """Return the programs that ask for a batch of so many eyes: one that answers, and one for what it doubts."""
         constants = {"TILES": MOST_TILES, "CUBE": int(tiles_per_eye == CUBE)}
+        eyes = min(n_eyes, GROUP)  # a program asks for all of its eyes, whether they are there or not
         if self._criteria.witness:
             programs = [
-                self._gl.program("vote.comp", **constants),
+                self._gl.program("vote.comp", EYES=eyes, **constants),
                 self._gl.program("witness.comp", MOST_HIDDEN=MOST_HIDDEN, **constants),
             ]
         else:
-            programs = [self._gl.program("depth_test.comp", **constants)]
+            programs = [self._gl.program("depth_test.comp", EYES=eyes, **constants)]
         width, height = depth_pass.atlas.size
         for program in programs:
             set_uniforms(program, texel=(1.0 / width, 1.0 / height), **self._criteria._asdict())
@@ -270,7 +275,7 @@ def _batches(n_eyes: int, most: int) -> list[Batch]:
     """Cut eyes into the fewest batches of at most `most`, equally long, each with whole groups of answers."""
     batches: list[Batch] = []
     length = -(-n_eyes // -(-n_eyes // most))
-    length = min(most, -(-length // GROUP) * GROUP)  # a group that is not full takes as long
+    length = min(most, -(-length // GROUP) * GROUP)  # among several groups, one that is not full takes as long
     for first in range(0, n_eyes, length):
         group = batches[-1].first_group + batches[-1].n_groups if batches else 0
         batches.append(Batch(first, min(length, n_eyes - first), group))
