@@ -12,8 +12,8 @@ from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.visibility import find_method, prepare
 
-SECONDS = 0.2
-"""For each of the two, at least one mesh."""
+SECONDS = 0.05
+"""For each of the two, at least one mesh: who waits for the trial has waited long enough."""
 
 EYES = 25
 """Per mesh: as many as `modelnet8` has."""

@@ -36,7 +36,9 @@ class MeshArrays:
 
 def arrange_mesh(mesh: Mesh, unit: Unit) -> MeshArrays:
     """Arrange a mesh for drawing."""
-    used, indices = np.unique(mesh.faces, return_inverse=True)
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
+    indices = np.cumsum(used, dtype=np.int32) - np.int32(1)  # of the vertices in use, in their order
     order = hilbert_order(mesh.corners.mean(axis=1))
     places = np.empty(len(order), dtype=np.int32)
     places[order] = np.arange(len(order))
@@ -44,7 +46,7 @@ def arrange_mesh(mesh: Mesh, unit: Unit) -> MeshArrays:
     normals = np.divide(mesh.face_normals, lengths, out=np.zeros_like(mesh.face_normals), where=lengths > 0.0)
     return MeshArrays(
         positions=unit.to(mesh.vertices[used]),
-        faces=indices.reshape(-1, 3).astype(np.int32)[order],
+        faces=indices[mesh.faces[order]],
         places=places,
         normals=normals.astype(np.float32),
     )
