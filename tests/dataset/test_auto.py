@@ -1,18 +1,23 @@
 """`--method auto`: what it chooses for which sizes and machines, and that the reason reaches the recipe."""
 
 from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh, MeshCollection, OptionError, SurfacePoints, sample_surface
+from zbuf_occlude import Mesh, MeshCollection, OptionError
 from zbuf_occlude.dataset import auto, trial
 from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.trial import Trial
 from zbuf_occlude.errors import GlError
+from zbuf_occlude.farm import local
 from zbuf_occlude.gl import nvidia
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import shapes
 
 
@@ -93,39 +98,53 @@ def test_options_need_a_named_method() -> None:
 def test_on_a_gpu_both_are_tried_on_a_mesh_of_middling_size(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
 
-    def record(method: str, other: str, mesh: Mesh, points: SurfacePoints, options: object) -> float:
-        tried.append((method, other, len(mesh.faces), len(points)))
-        return 3.0
+    def make(plan: Plan, mesh_id: int, gl: object, store: object) -> None:
+        tried.append((plan.recipe.method, plan.recipe.n_points, len(plan.meshes[mesh_id].load().faces)))
 
     monkeypatch.setattr(auto, "_has_gpu", lambda: True)
-    monkeypatch.setattr(auto, "times_as_fast", record)
+    monkeypatch.setattr(Trial, "needs_gl", False)
+    monkeypatch.setattr(trial, "make_mesh", make)
+    monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=count(0.0, 1.0).__next__))
     meshes = shapes.collection().limit(3)
-    found = resolve(Recipe(method=AUTO, n_points=321), meshes)
-    assert found.method == "exact_gl"
-    assert tried == [("exact_gl", "exact", sorted(len(entry.load().faces) for entry in meshes)[1], 321)]
+    sizes = sorted(len(entry.load().faces) for entry in meshes)
+    assert resolve(Recipe(method=AUTO, n_points=321), meshes).method == "exact"  # one is as fast as the other
+    assert tried == [
+        (method, n, size) for method in ("exact", "exact_gl") for n, size in ((100, sizes[0]), (321, sizes[1]))
+    ]
 
 
 def test_a_trial_compares_what_a_mesh_costs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a clock that only asking moves: 1 ms per point with one method, 4 with the other, and 10 s to compile."""
-    now, asked = [0.0], []
+    """By a clock that only making moves: 30 ms with one method, 120 with the other and its option, 10 s to compile."""
+    now, made = [0.0], []
 
-    def ask(method: str, options: object, mesh: Mesh, points: SurfacePoints, eyes: object) -> None:
-        now[0] += 10.0 if not asked else len(points) * {"exact": 1e-3, "oracle": 4e-3}[method]
-        asked.append((method, len(points)))
+    def make(plan: Plan, mesh_id: int, gl: object, store: object) -> None:
+        now[0] += 10.0 if not made else {"exact": 0.03, "oracle": 0.12}[plan.recipe.method]
+        made.append((plan.recipe.method, plan.recipe.method_options))
 
     monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    monkeypatch.setattr(trial, "_ask", ask)
-    mesh = shapes.make("chair", 1).normalized()
-    assert trial.times_as_fast("exact", "oracle", mesh, sample_surface(mesh, n_points=30, seed=0)) == pytest.approx(4.0)
-    assert asked == [("oracle", 10), ("oracle", 30), ("exact", 10), *[("exact", 30)] * 2]
+    monkeypatch.setattr(trial, "make_mesh", make)
+    recipe = Recipe(method="oracle", method_options={"contact": 1e-6}, density=900.0, n_points=None)
+    found = auto.gain_of("exact", "oracle", recipe, shapes.collection().limit(1))
+    assert found == pytest.approx(4.0)
+    assert made == [*[("oracle", {"contact": 1e-6})] * 2, *[("exact", {})] * 3]
 
 
-def test_what_cannot_be_tried_has_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_tries_real_meshes() -> None:
+    run = partial(local.run_jobs, n_workers=1, limits=Limits())
+    recipe = Recipe(method="oracle", n_points=300)
+    assert auto.gain_of("exact", "oracle", recipe, shapes.collection().limit(2), run) > 0.0
+
+
+def test_what_cannot_be_tried_has_no_gain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def fail(*_: object) -> float:
         raise GlError("no GPU")
 
-    monkeypatch.setattr(auto, "times_as_fast", fail)
-    assert auto.gain_of("exact", "depth_buffer", Recipe(n_points=10), shapes.collection().limit(1)) == 0.0
+    monkeypatch.setattr(trial, "make_mesh", fail)
+    meshes = shapes.collection().limit(1)
+    assert auto.gain_of("exact", "oracle", Recipe(n_points=10), meshes) == 0.0
+    (tmp_path / "broken.off").write_text("OFF\n")
+    meshes = MeshCollection.from_paths([tmp_path])
+    assert Trial("exact", "oracle", Recipe(n_points=10), meshes).do(0, None) == 0.0
 
 
 def test_software_beside_an_nvidia_gpu_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

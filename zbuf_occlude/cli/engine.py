@@ -62,6 +62,11 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     if engine == "ray":
         return partial(ray.run_jobs, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
+    return engine_here(workers, limits)
+
+
+def engine_here(workers: int | None, limits: Limits) -> Run:
+    """Return the engine of this machine; by default a worker per core."""
     return partial(local.run_jobs, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 

@@ -8,12 +8,13 @@ from functools import partial
 
 import numpy as np
 
+from zbuf_occlude.dataset.generate import run_here
+from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.trial import times_as_fast
-from zbuf_occlude.errors import GlError, MeshError, OptionError, UnavailableError
+from zbuf_occlude.dataset.trial import LARGE, PATIENCE, Trial
+from zbuf_occlude.errors import DatasetError, GlError, MeshError, OptionError, UnavailableError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.visibility import find_method
 
 AUTO = "auto"
@@ -21,14 +22,8 @@ AUTO = "auto"
 LOOKED_AT = 8
 """Of a collection this many meshes are loaded to see how large they are."""
 
-LARGE, BYTES_PER_FACE = 1 << 24, 40.0
-"""Of a larger file the number of faces is guessed from its size."""
-
-PATIENCE = 10.0
-"""Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
-
-DENSE = 20_000
-"""Points of a trial where the recipe gives a density."""
+BYTES_PER_FACE = 40.0
+"""Of a file too large to be looked at the number of faces is guessed from its size."""
 
 FEW_POINTS, MANY_FACES = 2_000, 1_000_000
 """With at most this many points on at least this many faces Embree is before `exact` (docs/performance_exact.md)."""
@@ -118,22 +113,17 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     return replace(recipe, method=choice.method, reason=choice.reason)
 
 
-def gain_of(method: str, other: str, recipe: Recipe, meshes: MeshCollection) -> float:
-    """Try how many times as fast as another a method is, on a mesh of middling size; 0 where that cannot be tried."""
-    loaded = []
-    for entry in _some(meshes):
-        with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
-            if not entry.path or os.path.getsize(entry.path) <= LARGE:
-                loaded.append(entry.load())
-    if not loaded:
-        return 0.0
-    mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
-    points = sample_surface(mesh, n_points=recipe.n_points or DENSE)
-    options = recipe.method_options if other == recipe.method else None
-    try:
-        return times_as_fast(method, other, mesh, points, options)
-    except (GlError, UnavailableError):
-        return 0.0
+def gain_of(method: str, other: str, recipe: Recipe, meshes: MeshCollection, run: Run = run_here) -> float:
+    """Try how many times as fast as another a method makes a mesh (`Trial`); 0 where that cannot be tried."""
+    gains = [0.0]
+
+    def done(_: int, gain: float) -> tuple[int, ...]:
+        gains.append(gain)
+        return ()
+
+    with suppress(DatasetError, GlError, MeshError, UnavailableError):
+        run(Trial(method, other, recipe, MeshCollection(_some(meshes))), [0], done)
+    return gains[-1]
 
 
 def _some(meshes: MeshCollection) -> list[MeshEntry]:

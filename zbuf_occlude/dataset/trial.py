@@ -1,63 +1,89 @@
-"""A short trial: how many times as fast as another a method is, on this machine, on a typical mesh of a job."""
+"""A short trial: how many times as fast as another a method makes a mesh of a job, on this machine."""
 
+import os
 import time
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from zbuf_occlude import views
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.shard import make_mesh, new_store
+from zbuf_occlude.errors import MeshError
+from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.visibility import find_method
 
 SECONDS = 0.05
-"""For each of the two, at least one mesh: who waits for the trial has waited long enough."""
+"""For each of the two, at least one mesh: who waits for a trial has waited long enough."""
 
-EYES = 25
-"""Per mesh: as many as `modelnet8` has."""
+VIEWS = "modelnet8"
+
+DENSE = 20_000
+"""Points of a trial where the recipe gives a density."""
+
+LARGE = 1 << 24
+"""Bytes. A larger file is not loaded only to be looked at."""
+
+PATIENCE = 10.0
+"""Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
 
 
-def times_as_fast(
-    method: str, other: str, mesh: Mesh, points: SurfacePoints, options: Mapping[str, Any] | None = None
-) -> float:
-    """Prepare the mesh and ask about its points, by both; return the other's seconds divided by the method's.
+@dataclass(frozen=True)
+class Trial:
+    """A task of one job: to make the mesh of middling size by both methods, from its file to its clouds.
+
+    Its result is the other's seconds divided by the method's; 0 where no mesh can be loaded.
 
     Parameters
     ----------
     method, other : str
-        Of the table of methods. Contexts are opened, and functions compiled, before anything is timed.
-    mesh : Mesh
-    points : SurfacePoints
-    options : mapping, optional
-        The other's.
-
-    Raises
-    ------
-    GlError, UnavailableError
-        One of them cannot run here.
+        Of the table of methods.
+    recipe : Recipe
+        Its points, and its options if it is the method's or the other's.
+    meshes : MeshCollection
+        A few. On the smallest all is loaded or compiled before anything is timed.
     """
-    return _seconds(other, dict(options or {}), mesh, points) / _seconds(method, {}, mesh, points)
 
+    method: str
+    other: str
+    recipe: Recipe
+    meshes: MeshCollection
 
-def _seconds(method: str, options: dict[str, Any], mesh: Mesh, points: SurfacePoints) -> float:
-    """Seconds per mesh."""
-    eyes = views.fibonacci(EYES).around(mesh.centre, mesh.longest_side).eyes
-    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="trial")
-    with ExitStack() as stack:
-        if find_method(method).needs_gl:
-            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+    @property
+    def needs_gl(self) -> bool:
+        """Whether one of the methods renders."""
+        return any(find_method(name).needs_gl for name in (self.method, self.other))
 
-            options["gl"] = stack.enter_context(GlContext.open())
-        _ask(method, options, triangle, sample_surface(triangle, n_points=10), eyes)
+    def do(
+        self,
+        job: int,
+        gl: Any,
+        lost: Mapping[int, GivenUp] = MappingProxyType({}),
+        on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
+    ) -> float:
+        """Do it; parameters as of `jobs.Task`, of which only `gl` matters."""
+        sizes: dict[int, int] = {}
+        for i, entry in enumerate(self.meshes):
+            with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
+                if not entry.path or os.path.getsize(entry.path) <= LARGE:
+                    sizes[i] = len(entry.load().faces)
+        if not sizes:
+            return 0.0
+        ordered = sorted(sizes, key=lambda i: sizes[i])
+        smallest, middling = ordered[0], ordered[len(ordered) // 2]
+        return self._seconds(self.other, gl, smallest, middling) / self._seconds(self.method, gl, smallest, middling)
+
+    def _seconds(self, method: str, gl: Any, first: int, mesh_id: int) -> float:
+        """Seconds of a mesh, after a little of another."""
+        options = self.recipe.method_options if method == self.recipe.method else None
+        n_points = self.recipe.n_points or DENSE
+        recipe = Recipe(method=method, method_options=options, n_points=n_points, views=VIEWS)
+        plan, little = Plan(self.meshes, recipe), Plan(self.meshes, replace(recipe, n_points=100, views="ring:2@30"))
+        make_mesh(little, first, gl, new_store(little))
         began, n_meshes = time.perf_counter(), 0
         while n_meshes == 0 or time.perf_counter() - began < SECONDS:
-            _ask(method, options, mesh, points, eyes)
+            make_mesh(plan, mesh_id, gl, new_store(plan))
             n_meshes += 1
         return (time.perf_counter() - began) / n_meshes
-
-
-def _ask(method: str, options: dict[str, Any], mesh: Mesh, points: SurfacePoints, eyes: Any) -> None:
-    with prepare(mesh, method, **options) as occluder:
-        occluder.visible(points, eyes)
