@@ -110,9 +110,9 @@ PARTS = (
     ),
     Part(
         "whole-job",
-        f"python benchmarks/whole_job.py {FURNITURE} --method exact --stages",
-        3,
-        f"python benchmarks/whole_job.py {FURNITURE} --method exact --repeats 1 --limit 20",
+        f"python benchmarks/whole_job.py {FURNITURE} --stages",
+        4,
+        f"python benchmarks/whole_job.py {FURNITURE} --repeats 1 --limit 20",
         needs=FURNITURE,
         text=True,
     ),

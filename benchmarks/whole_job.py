@@ -151,7 +151,7 @@ def show_stages(side: Side, job: Job, folder: Path) -> None:
         *options_of(side, job),
         *job.files,
     ]
-    one = {"NUMBA_NUM_THREADS": "1", "LP_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    one = {"NUMBA_NUM_THREADS": "1", "LP_NUM_THREADS": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     run(command, side.checkout, out, **one)
     rows = json.loads(report.read_text())
     whole = sum(row["processors"] for row in rows)

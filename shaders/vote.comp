@@ -1,6 +1,6 @@
 // The four pixels around a point vote whether it is hidden: each compares its depth with that of the point's own plane
 // at the pixel's centre. When they agree, that is the answer; else the pair is listed for witness.comp.
-// One invocation answers for 4 points and 8 eyes.
+// One invocation answers for 4 points and up to 8 eyes.
 // Twin: tests/visibility/witness_twin.py, votes.
 #version 430
 layout(local_size_x = 64) in;

@@ -1,6 +1,7 @@
-// main() of a pass that asks for 4 points and 8 eyes in one invocation. ask(eye, point) is VISIBLE, DOUBTFUL or HIDDEN;
+// main() of a pass that asks for 4 points and up to 8 eyes, EYES, in one invocation. ask(eye, point) is VISIBLE, DOUBTFUL or HIDDEN;
 // list(doubts, block) gets the doubtful ones of all 32, in the order of the answers.
-// Unrolled, with the eye known to be the same for the whole group: software rasterisers then load matrices only once.
+// The compiler unrolls the loops, with the eye known to be the same for the whole group: software rasterisers then load
+// matrices only once.
 void main()
 {
     int eye = int(gl_WorkGroupID.y) * 8;

@@ -144,7 +144,7 @@ def test_what_cannot_be_tried_has_no_gain(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert auto.gain_of("exact", "oracle", Recipe(n_points=10), meshes) == 0.0
     (tmp_path / "broken.off").write_text("OFF\n")
     meshes = MeshCollection.from_paths([tmp_path])
-    assert Trial("exact", "oracle", Recipe(n_points=10), meshes).do(0, None) == 0.0
+    assert Trial("exact", "oracle", Recipe(n_points=10), meshes, (0,)).do(0, None) == 0.0
 
 
 def test_software_beside_an_nvidia_gpu_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -35,9 +35,10 @@ PROGRAMS: list[tuple[str, dict[str, object]]] = [
     *[("depth.vert", {"TILES": MOST_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
     *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
     *[
-        (name, {"TILES": MOST_TILES, "CUBE": cube, "EYES": GROUP})
+        (name, {"TILES": MOST_TILES, "CUBE": cube, "EYES": eyes})
         for name in ("depth_test.comp", "vote.comp")
         for cube in (0, 1)
+        for eyes in (1, GROUP)
     ],
     *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
     *[(name, {}) for name in ("candidates.comp", "peak.comp", "probe.comp", "stream.comp")],

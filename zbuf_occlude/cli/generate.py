@@ -50,8 +50,9 @@ from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
-WORTH_A_TRIAL, LEAST_GAIN = 10.0, 1.2
-"""Seconds of a run from which on `exact` is tried beside a software renderer, and the gain that is worth a line."""
+WORTH_A_TRIAL, LEAST_GAIN, LONGEST_TRIAL = 10.0, 1.2, 30.0
+"""Seconds of a run from which on `exact` is tried beside a software renderer; the gain that is worth a line; seconds
+after which a trial is given up."""
 
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
@@ -326,6 +327,7 @@ def faster_exact(plan: Plan, renderer: str) -> str:
 
     if plan.recipe.complete or not is_software(renderer):
         return ""
-    # a worker has loaded what it takes, and has as many threads as those that made the dataset
-    gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes, engine_here(None, Limits()))
+    # by a worker, which has loaded what it takes, as one of a worker per core
+    run = engine_here(None, Limits(seconds=LONGEST_TRIAL))
+    gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes, run)
     return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""

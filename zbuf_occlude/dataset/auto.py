@@ -4,7 +4,6 @@ import importlib.util
 import os
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from zbuf_occlude.dataset.generate import run_here
 from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.trial import LARGE, PATIENCE, Trial
-from zbuf_occlude.errors import DatasetError, GlError, MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility import find_method
@@ -106,7 +105,7 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     if recipe.method_options:
         raise OptionError(f"--set needs a named method; got --method {AUTO}. Name the one the option is of.")
     gain = gain_of("exact_gl", "exact", recipe, meshes) if _has_gpu() else 0.0
-    sizes = [size for size in map(partial(_sizes, recipe=recipe), _some(meshes)) if size]
+    sizes = [size for mesh_id in _some(meshes) if (size := _sizes(meshes[mesh_id], recipe))]
     n_faces, n_points = np.median(sizes, axis=0) if sizes else (0, recipe.n_points or 0)
     embree = importlib.util.find_spec("embreex") is not None
     choice = choose(int(n_faces), int(n_points), gain=gain, embree=embree)
@@ -121,14 +120,13 @@ def gain_of(method: str, other: str, recipe: Recipe, meshes: MeshCollection, run
         gains.append(gain)
         return ()
 
-    with suppress(DatasetError, GlError, MeshError, UnavailableError):
-        run(Trial(method, other, recipe, MeshCollection(_some(meshes))), [0], done)
+    with suppress(OccludeError, OSError, MemoryError):
+        run(Trial(method, other, recipe, meshes, _some(meshes)), [0], done)
     return gains[-1]
 
 
-def _some(meshes: MeshCollection) -> list[MeshEntry]:
-    places = np.unique(np.linspace(0, len(meshes) - 1, min(LOOKED_AT, len(meshes))).astype(int))
-    return [meshes[int(place)] for place in places]
+def _some(meshes: MeshCollection) -> tuple[int, ...]:
+    return tuple(np.unique(np.linspace(0, len(meshes) - 1, min(LOOKED_AT, len(meshes))).astype(int)).tolist())
 
 
 def _sizes(entry: MeshEntry, recipe: Recipe) -> tuple[float, float] | None:

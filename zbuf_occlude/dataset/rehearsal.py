@@ -24,19 +24,17 @@ _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf
 
 
 def rehearse(recipe: Recipe, require_gpu: bool) -> None:
-    """Open what the method needs, so that a wrong option or a missing driver shows before anything is written.
-
-    It is asked about one triangle, too, where that may tell more: with options, with a package of its own, the first
-    time here.
+    """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
 
     Raises
     ------
     OptionError, UnavailableError, GlError
         What any mesh would have met; also a software renderer when a GPU is required.
     """
-    row, gl = find_method(recipe.method), None
+    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
     with ExitStack() as stack:
-        if row.needs_gl:
+        gl = None
+        if find_method(recipe.method).needs_gl:
             from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
 
             gl = stack.enter_context(GlContext.open())
@@ -45,9 +43,6 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
                     f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
                     "See `zbuf-occlude doctor`, or leave --require-gpu out."
                 )
-        if is_compiled(recipe) and not (row.extra or recipe.method_options):
-            return
-        triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
         occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
         occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 

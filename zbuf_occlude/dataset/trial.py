@@ -43,13 +43,16 @@ class Trial:
     recipe : Recipe
         Its points, and its options if it is the method's or the other's.
     meshes : MeshCollection
-        A few. On the smallest all is loaded or compiled before anything is timed.
+        Of the job; the larger it is, the less of each mesh is checked.
+    chosen : tuple of int
+        A few of them. On the smallest all is loaded or compiled before anything is timed.
     """
 
     method: str
     other: str
     recipe: Recipe
     meshes: MeshCollection
+    chosen: tuple[int, ...]
 
     @property
     def needs_gl(self) -> bool:
@@ -63,15 +66,19 @@ class Trial:
         lost: Mapping[int, GivenUp] = MappingProxyType({}),
         on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
     ) -> float:
-        """Do it; parameters as of `jobs.Task`, of which only `gl` matters."""
+        """Do it, as one mesh to those who watch; parameters as of `jobs.Task`. Where workers died of it, leave it."""
+        if lost:
+            return 0.0
+        on_mesh(0)
         sizes: dict[int, int] = {}
-        for i, entry in enumerate(self.meshes):
-            with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
+        for mesh_id in self.chosen:
+            entry = self.meshes[mesh_id]
+            with suppress(MeshError, OSError, MemoryError), Limits(seconds=PATIENCE).watch():
                 if not entry.path or os.path.getsize(entry.path) <= LARGE:
-                    sizes[i] = len(entry.load().faces)
+                    sizes[mesh_id] = len(entry.load().faces)
         if not sizes:
             return 0.0
-        ordered = sorted(sizes, key=lambda i: sizes[i])
+        ordered = sorted(sizes, key=lambda mesh_id: sizes[mesh_id])
         smallest, middling = ordered[0], ordered[len(ordered) // 2]
         return self._seconds(self.other, gl, smallest, middling) / self._seconds(self.method, gl, smallest, middling)
 
