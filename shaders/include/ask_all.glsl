@@ -1,5 +1,5 @@
-// main() of a pass that asks for 4 points and up to 8 eyes, EYES, in one invocation. ask(eye, point) is VISIBLE, DOUBTFUL or HIDDEN;
-// list(doubts, block) gets the doubtful ones of all 32, in the order of the answers.
+// main() of a pass that asks for 4 points and EYES eyes, at most 8, in one invocation. ask(eye, point) is VISIBLE,
+// DOUBTFUL or HIDDEN; list(doubts, block) gets the doubtful ones of all, in the order of the answers.
 // The compiler unrolls the loops, with the eye known to be the same for the whole group: software rasterisers then load
 // matrices only once.
 void main()

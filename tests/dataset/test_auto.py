@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +16,7 @@ from zbuf_occlude.dataset.trial import Trial
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm import local
 from zbuf_occlude.gl import nvidia
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes import shapes
 
 
@@ -96,18 +95,20 @@ def test_options_need_a_named_method() -> None:
 
 
 def test_on_a_gpu_both_are_tried_on_a_mesh_of_middling_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    tried = []
+    now, tried = [0.0], []
 
     def make(plan: Plan, mesh_id: int, gl: object, store: object) -> None:
+        now[0] += {"exact": 3.0, "exact_gl": 1.0}[plan.recipe.method]
         tried.append((plan.recipe.method, plan.recipe.n_points, len(plan.meshes[mesh_id].load().faces)))
 
     monkeypatch.setattr(auto, "_has_gpu", lambda: True)
     monkeypatch.setattr(Trial, "needs_gl", False)
     monkeypatch.setattr(trial, "make_mesh", make)
-    monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=count(0.0, 1.0).__next__))
+    monkeypatch.setattr(trial, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     meshes = shapes.collection().limit(3)
     sizes = sorted(len(entry.load().faces) for entry in meshes)
-    assert resolve(Recipe(method=AUTO, n_points=321), meshes).method == "exact"  # one is as fast as the other
+    found = resolve(Recipe(method=AUTO, n_points=321), meshes)
+    assert (found.method, "3.0 times as fast" in found.reason) == ("exact_gl", True)
     assert tried == [
         (method, n, size) for method in ("exact", "exact_gl") for n, size in ((100, sizes[0]), (321, sizes[1]))
     ]
@@ -133,6 +134,16 @@ def test_a_worker_tries_real_meshes() -> None:
     run = partial(local.run_jobs, n_workers=1, limits=Limits())
     recipe = Recipe(method="oracle", n_points=300)
     assert auto.gain_of("exact", "oracle", recipe, shapes.collection().limit(2), run) > 0.0
+
+
+def test_a_trial_that_workers_died_of_is_left() -> None:
+    """A supervisor knows of a mesh that it is told of, and tells the next worker when it gives that up."""
+    told: list[int | None] = []
+    one = Trial("exact", "oracle", Recipe(n_points=10), shapes.collection().limit(1), (0,))
+    assert one.do(0, None, {0: GivenUp("it hung", Limits())}, told.append) == 0.0
+    assert not told
+    assert one.do(0, None, on_mesh=told.append) > 0.0
+    assert told == [0]
 
 
 def test_what_cannot_be_tried_has_no_gain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
