@@ -33,30 +33,72 @@ def test_what_can_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "not" / "yet")
 
 
-@pytest.mark.parametrize("elsewhere", [False, True])
-def test_a_changed_function_is_compiled_anew_where_others_call_it(tmp_path: Path, elsewhere: bool) -> None:
-    (tmp_path / "numba_cache.py").write_text(Path(numba_cache.__file__).read_text())
+PROGRAM = (
+    "import numba_cache; numba_cache.forget_stale(); import caller, apart\n"
+    "print(caller.ask(), sum(caller.ask.stats.cache_hits.values()), apart.zero(), len(apart.zero.stats.cache_hits))"
+)
+"""Prints two functions' answers, after each whether it was there already."""
+
+
+def says(folder: Path, cache: Path | None) -> list[str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache or "")}
+    call = [sys.executable, "-B", "-c", PROGRAM]
+    child = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+    return child.stdout.split()
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The module under test, in a folder of files that import each other."""
+    folder = tmp_path / "package"
+    folder.mkdir()
+    (folder / "numba_cache.py").write_text(Path(numba_cache.__file__).read_text())
     jit = "@numba.njit(cache=True)\n"
-    (tmp_path / "caller.py").write_text(f"import numba\nimport callee\n{jit}def ask():\n    return callee.answer()\n")
-    (tmp_path / "callee.py").write_text(
+    (folder / "caller.py").write_text(f"import numba\nimport callee\n{jit}def ask():\n    return callee.answer()\n")
+    (folder / "callee.py").write_text(
         "import numba\nfrom constants import (\n    ANSWER,\n)\n@numba.njit\ndef answer():\n    return ANSWER\n"
     )
-    (tmp_path / "apart.py").write_text(f"import numba\n{jit}def zero():\n    return 0\n")
-    program = (
-        "import numba_cache; numba_cache.forget_stale(); import caller, apart\n"
-        "print(caller.ask(), sum(caller.ask.stats.cache_hits.values()), apart.zero(), len(apart.zero.stats.cache_hits))"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache") if elsewhere else ""}
-    said = []
-    for answer in (1, 1, 22):
-        if answer > 1 or not said:
-            (tmp_path / "constants.py").write_text(f"ANSWER = {answer}\n")
-        call = [sys.executable, "-B", "-c", program]
-        child = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        assert child.returncode == 0, child.stderr
-        said.append(child.stdout.split())
-    # each: its answer, and whether it was there already; what does not import the constant stays
-    assert said == [["1", "0", "0", "0"], ["1", "1", "0", "1"], ["22", "0", "0", "1"]]
+    (folder / "constants.py").write_text("ANSWER = 1\n")
+    (folder / "apart.py").write_text(f"import numba\n{jit}def zero():\n    return 0\n")
+    return folder
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_changed_function_is_compiled_anew_where_others_call_it(package: Path, elsewhere: bool) -> None:
+    cache = package.parent / "cache" if elsewhere else None
+    assert says(package, cache) == ["1", "0", "0", "0"]
+    assert says(package, cache) == ["1", "1", "0", "1"]
+    (package / "constants.py").write_text("ANSWER = 22\n")
+    assert says(package, cache) == ["22", "0", "0", "1"]  # what does not import the constant stays
+
+
+def test_a_run_with_a_folder_of_its_own_leaves_what_others_compiled(package: Path) -> None:
+    assert says(package, None) == ["1", "0", "0", "0"]
+    assert says(package, package.parent / "cache") == ["1", "0", "0", "0"]
+    assert says(package, None) == ["1", "1", "0", "1"]
+
+
+def test_nobody_finds_half_a_note(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that begins while another writes the note would take all that is compiled for stale."""
+    monkeypatch.setattr(numba_cache, "__file__", str(package / "numba_cache.py"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(package.parent / "cache"))
+    numba_cache.forget_stale()
+    (note,) = (package.parent / "cache").glob("*.sources")
+    before, during = note.read_text(), []
+    write_text = Path.write_text
+
+    def write(path: Path, text: str) -> int:
+        written = write_text(path, text)
+        during.append(note.read_text())
+        return written
+
+    (package / "constants.py").write_text("ANSWER = 22\n")
+    monkeypatch.setattr(Path, "write_text", write)
+    numba_cache.forget_stale()
+    assert during == [before]
+    assert note.read_text() != before
+    assert [path.name for path in note.parent.iterdir()] == [note.name]
 
 
 def test_what_was_compiled_is_noted_until_a_source_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,8 @@ def forget_stale() -> None:
     """Remove what was compiled of other sources than these.
 
     numba compiles a function anew when its own file changed, not when the file of one that was compiled into it did:
-    after an update it would answer as before. What counts for a file is its own text and that of all it imports.
+    after an update it would answer as before. What counts for a file is its own text and that of all it imports. Where
+    this process keeps nothing, nothing is removed: a folder named by NUMBA_CACHE_DIR has a note of its own.
     """
     place = _place()
     if place is None:
@@ -45,15 +46,13 @@ def forget_stale() -> None:
             return
         now = _digests({Path(path): Path(path).read_text(encoding="utf-8", errors="replace") for path in _files()})
         for source, digest in now.items():
-            if then.get(str(source)) == digest:
-                continue
-            folder = str(source.parent)
-            below = f"{source.parent.name}_{hashlib.sha1(folder.encode()).hexdigest()}"  # numba's name of it
-            for kept in (Path(folder, "__pycache__"), Path(place, below)):
-                for compiled in kept.glob(f"{source.stem}.*.nb[ic]"):
+            if then.get(str(source)) != digest:
+                for compiled in _kept(source, place).glob(f"{source.stem}.*.nb[ic]"):
                     compiled.unlink(missing_ok=True)
         note.parent.mkdir(parents=True, exist_ok=True)
-        note.write_text(json.dumps({"status": status, **{str(source): digest for source, digest in now.items()}}))
+        whole = note.with_suffix(f".{os.getpid()}")  # who finds half a note takes all for stale
+        whole.write_text(json.dumps({"status": status, **{str(source): digest for source, digest in now.items()}}))
+        whole.replace(note)
 
 
 def is_compiled(job: str) -> bool:
@@ -108,6 +107,18 @@ def _files() -> Iterator[str]:
         yield from (os.path.join(folder, name) for name in names if name.endswith(".py"))
 
 
+def _kept(source: Path, place: str) -> Path:
+    """Where numba keeps what it compiled of a source, in a place that `_place` found."""
+    if place == _beside():
+        return source.parent / "__pycache__"
+    return Path(place, f"{source.parent.name}_{hashlib.sha1(str(source.parent).encode()).hexdigest()}")  # numba's name
+
+
+def _beside() -> str:
+    """Beside the package's own sources."""
+    return os.path.join(os.path.dirname(__file__), "__pycache__")
+
+
 def _read(note: Path) -> dict[str, str]:
     """What was noted of the sources; nothing where there is no such note."""
     try:
@@ -150,7 +161,7 @@ def _place() -> str | None:
     """The first folder that numba will find it can write into."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     users = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = [given, os.path.join(os.path.dirname(__file__), "__pycache__"), os.path.join(users, "numba")]
+    places = [given, _beside(), os.path.join(users, "numba")]
     return next((place for place in places if place and _is_writable(place)), None)
 
 
