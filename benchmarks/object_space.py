@@ -15,12 +15,12 @@ import statistics
 import time
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
 import zbuf_occlude as zo
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.meshes.shapes import benchmark_mesh
+from zbuf_occlude.threads import use_threads
 from zbuf_occlude.visibility.interface import Occluder
 
 EYES = zo.views.paper100().eyes[::20]
@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("meshes", nargs="*")
     parser.add_argument("--faces", nargs="+", type=int, help="of built-in cars, as well as the meshes")
     arguments = parser.parse_args()
-    numba.set_num_threads(1)
+    use_threads(1)
     if arguments.what == "growth":
         return growth()
     meshes = [load_mesh(path).normalized() for path in arguments.meshes]

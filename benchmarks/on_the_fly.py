@@ -8,13 +8,13 @@ worker, in batches of 32, everything included but its start.
 import argparse
 import time
 
-import numba
 import numpy as np
 import torch
 
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes import shapes
+from zbuf_occlude.threads import use_threads
 
 
 class Occluded(torch.utils.data.Dataset):
@@ -50,7 +50,7 @@ def main() -> None:
     arguments = parser.parse_args()
     meshes = choose(arguments.meshes)
     print(f"{len(meshes)} meshes, {np.median([len(mesh.faces) for mesh in meshes]):.0f} faces in the median")
-    numba.set_num_threads(1)
+    use_threads(1)
     torch.set_num_threads(1)
     for eyes in (1, 8):
         occlude = OnTheFlyOcclusion(arguments.points, eyes_per_sampling=eyes)

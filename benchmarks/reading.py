@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from zbuf_occlude import Mesh, MeshError, load_mesh
@@ -20,6 +19,7 @@ from zbuf_occlude.meshes.files import _READERS as READERS
 from zbuf_occlude.meshes.obj import _KEYWORDS as OBJ
 from zbuf_occlude.meshes.stl import _KEYWORDS as STL
 from zbuf_occlude.meshes.text import NO_KEYWORDS, Lines
+from zbuf_occlude.threads import use_threads
 
 KEYWORDS = {".obj": OBJ, ".stl": STL}
 
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    numba.set_num_threads(1)
+    use_threads(1)
     sets: dict[str, list[Path]] = {}
     for path in sorted(arguments.folder.rglob("*")):
         if path.suffix.lower() in (".off", ".obj"):

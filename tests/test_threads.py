@@ -46,6 +46,30 @@ def test_a_fork_of_a_process_that_has_used_threads_answers_the_same() -> None:
     assert child.returncode == 0, child.stderr
 
 
+def child(program: str, **variables: str) -> str:
+    root = Path(__file__).parents[1]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "4", **variables}
+    line = [sys.executable, "-c", f"from zbuf_occlude import threads\nfrom tests.test_threads import answer\n{program}"]
+    ended = subprocess.run(line, cwd=root, env=environment, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def test_the_number_of_threads_of_others_is_theirs() -> None:
+    """numba, asked for its number first, starts threads of OpenMP's and gives torch as many as there are cores."""
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+    said = child("import torch\nanswer('exact'), answer('oracle')\nprint(threads.n_threads(), torch.get_num_threads())")
+    assert said == "4 1\n"
+
+
+def test_who_says_how_many_threads_is_heeded() -> None:
+    program = "import numba\nnumba.set_num_threads({numba})\n{ours}\nprint(threads.n_threads())"
+    assert child(program.format(numba=3, ours="")) == "3\n"
+    assert child(program.format(numba=3, ours="threads.use_threads(2)")) == "2\n"
+    assert child(program.format(numba=3, ours="threads.use_threads(4)")) == "3\n"
+    assert child("threads.use_threads(2)\nprint(threads.n_threads())") == "2\n"
+
+
 def test_numbas_own_threads_are_used_nowhere() -> None:
     """They wait actively, and GNU OpenMP's end a process that was forked from one that had used them."""
     package = Path(threads.__file__).parent

@@ -11,6 +11,7 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
+from numba.np.ufunc import parallel
 
 shared = njit(nogil=True, cache=True, _nrt=False)
 """Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
@@ -66,8 +67,25 @@ def n_blocks(n: int, size: int) -> int:
 
 
 def n_threads() -> int:
-    """Return how many threads a call may use."""
-    return 1 if _alone else numba.get_num_threads()
+    """Return how many threads a call may use: as `use_threads` said, else NUMBA_NUM_THREADS or one for each core.
+
+    What `numba.set_num_threads` said counts too. But numba is only asked where it has been before: asked first, it
+    starts threads of its own, which nothing here uses, and where they are OpenMP's sets the number of torch's.
+    """
+    if _alone:
+        return 1
+    asked = getattr(parallel, "_is_initialized", False)
+    of_numba = numba.get_num_threads() if asked else numba.config.NUMBA_NUM_THREADS
+    return min(_most, of_numba) if _most else of_numba
+
+
+_most = 0
+
+
+def use_threads(n: int) -> None:
+    """Let calls in this process use at most n threads, one at least; children that are forked from it inherit that."""
+    global _most
+    _most = max(1, n)
 
 
 _alone = False

@@ -31,7 +31,7 @@ def serve(
 
     A forked one ends with the server that it was forked from, which ends with the supervisor's process.
     """
-    import numba  # late: the supervisor's process computes nothing
+    from zbuf_occlude.threads import use_threads  # late, with numba: the supervisor's process computes nothing
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor decides what an interrupt means
     _let_server_end()
@@ -40,7 +40,7 @@ def serve(
     variables |= {name: os.environ[name] for name in FIXED if name in os.environ}
     os.environ.clear()  # the server's, perhaps of another run
     os.environ.update(variables)
-    numba.set_num_threads(min(n_threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(n_threads)
     work(connection, sent.unpacked(), device_index)
 
 

@@ -7,7 +7,6 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from zbuf_occlude.dataset.plan import ATTRIBUTES, SCALES
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.threads import use_threads
 from zbuf_occlude.views import PAPER_DISTANCE
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
@@ -142,7 +142,7 @@ class OnTheFlyOcclusion:
             for subject in self._subjects.values():
                 subject.forget_clouds()  # drawn before this process was forked: its siblings have them too
             if get_worker_info() is not None:
-                numba.set_num_threads(1)
+                use_threads(1)
         cloud = self._subject(vertices, faces, mesh).next_cloud(self)
         if self.scale == "cloud":
             centre, factor = fit(cloud[:, :3])

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from torch.utils.data import get_worker_info
@@ -19,6 +18,7 @@ from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import captures, sensor_places, stand
 from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.threads import use_threads
 from zbuf_occlude.views import Views
 
 ROUNDS = 8
@@ -101,7 +101,7 @@ class OnTheFlyScan:
         if not isinstance(mesh, Mesh):
             mesh = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).cleaned()
         if get_worker_info() is not None:
-            numba.set_num_threads(1)
+            use_threads(1)
         standing, size = stand(mesh, label, self.setup)
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
