@@ -80,6 +80,7 @@ def made_here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.long
 @ON_LINUX
 @pytest.mark.parametrize("system", ["darwin", "win32"])
 def test_the_whole_job_without_what_only_linux_has(system: str, made_here: Path, tmp_path: Path) -> None:

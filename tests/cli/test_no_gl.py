@@ -88,6 +88,7 @@ def test_where_opengl_opens_nothing_is_said(gl: object) -> None:
     assert auto.by_default() == auto.Choice("depth_buffer", "")
 
 
+@pytest.mark.long
 def test_both_commands_of_the_readme_with_all_libraries_masked(mesh: Path, tmp_path: Path) -> None:
     unshare = ["unshare", "--mount", "bash", "-c", MASKED, "masked"]
     if shutil.which("unshare") is None or subprocess.run([*unshare, "true"], capture_output=True).returncode:

@@ -23,6 +23,7 @@ def meshes(tmp_path: Path) -> Path:
     return tmp_path / "meshes"
 
 
+@pytest.mark.long
 def test_parts_made_in_namespaces_of_their_own_are_one_dataset(meshes: Path, tmp_path: Path) -> None:
     if shutil.which(UNSHARE[0]) is None or subprocess.run([*UNSHARE, "true"], capture_output=True).returncode:
         pytest.skip("this machine may not make PID namespaces")

@@ -47,7 +47,7 @@ def collection() -> MeshCollection:
 
 def plan(format: str, **changes: object) -> Plan:
     row = find_format(format)
-    recipe = Recipe(method="oracle", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
+    recipe = Recipe(method="exact", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
     return Plan(collection(), replace(row.redrawn(recipe), **changes), format)
 
 

@@ -43,7 +43,7 @@ def plan(row: Format, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Ten objects, one of which fails, in two groups, a shard each; parts are of two."""
     n_points = 16_384 if row.pairs or row.complete else 64
     recipe = Recipe(
-        method="oracle", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
+        method="exact", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
     )
     entries = [
         MeshEntry(f"class{i % 2}/m{i}", f"class{i % 2}", "test" if i % 3 == 0 else "train", partial(tetrahedron, i))

@@ -120,6 +120,7 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 60
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "limits", "reason"),
     [
@@ -177,6 +178,7 @@ def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
         look_at(plan_of(ball, ball), out, 0)
 
 
+@pytest.mark.long
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from tests.farm.test_local import *\n"
@@ -248,6 +250,7 @@ def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> N
     assert child.returncode == 0, child.stderr
 
 
+@pytest.mark.long
 def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path) -> None:
     """Of a mesh that takes too long the summary says all there is to say; numba's locks are nobody's business."""
     options = [

@@ -116,6 +116,7 @@ def test_every_classifier_is_there(folder: Path) -> None:
     assert sizes == {1: 32, 2: 16, 3: 48}
 
 
+@pytest.mark.long
 def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

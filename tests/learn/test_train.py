@@ -104,6 +104,7 @@ train(CONFIG, boxes(24, 0), boxes(8, 1), Path(sys.argv[1]), progress=tell, check
 """
 
 
+@pytest.mark.long
 def test_killed_and_resumed_it_ends_with_the_same_weights(tmp_path: Path) -> None:
     undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
     folder = tmp_path / "killed"
