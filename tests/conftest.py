@@ -1,6 +1,5 @@
 """Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
 
-import gc
 import os
 import sys
 from collections.abc import Callable, Generator, Iterator
@@ -45,6 +44,8 @@ long one left when the others are done. A file is one process's, as are its fixt
 
 def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        return  # this one only hands out tests
     once = ExitStack()
     once.enter_context(one_at_a_time())
     config.add_cleanup(once.close)
@@ -60,11 +61,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.gl)
         elif item.get_closest_marker("gl"):
             item.fixturenames = ["gl", *names]  # type: ignore[attr-defined]  # a list of its own: siblings share theirs
-
-
-def pytest_collection_finish() -> None:
-    """What was imported and collected stays: not to look through it again saves a twentieth of the time."""
-    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -79,6 +79,28 @@ def test_a_run_with_a_folder_of_its_own_leaves_what_others_compiled(package: Pat
     assert says(package, None) == ["1", "1", "0", "1"]
 
 
+@pytest.mark.parametrize("given", ["{beside}/", "{folder}/link", "{folder}/cache"])
+def test_what_was_left_alone_goes_when_it_is_stale(package: Path, given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the usual place is called in between."""
+    beside = package / "__pycache__"
+    beside.mkdir()
+    (package.parent / "link").symlink_to(beside)
+    monkeypatch.setattr(numba_cache, "__file__", str(package / "numba_cache.py"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    numba_cache.forget_stale()
+    names = ["caller.ask-1.py311.nbi", "callee.answer-5.py311.1.nbc", "apart.zero-1.py311.nbi"]
+    for name in names:
+        (beside / name).touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", given.format(beside=beside, folder=package.parent))
+    numba_cache.forget_stale()
+    assert all((beside / name).exists() for name in names)
+    (package / "constants.py").write_text("ANSWER = 22\n")
+    numba_cache.forget_stale()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    numba_cache.forget_stale()
+    assert [(beside / name).exists() for name in names] == [False, False, True]
+
+
 def test_nobody_finds_half_a_note(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that begins while another writes the note would take all that is compiled for stale."""
     monkeypatch.setattr(numba_cache, "__file__", str(package / "numba_cache.py"))
@@ -95,8 +117,12 @@ def test_nobody_finds_half_a_note(package: Path, monkeypatch: pytest.MonkeyPatch
 
     (package / "constants.py").write_text("ANSWER = 22\n")
     monkeypatch.setattr(Path, "write_text", write)
+    with monkeypatch.context() as full:
+        full.setattr(Path, "replace", lambda path, target: (_ for _ in ()).throw(OSError("refused")))
+        numba_cache.forget_stale()
+    assert note.read_text() == before
     numba_cache.forget_stale()
-    assert during == [before]
+    assert during == [before, before]
     assert note.read_text() != before
     assert [path.name for path in note.parent.iterdir()] == [note.name]
 

@@ -80,9 +80,8 @@ def made_here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-@pytest.mark.long
 @ON_LINUX
-@pytest.mark.parametrize("system", ["darwin", "win32"])
+@pytest.mark.parametrize("system", [pytest.param("darwin", marks=pytest.mark.long), "win32"])
 def test_the_whole_job_without_what_only_linux_has(system: str, made_here: Path, tmp_path: Path) -> None:
     """Workers are spawned; nothing of Unix, no /proc, and (Windows) no change to open files is asked for."""
     as_there = {"PYTHONPATH": str(AS_THERE), "AS_ON": system}

@@ -32,27 +32,26 @@ def forget_stale() -> None:
     """Remove what was compiled of other sources than these.
 
     numba compiles a function anew when its own file changed, not when the file of one that was compiled into it did:
-    after an update it would answer as before. What counts for a file is its own text and that of all it imports. Where
-    this process keeps nothing, nothing is removed: a folder named by NUMBA_CACHE_DIR has a note of its own.
+    after an update it would answer as before. What counts for a file is its own text and that of all it imports. Each
+    place has a note of its own of the sources that what is there was compiled of: a run with another NUMBA_CACHE_DIR
+    removes nothing elsewhere that is of these.
     """
-    place = _place()
-    if place is None:
-        return
-    status, here = _sources(), os.path.dirname(os.path.abspath(__file__))
-    note = Path(place, f"zbuf_occlude-{hashlib.sha1(here.encode()).hexdigest()}.sources")
-    with suppress(OSError):
-        then = _read(note)
-        if then.get("status") == status:
-            return
-        now = _digests({Path(path): Path(path).read_text(encoding="utf-8", errors="replace") for path in _files()})
-        for source, digest in now.items():
-            if then.get(str(source)) != digest:
-                for compiled in _kept(source, place).glob(f"{source.stem}.*.nb[ic]"):
-                    compiled.unlink(missing_ok=True)
-        note.parent.mkdir(parents=True, exist_ok=True)
-        whole = note.with_suffix(f".{os.getpid()}")  # who finds half a note takes all for stale
-        whole.write_text(json.dumps({"status": status, **{str(source): digest for source, digest in now.items()}}))
-        whole.replace(note)
+    chosen, status = _place(), _sources()
+    now: dict[Path, str] = {}
+    for place in dict.fromkeys(map(os.path.realpath, _places())):
+        note = Path(place, f"zbuf_occlude-{hashlib.sha1(_here().encode()).hexdigest()}.sources")
+        if not note.exists() and (chosen is None or place != os.path.realpath(chosen)):
+            continue  # nothing was compiled there, or it cannot be written
+        with suppress(OSError):
+            then = _read(note)
+            if then.get("status") == status:
+                continue
+            now = now or _digests({Path(path): Path(path).read_text("utf-8", "replace") for path in _files()})
+            for source, digest in now.items():
+                if then.get(str(source)) != digest:
+                    for compiled in _compiled_of(source, place):
+                        compiled.unlink(missing_ok=True)
+            _write(note, json.dumps({"status": status, **{str(source): digest for source, digest in now.items()}}))
 
 
 def is_compiled(job: str) -> bool:
@@ -103,20 +102,39 @@ def _sources() -> str:
 
 def _files() -> Iterator[str]:
     """The package's sources."""
-    for folder, _, names in os.walk(os.path.dirname(os.path.abspath(__file__))):
+    for folder, _, names in os.walk(_here()):
         yield from (os.path.join(folder, name) for name in names if name.endswith(".py"))
 
 
-def _kept(source: Path, place: str) -> Path:
-    """Where numba keeps what it compiled of a source, in a place that `_place` found."""
-    if place == _beside():
-        return source.parent / "__pycache__"
-    return Path(place, f"{source.parent.name}_{hashlib.sha1(str(source.parent).encode()).hexdigest()}")  # numba's name
+def _compiled_of(source: Path, place: str) -> Iterator[Path]:
+    """What numba keeps of a source in a place: in a folder there named after the source's, or beside the source."""
+    folder = str(source.parent)
+    kept = [Path(place, f"{source.parent.name}_{hashlib.sha1(folder.encode()).hexdigest()}")]
+    if place == os.path.realpath(_beside()):
+        kept.append(source.parent / "__pycache__")
+    for one in kept:
+        yield from one.glob(f"{source.stem}.*.nb[ic]")
+
+
+def _write(note: Path, text: str) -> None:
+    """Write a note whole or not at all: who reads half of it takes all for stale."""
+    note.parent.mkdir(parents=True, exist_ok=True)
+    whole = note.with_suffix(f".{os.urandom(8).hex()}")
+    try:
+        whole.write_text(text)
+        whole.replace(note)
+    finally:
+        whole.unlink(missing_ok=True)
+
+
+def _here() -> str:
+    """The package's folder."""
+    return os.path.dirname(os.path.abspath(__file__))
 
 
 def _beside() -> str:
     """Beside the package's own sources."""
-    return os.path.join(os.path.dirname(__file__), "__pycache__")
+    return os.path.join(_here(), "__pycache__")
 
 
 def _read(note: Path) -> dict[str, str]:
@@ -133,7 +151,7 @@ _IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([\w.]+)(?:[ \t]+import[ \t]*
 
 def _digests(texts: Mapping[Path, str]) -> dict[Path, str]:
     """For each source a digest of its text and of the texts of all that it imports of the package, near and far."""
-    root = Path(os.path.abspath(__file__)).parent
+    root = Path(_here())
     by_name = {".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path for path in texts}
     imported: dict[Path, set[Path]] = {}
     for path, text in texts.items():
@@ -159,10 +177,14 @@ def _digests(texts: Mapping[Path, str]) -> dict[Path, str]:
 
 def _place() -> str | None:
     """The first folder that numba will find it can write into."""
+    return next((place for place in _places() if _is_writable(place)), None)
+
+
+def _places() -> list[str]:
+    """Where numba looks for one."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     users = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = [given, _beside(), os.path.join(users, "numba")]
-    return next((place for place in places if place and _is_writable(place)), None)
+    return [place for place in (given, _beside(), os.path.join(users, "numba")) if place]
 
 
 def _is_writable(place: str) -> bool:

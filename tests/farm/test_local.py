@@ -120,7 +120,6 @@ def test_a_mesh_that_kills_its_workers_is_given_up(out: Path, monkeypatch: pytes
     assert records(plan, out, 0)["mesh_id"].tolist() == [0] * 60
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "limits", "reason"),
     [
@@ -178,7 +177,6 @@ def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
         look_at(plan_of(ball, ball), out, 0)
 
 
-@pytest.mark.long
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from tests.farm.test_local import *\n"
@@ -222,9 +220,10 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
         monkeypatch.setenv("TOLD_TO_WORKERS", value)
         out = tmp_path / value
         out.mkdir()
-        plan = plan_of(_tell)
-        run(plan, out, n_workers=1)
-        assert failures(plan, out) == {"m0": f"{value}, {numba.config.NUMBA_NUM_THREADS} threads"}
+        plan = plan_of(*[_tell] * 4)
+        run(plan, out, n_workers=2)
+        n = min(numba.config.NUMBA_NUM_THREADS, max(1, (os.cpu_count() or 1) // 2))
+        assert failures(plan, out) == {f"m{i}": f"{value}, {n} threads" for i in range(4)}
 
 
 def _tell(number: int) -> Mesh:

@@ -17,7 +17,7 @@ from zbuf_occlude.farm.sent import Sent
 _PR_SET_PDEATHSIG = 1
 
 FIXED = ("NUMBA_NUM_THREADS",)
-"""Variables that numba has read and will not have changed."""
+"""Variables that numba has read where workers are forked from."""
 
 
 def serve(

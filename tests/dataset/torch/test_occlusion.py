@@ -18,6 +18,7 @@ from tests.scenes import sphere  # noqa: E402
 from zbuf_occlude import ArgumentError, Mesh, MeshError, OptionError, SurfacePoints, prepare  # noqa: E402
 from zbuf_occlude.colors import GREY, WHITE, SurfaceColors  # noqa: E402
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion  # noqa: E402
+from zbuf_occlude.threads import n_threads  # noqa: E402
 
 BALL = sphere(24)
 
@@ -117,7 +118,7 @@ class Meshes(torch.utils.data.Dataset):  # type: ignore[misc]  # torch is not ty
         return 12
 
     def __getitem__(self, index: int) -> Any:
-        return self.transform(sphere(6 + index % 3)), index
+        return self.transform(sphere(6 + index % 3)), n_threads()
 
 
 def test_in_a_spawned_worker() -> None:
@@ -125,13 +126,14 @@ def test_in_a_spawned_worker() -> None:
     loader = torch.utils.data.DataLoader(
         Meshes(occlude), batch_size=3, num_workers=1, multiprocessing_context="spawn", timeout=500
     )
-    batches = [clouds for clouds, _ in loader]
+    batches = [clouds for clouds, threads in loader if (threads == 1).all()]
+    assert len(batches) == 4, "a worker has one thread"
     assert all(clouds.shape == (3, 128, 3) for clouds in batches)
     assert len({cloud.numpy().tobytes() for clouds in batches for cloud in clouds}) == 12
 
 
 def test_in_forked_workers() -> None:
-    """In an interpreter of its own, which has not used numba's threads before it forks, and then has."""
+    """In an interpreter of its own, which has not used threads before it forks, and then has."""
     program = (
         "import torch; from tests.dataset.torch.test_occlusion import Meshes, OnTheFlyOcclusion\n"
         "meshes = Meshes(OnTheFlyOcclusion(128))\n"
