@@ -46,9 +46,9 @@ def test_a_fork_of_a_process_that_has_used_threads_answers_the_same() -> None:
     assert child.returncode == 0, child.stderr
 
 
-def child(program: str, **variables: str) -> str:
+def child(program: str) -> str:
     root = Path(__file__).parents[1]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "4", **variables}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "4"}
     line = [sys.executable, "-c", f"from zbuf_occlude import threads\nfrom tests.test_threads import answer\n{program}"]
     ended = subprocess.run(line, cwd=root, env=environment, capture_output=True, text=True, timeout=300)
     assert ended.returncode == 0, ended.stderr
