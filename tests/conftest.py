@@ -1,5 +1,6 @@
 """Fixtures of the whole suite: the one OpenGL context of the test process; and skips that must not happen."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Generator, Iterator
@@ -13,6 +14,7 @@ from hypothesis import settings
 from tests.compiling import one_at_a_time
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
+from zbuf_occlude.kernels import compare_options_quickly
 from zbuf_occlude.versions import n_cores
 
 GL = pytest.StashKey[GlContext]()
@@ -25,6 +27,12 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 """Some 300 processes import the package: a quarter of a second of each where nothing keeps its modules compiled, and
 asserts rewritten take each test process ten. numba's functions are kept beside them anyway."""
+
+os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"
+"""numba colours all 27,000 messages of what its functions cannot take, which it drops: a fifteenth of compiling."""
+
+gc.set_threshold(50_000, 20, 20)
+"""What is compiled and imported stays: a ninth of compiling went to looking through it for garbage."""
 
 settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("unhurried")
@@ -46,6 +54,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         return  # this one only hands out tests
+    compare_options_quickly()
     once = ExitStack()
     once.enter_context(one_at_a_time())
     config.add_cleanup(once.close)
@@ -76,8 +85,8 @@ def no_waiting_for_the_disk() -> Iterator[None]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Two processes more than cores, as some tests wait, for hanging workers or for another's compiling."""
-    return n_cores() + 2
+    """One process more than cores, as some tests wait, for hanging workers or for another's compiling."""
+    return n_cores() + 1
 
 
 LEFT_OUT = pytest.StashKey[list[str]]()

@@ -87,7 +87,7 @@ def test_notebooks(tmp_path: Path) -> None:
     pytest.importorskip("nbmake", reason="nbmake is not installed: pip install 'zbuf-occlude[test]'")
     notebooks = [str(path) for path in sorted(EXAMPLES.glob("*.ipynb"))]
     assert len(notebooks) == 2
-    options = ["-p", "nbmake", "--nbmake", "-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path)]
+    options = ["-p", "nbmake", "--nbmake", "-q", "-n0", "-p", "no:cacheprovider", "--rootdir", str(tmp_path)]
     line = [sys.executable, "-m", "pytest", *options, *notebooks]
     child = subprocess.run(line, capture_output=True, text=True, timeout=500, check=False, env=dict(os.environ))
     assert child.returncode == 0, child.stdout[-3000:] + child.stderr[-1000:]

@@ -1,10 +1,8 @@
 """The local engine: dead, hanging and swelling workers, a broken plan, a dead parent."""
 
 import os
-import signal
 import subprocess
 import sys
-import threading
 from functools import partial
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -12,11 +10,11 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from trimesh.creation import icosphere
 
 from tests.dataset.shards import make_shards
+from tests.farm.loads import bad, ball, hang, suicide, swell, tell
 from tests.processes import ended
-from zbuf_occlude import DatasetError, Mesh, MeshError, threads
+from zbuf_occlude import DatasetError
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import merge
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -29,26 +27,6 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
-
-
-def ball(number: int) -> Mesh:
-    return Mesh.from_trimesh(icosphere(subdivisions=1, radius=1 + number), name=f"ball_{number}")
-
-
-def suicide(number: int) -> Mesh:
-    os.kill(os.getpid(), signal.SIGKILL)
-    raise AssertionError
-
-
-def hang(number: int) -> Mesh:
-    threading.Event().wait()
-    raise AssertionError
-
-
-def swell(number: int) -> Mesh:
-    kept = np.ones(200_000_000)  # 1.6 GB, touched
-    threading.Event().wait()
-    return Mesh(kept[:9].reshape(3, 3), np.array([[0, 1, 2]]))
 
 
 def plan_of(*loads: object) -> Plan:
@@ -205,13 +183,9 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
 
 
 def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:
-    plan = plan_of(ball, _bad, ball)
+    plan = plan_of(ball, bad, ball)
     run(plan, out)
     assert failures(plan, out) == {"m1": "m1 is bad"}
-
-
-def _bad(number: int) -> Mesh:
-    raise MeshError(f"m{number} is bad")
 
 
 def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,14 +194,10 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
         monkeypatch.setenv("TOLD_TO_WORKERS", value)
         out = tmp_path / value
         out.mkdir()
-        plan = plan_of(*[_tell] * 4)
+        plan = plan_of(*[tell] * 4)
         run(plan, out, n_workers=2)
         n = min(numba.config.NUMBA_NUM_THREADS, max(1, (os.cpu_count() or 1) // 2))
         assert failures(plan, out) == {f"m{i}": f"{value}, {n} threads" for i in range(4)}
-
-
-def _tell(number: int) -> Mesh:
-    raise MeshError(f"{os.environ['TOLD_TO_WORKERS']}, {threads.n_threads()} threads")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")

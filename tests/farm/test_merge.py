@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -59,6 +60,15 @@ def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def shards(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its shards alone, to be copied."""
+    out = tmp_path_factory.mktemp("shards") / "out"
+    claim(plan, out)
+    make_shards(plan, out)
+    return out
+
+
 def files(out: Path) -> dict[str, bytes]:
     """Everything in a folder but the manifest, whose seconds differ, and the picture."""
     names = {"manifest.json", "contact_sheet.png"}
@@ -69,7 +79,9 @@ def on_disk(out: Path) -> int:
     return sum(path.stat().st_size for path in out.rglob("*") if path.suffix in (".records", ".h5", ".part"))
 
 
-def test_same_bytes_whatever_writes_them_and_in_whatever_order(plan: Plan, whole: Path, tmp_path: Path) -> None:
+def test_same_bytes_whatever_writes_them_and_in_whatever_order(
+    plan: Plan, whole: Path, shards: Path, tmp_path: Path
+) -> None:
     def shuffled(task: Task, jobs: list[int], done: Done) -> None:
         rng, left = random.Random(3), list(jobs)
         while left:
@@ -77,8 +89,7 @@ def test_same_bytes_whatever_writes_them_and_in_whatever_order(plan: Plan, whole
             left.extend(done(job, task.do(job, None)))
 
     generate(plan, tmp_path / "two", run=shuffled)
-    claim(plan, tmp_path / "three")
-    make_shards(plan, tmp_path / "three")
+    shutil.copytree(shards, tmp_path / "three")
     documents = [merge(plan, tmp_path / "three", share=(i, 4)) for i in (2, 0, 3, 1)]
     assert [bool(document) for document in documents] == [False, False, False, True]
     assert files(whole) == files(tmp_path / "two") == files(tmp_path / "three")
@@ -190,12 +201,9 @@ class Killed(BaseException):
 
 @pytest.mark.parametrize("moment", ["before the mark", "before the cut", "after"])
 def test_a_killed_merge_goes_on_where_it_was(
-    plan: Plan, whole: Path, tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
+    plan: Plan, whole: Path, shards: Path, tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "out"
-    claim(plan, out)
-    make_shards(plan, out)
-    n_left = 7
+    out, n_left = shutil.copytree(shards, tmp_path / "out"), 7
 
     def kill(*arguments: Any) -> None:
         nonlocal n_left
@@ -228,11 +236,10 @@ def test_a_killed_merge_goes_on_where_it_was(
     assert files(out) == files(whole)
 
 
-@pytest.mark.parametrize("damage", ["file cut", "file gone", "mark", "shard flipped", "shard gone"])
-def test_what_is_lost_of_a_half_written_group_is_made_again(
-    plan: Plan, whole: Path, tmp_path: Path, damage: str
-) -> None:
-    out, n_left = tmp_path / "out", 24  # thirteen shards, and most of their files
+@pytest.fixture(scope="module")
+def half(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a killed run leaves, to be copied."""
+    out, n_left = tmp_path_factory.mktemp("half") / "out", 24  # thirteen shards, and most of their files
 
     def some(task: Task, jobs: list[int], done: Done) -> None:
         def stop(job: int, result: object) -> Iterable[int]:
@@ -246,6 +253,14 @@ def test_what_is_lost_of_a_half_written_group_is_made_again(
 
     with pytest.raises(Killed):
         generate(plan, out, run=some)
+    return out
+
+
+@pytest.mark.parametrize("damage", ["file cut", "file gone", "mark", "shard flipped", "shard gone"])
+def test_what_is_lost_of_a_half_written_group_is_made_again(
+    plan: Plan, whole: Path, half: Path, tmp_path: Path, damage: str
+) -> None:
+    out = shutil.copytree(half, tmp_path / "out")
     part = next(i for i in reversed(range(len(plan.parts))) if mark_path(out, i).exists())
     name = json.loads(mark_path(out, part).read_text())["files"][plan.parts[part].split][0]
     shard = next(p for i in range(len(plan.shards)) if (p := data_path(plan, out, i)).exists())

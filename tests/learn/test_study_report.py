@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -39,12 +40,18 @@ def write(folder: Path, results: list[Result]) -> None:
         (folder / FOLDER / f"{number:03d}.json").write_text(json.dumps(document))
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    out = tmp_path / "study"
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study's folder; drawing its pictures takes most of a second."""
+    out = tmp_path_factory.mktemp("written")
     write(out, [*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
     report.write_study(out)
     return out
+
+
+@pytest.fixture
+def folder(written: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(written, tmp_path / "study")
 
 
 def test_results_are_read_as_they_were(folder: Path) -> None:

@@ -205,6 +205,15 @@ def test_an_error_within_the_process_is_told(torus: PyrenderOccluder) -> None:
     occluder.close()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere what a process has loaded is not in /proc")
+def test_its_process_renders_without_scipy(torus: PyrenderOccluder) -> None:
+    """To import it takes as long as all else that the process needs to start."""
+    assert torus.visible(zo.sample_surface(TORUS, n_points=100), EYES).any()
+    loaded = Path(f"/proc/{process_of(torus).pid}/maps").read_text()
+    assert "/numpy/" in loaded
+    assert "/scipy/" not in loaded
+
+
 def test_no_such_device(torus: PyrenderOccluder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EGL_DEVICE_ID", "99")
     with pytest.raises(

@@ -10,11 +10,14 @@ import sys
 from multiprocessing.connection import Connection
 
 import numpy as np
-import pyrender
 from OpenGL.GL import GL_RENDERER, glGetString
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.camera import Frusta
+from zbuf_occlude.kernels import without_scipy
+
+with without_scipy():  # trimesh, which pyrender imports, can do without: half the time that the process takes to start
+    import pyrender
 
 # SEG switches multisampling off, so that depth is that of the pixel's centre; without it pyrender's depth is sampled
 # 1/8 pixel left and 3/8 below
