@@ -14,7 +14,6 @@ from hypothesis import settings
 from tests.compiling import one_at_a_time
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
-from zbuf_occlude.kernels import compare_options_quickly
 from zbuf_occlude.versions import n_cores
 
 GL = pytest.StashKey[GlContext]()
@@ -28,11 +27,8 @@ sys.dont_write_bytecode = False
 """Some 300 processes import the package: a quarter of a second of each where nothing keeps its modules compiled, and
 asserts rewritten take each test process ten. numba's functions are kept beside them anyway."""
 
-os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"
-"""numba colours all 27,000 messages of what its functions cannot take, which it drops: a fifteenth of compiling."""
-
 gc.set_threshold(50_000, 20, 20)
-"""What is compiled and imported stays: a ninth of compiling went to looking through it for garbage."""
+"""What is imported and compiled stays: a tenth of these processes' time went to looking through it for garbage."""
 
 settings.register_profile("unhurried", settings(), deadline=None)  # a busy machine is no failure
 settings.load_profile("unhurried")
@@ -54,7 +50,6 @@ def pytest_configure(config: pytest.Config) -> None:
     """From the first file on that it imports, a process waits for others' compiling instead of doing it too."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         return  # this one only hands out tests
-    compare_options_quickly()
     once = ExitStack()
     once.enter_context(one_at_a_time())
     config.add_cleanup(once.close)

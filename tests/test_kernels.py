@@ -15,10 +15,9 @@ import pytest
 from numba import njit as njit_of_numba
 from numba.core import entrypoints
 from numba.core.caching import Cache
-from numba.core.compiler import Flags
 from numba.core.dispatcher import Dispatcher
 
-from zbuf_occlude.kernels import compare_options_quickly, load_only, njit
+from zbuf_occlude.kernels import load_only, njit
 from zbuf_occlude.lanes import merged
 
 ROOT = Path(__file__).parents[1]
@@ -162,27 +161,3 @@ def test_a_numba_that_is_made_otherwise_loads_as_ever(monkeypatch: pytest.Monkey
     load_only()
     assert Cache.load_overload is before
     assert entrypoints._already_initialized is was_initialized
-
-
-def test_options_are_equal_where_their_values_are_however_they_were_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    compare_options_quickly()
-    unset, said, other = Flags(), Flags(), Flags()
-    said.fastmath = unset.fastmath  # what it is if nothing is said
-    other.nrt = not unset.nrt
-    every = [unset, said, other, other.copy()]
-    for one in every:
-        assert [one == each for each in every] == [one.values() == each.values() for each in every]
-        assert len({one, *every}) == 2
-    assert unset != "no options"
-    monkeypatch.setattr(Flags, "values", None)
-    assert other == other.copy(), "of what is set alike no option is looked at"
-
-
-def test_a_numba_that_is_made_otherwise_compares_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Otherwise:
-        pass
-
-    monkeypatch.setattr("numba.core.targetconfig.TargetConfig", Otherwise)
-    before = Otherwise.__eq__
-    compare_options_quickly()
-    assert Otherwise.__eq__ is before

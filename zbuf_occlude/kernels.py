@@ -78,23 +78,3 @@ def load_only() -> None:
             return self._load_overload(signature, context)
 
     Cache.load_overload, entrypoints._already_initialized = load_overload, True
-
-
-def compare_options_quickly() -> None:
-    """Have numba compare the options of two functions by what is set in them, in a process that is all ours.
-
-    Among its own functions that it has compiled it looks one up by all 22 options there are, set or not, eighty
-    thousand times while `exact` is compiled: a tenth of the time.
-    """
-    from numba.core.targetconfig import TargetConfig
-
-    if not hasattr(TargetConfig(), "_values"):
-        return  # a numba that is made otherwise compares as ever
-
-    def are_equal(self: Any, other: Any) -> bool:
-        if not isinstance(other, TargetConfig):
-            return NotImplemented
-        return bool(self._values == other._values or self.values() == other.values())
-
-    TargetConfig.__eq__ = are_equal
-    TargetConfig.__hash__ = lambda self: len(self.options)  # that of their names, which it is otherwise, says no more
