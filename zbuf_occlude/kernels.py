@@ -45,9 +45,10 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
 
 @contextmanager
 def without_scipy() -> Iterator[None]:
-    """Hide scipy from numba within the block, in a process that is all ours.
+    """Hide scipy from numba and trimesh within the block, in a process that is all ours.
 
     Before its first function numba imports scipy, for 0.15 s, to see whether there is BLAS to call; none here calls it.
+    trimesh, imported within, stays without it for good: only where nothing of trimesh's that needs it is called.
     """
     hidden = "scipy" not in sys.modules
     if hidden:

@@ -207,7 +207,7 @@ def test_an_error_within_the_process_is_told(torus: PyrenderOccluder) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere what a process has loaded is not in /proc")
 def test_its_process_renders_without_scipy(torus: PyrenderOccluder) -> None:
-    """To import it takes as long as all else that the process needs to start."""
+    """To import it takes two fifths of the time that the process takes to start."""
     assert torus.visible(zo.sample_surface(TORUS, n_points=100), EYES).any()
     loaded = Path(f"/proc/{process_of(torus).pid}/maps").read_text()
     assert "/numpy/" in loaded

@@ -16,7 +16,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.camera import Frusta
 from zbuf_occlude.kernels import without_scipy
 
-with without_scipy():  # trimesh, which pyrender imports, can do without: half the time that the process takes to start
+with without_scipy():  # trimesh, which pyrender imports, can do without: two fifths of the time to start
     import pyrender
 
 # SEG switches multisampling off, so that depth is that of the pixel's centre; without it pyrender's depth is sampled
