@@ -8,7 +8,7 @@ import pytest
 
 import zbuf_occlude as zo
 
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[2] / "shared" / "data"))
+DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[2] / "shared" / "data")).absolute()
 CHAIR = DATA / "modelnet" / "chair" / "train" / "chair_0003.off"
 needs_chair = pytest.mark.skipif(not CHAIR.exists(), reason=f"{CHAIR} is not there; set ZBUF_OCCLUDE_DATA")
 

@@ -25,8 +25,12 @@ Run = Callable[..., Outcome]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
-    """Yield a function that runs ``zbuf-occlude`` with its arguments; what it does to the environment is undone."""
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Iterator[Run]:
+    """Yield a function that runs ``zbuf-occlude`` with its arguments; what it does to the environment is undone.
+
+    It runs in a folder of the test's own: README's first command leaves its dataset, `occluded`, in the checkout.
+    """
+    monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> Outcome:
         monkeypatch.setattr("sys.argv", ["zbuf-occlude", *map(str, arguments)])
