@@ -13,7 +13,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.ply import write_table
+from zbuf_occlude.dataset.point_files import write_table
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection

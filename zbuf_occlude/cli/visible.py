@@ -24,7 +24,7 @@ from zbuf_occlude.cli.options import (
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.ply import write_ply
+from zbuf_occlude.dataset.point_files import write_ply
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud

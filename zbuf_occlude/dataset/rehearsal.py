@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude import numba_cache
+from zbuf_occlude.dataset.batch import make_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import run_shard
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -71,7 +71,7 @@ def compile_ahead(recipe: Recipe) -> None:
             gl = stack.enter_context(GlContext.open())
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
-        run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
+        make_batch(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
         if recipe.setup is not None:
             mesh = load_mesh(path)
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})))

@@ -16,7 +16,7 @@ import torch
 from zbuf_occlude.compare.run import machine
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.farm.worker import die_with_parent
+from zbuf_occlude.workers.worker import die_with_parent
 from zbuf_occlude.learn.checkpoint import Epoch, Trained
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
