@@ -12,8 +12,8 @@ from pathlib import Path
 
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.farm import local
-from zbuf_occlude.farm.supervisor import Limits
+from zbuf_occlude.workers import local
+from zbuf_occlude.workers.supervisor import Limits
 from zbuf_occlude.meshes import shapes
 
 WHOLE = 246_220

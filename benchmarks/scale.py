@@ -43,7 +43,7 @@ from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.dataset.sealed import write_sealed
 from zbuf_occlude.dataset.shard import Sidecar, data_path, sidecar_path
 from zbuf_occlude.dataset.verify import verify
-from zbuf_occlude.farm.local import run_jobs
+from zbuf_occlude.workers.local import run_jobs
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.mesh_files import origin_unread

@@ -37,7 +37,7 @@ from zbuf_occlude.dataset.generate import do, run_here
 from zbuf_occlude.dataset.jobs import Jobs
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path
-from zbuf_occlude.farm import local
+from zbuf_occlude.workers import local
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes import shapes

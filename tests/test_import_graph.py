@@ -204,7 +204,7 @@ def test_every_room_of_the_table_exists() -> None:
         ("dataset.pipeline", "from zbuf_occlude.visibility.exact import prepare", "past the table of methods"),
         ("compare.run", "from zbuf_occlude.visibility import exact", "past the table of methods"),
         ("dataset.plan", "import zbuf_occlude.cli.generate", "imports cli.generate, which is not below it"),
-        ("dataset.plan", "from zbuf_occlude.farm import local", "imports farm.local, which is not below it"),
+        ("dataset.plan", "from zbuf_occlude.workers import local", "imports farm.local, which is not below it"),
         ("compare.run", "from zbuf_occlude.learn import train", "imports learn.train, which is not below it"),
         ("__main__", "from zbuf_occlude.learn import train", "only cli may"),
         ("visibility.exact_gl", "import moderngl", "imports moderngl, which belongs to gl"),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from zbuf_occlude.farm import worker
+from zbuf_occlude.workers import worker
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.versions import n_cores
 

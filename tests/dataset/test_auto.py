@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, reso
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.trial import Trial
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.farm import local
+from zbuf_occlude.workers import local
 from zbuf_occlude.gl import nvidia
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes import shapes

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.farm.test_merge import tetrahedron
+from tests.workers.test_merge import tetrahedron
 from zbuf_occlude import Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset.estimate import estimate
 from zbuf_occlude.dataset.generate import generate

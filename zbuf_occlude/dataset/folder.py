@@ -253,8 +253,10 @@ def _check_same(plan: Plan, theirs: Plan, out: Path) -> None:
 
 
 @contextmanager
-def locked(out: Path, groups: range) -> Iterator[None]:
+def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
     """Hold some groups of a dataset for this run alone; the lock ends with the process, however that ends.
+
+    With `wait`, another run that holds one is waited for.
 
     Raises
     ------
@@ -265,7 +267,7 @@ def locked(out: Path, groups: range) -> Iterator[None]:
     with open(out / WORK / LOCK, "wb") as file:
         for group in groups:
             try:
-                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, group)  # a byte a group: also across machines
+                fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, group)  # a byte a group
             except BlockingIOError:
                 raise DatasetError(
                     f"{out} must be made by one run at a time; another is making group {group}. Wait until it ends, "

@@ -301,10 +301,15 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
     DatasetError
         A group is not done, a mesh has changed since it was used, or no mesh has a cloud.
     """
-    if find_format(plan.format).exported_from:
+    if (finished := read_manifest(out)) is not None:
+        return finished
+    with locked(out, range(1), wait=True):
+        if (finished := read_manifest(out)) is not None:  # another was faster
+            return finished
+        if not find_format(plan.format).exported_from:
+            return finish(plan, out, {})
         stored = stored_plan(plan)
-        return export_here(plan, out, read_manifest(out / STORED) or merge(stored, out / STORED))
-    return finish(plan, out, {})
+        return export_here(plan, out, read_manifest(out / STORED) or finish(stored, out / STORED, {}))
 
 
 def is_sound(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) -> bool:

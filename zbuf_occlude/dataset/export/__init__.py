@@ -34,6 +34,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.dataset.source import Numbers, Source
 from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.meshes.collection import SPLITS
 
 Records = NDArray[Any]
 
@@ -53,7 +54,8 @@ def stored_plan(plan: Plan) -> Plan:
 def export_here(plan: Plan, out: Path, manifest: dict[str, Any]) -> dict[str, Any]:
     """Export the dataset in ``out/stored``, which has this manifest, and remove it; return the manifest of the export."""
     stored, _ = read_finished(out / STORED)
-    source = find_format(stored.format).load().read(out / STORED, replace(stored, meshes=plan.meshes), manifest["files"])
+    files = {split: manifest["files"][split] for split in SPLITS if split in manifest["files"]}
+    source = find_format(stored.format).load().read(out / STORED, replace(stored, meshes=plan.meshes), files)
     return export(plan, source, out, manifest)
 
 
@@ -92,6 +94,7 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
     for name in names:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(folder / name, out / name)
+    shutil.rmtree(folder)
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = {
         **about,

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.farm.test_merge import RECIPE, tetrahedron
+from tests.workers.test_merge import RECIPE, tetrahedron
 from zbuf_occlude import MeshCollection
 from zbuf_occlude.dataset.jobs import Making
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.farm.sent import Sent
+from zbuf_occlude.workers.sent import Sent
 from zbuf_occlude.meshes.collection import SPLITS, MeshEntry
 
 

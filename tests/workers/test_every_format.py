@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.dataset.shards import make_shards
-from tests.farm.test_merge import Killed, files, tetrahedron
+from tests.workers.test_merge import Killed, files, tetrahedron
 from zbuf_occlude import Mesh, MeshCollection
 from zbuf_occlude.dataset import parts, shared
 from zbuf_occlude.dataset.claim import claim, own_names, remove, strangers
@@ -24,7 +24,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shared import unfinished
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.farm.local import run_jobs
+from zbuf_occlude.workers.local import run_jobs
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshEntry
 

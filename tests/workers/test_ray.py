@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.farm.test_local import AMPLE, ball, plan_of
+from tests.workers.test_local import AMPLE, ball, plan_of
 from zbuf_occlude import UnavailableError
 from zbuf_occlude.dataset.jobs import Making
-from zbuf_occlude.farm import ray as engine
+from zbuf_occlude.workers import ray as engine
 
 ROOT, CLUSTER = Path(__file__).parents[2], Path(__file__).with_name("ray_cluster.py")
 TESTS = (

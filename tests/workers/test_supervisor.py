@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.farm.supervisor import DEATHS_PER_JOB, STARTS, Message, supervise
+from zbuf_occlude.workers.supervisor import DEATHS_PER_JOB, STARTS, Message, supervise
 from zbuf_occlude.limits import GivenUp, Limits
 
 

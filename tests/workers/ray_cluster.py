@@ -17,8 +17,8 @@ import pytest
 import ray
 
 from tests.dataset.shards import make_shards
-from tests.farm.test_local import AMPLE, ball, contents, failures, plan_of
-from tests.farm.test_merge import collection, files
+from tests.workers.test_local import AMPLE, ball, contents, failures, plan_of
+from tests.workers.test_merge import collection, files
 from zbuf_occlude import UnavailableError
 from zbuf_occlude.dataset.claim import claim
 from zbuf_occlude.dataset.generate import generate, merge
@@ -26,7 +26,7 @@ from zbuf_occlude.dataset.jobs import Making
 from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
-from zbuf_occlude.farm import ray as engine
+from zbuf_occlude.workers import ray as engine
 
 
 def none(job: int, result: object) -> tuple[int, ...]:

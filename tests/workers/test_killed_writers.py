@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from tests.farm.test_merge import collection, files
+from tests.workers.test_merge import collection, files
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.farm import local
-from zbuf_occlude.farm.local import run_jobs
+from zbuf_occlude.workers import local
+from zbuf_occlude.workers.local import run_jobs
 from zbuf_occlude.limits import Limits
 
 LIMITS = Limits(seconds=300, gigabytes=8)

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from tests.dataset.shards import make_shards
-from tests.farm.loads import bad, ball, hang, suicide, swell, tell
+from tests.workers.loads import bad, ball, hang, suicide, swell, tell
 from tests.processes import ended
 from zbuf_occlude import DatasetError
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import merge
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import data_path, look_at, run_shard
-from zbuf_occlude.farm import local, server, supervisor
-from zbuf_occlude.farm.local import run_jobs
-from zbuf_occlude.farm.supervisor import Message
+from zbuf_occlude.workers import local, server, supervisor
+from zbuf_occlude.workers.local import run_jobs
+from zbuf_occlude.workers.supervisor import Message
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -157,7 +157,7 @@ def test_a_shard_of_another_plan_is_an_error(out: Path) -> None:
 
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from tests.farm.test_local import *\n"
+        "import sys; from pathlib import Path; from tests.workers.test_local import *\n"
         "if __name__ == '__main__':\n"
         "    out = Path(sys.argv[1]); out.mkdir()\n"
         "    class Telling(local.LocalWorker):\n"
@@ -203,7 +203,7 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
 def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
     program = (
-        "import gc, os, sys, zbuf_occlude.farm.warm, numba\n"
+        "import gc, os, sys, zbuf_occlude.workers.warm, numba\n"
         "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
         "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
         "try: numba.threading_layer()\n"
@@ -274,7 +274,7 @@ def test_servers_that_die_are_replaced_and_three_in_a_row_an_error(
 def test_an_interrupt_while_the_server_starts_is_no_traceback() -> None:
     code = (
         "import multiprocessing, os, signal, time\n"
-        "from zbuf_occlude.farm.server import start_server\n"
+        "from zbuf_occlude.workers.server import start_server\n"
         "signal.signal(signal.SIGINT, lambda *_: None)\n"
         "start_server()\n"
         "for _ in range(40):\n"
