@@ -29,25 +29,25 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from zbuf_occlude.dataset.claim import claim
+from zbuf_occlude.dataset.jobs import Done, Jobs, Making, Task
+from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.records import RecordStore
+from zbuf_occlude.dataset.sealed import write_sealed
+from zbuf_occlude.dataset.shard import Sidecar, data_path, sidecar_path
 
 from zbuf_occlude.cli.status import gather
-from zbuf_occlude.dataset.claim import claim
 from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import SHARDS, read_plan
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate, merge, run_here
-from zbuf_occlude.dataset.jobs import Done, Jobs, Making, Task
-from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.records import RecordStore
-from zbuf_occlude.dataset.sealed import write_sealed
-from zbuf_occlude.dataset.shard import Sidecar, data_path, sidecar_path
 from zbuf_occlude.dataset.verify import verify
-from zbuf_occlude.workers.local import run_jobs
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.mesh_files import origin_unread
 from zbuf_occlude.origin import Origin
+from zbuf_occlude.workers.local import run_jobs
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
 N_CLASSES = 40

@@ -30,18 +30,18 @@ from typing import Any
 
 import numpy as np
 from tqdm import tqdm
+from zbuf_occlude.dataset.claim import claim
+from zbuf_occlude.dataset.jobs import Jobs
+from zbuf_occlude.dataset.shard import data_path
 
 import zbuf_occlude as zo
-from zbuf_occlude.dataset.claim import claim
 from zbuf_occlude.dataset.generate import do, run_here
-from zbuf_occlude.dataset.jobs import Jobs
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import data_path
-from zbuf_occlude.workers import local
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.workers import local
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05

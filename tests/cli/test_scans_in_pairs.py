@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from zbuf_occlude.dataset.pcd import read_pcd
 
 from tests.cli.conftest import Run
 from tests.cli.test_generate_scans import records_of
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packed import PackedDataset
-from zbuf_occlude.dataset.pcd import read_pcd
 
 GIVEN = ("--sensor", "vlp-32c", "--set-sensor", "noise=0", "--range", "6..9", "--method", "embree", "--limit", "2")
 GIVEN += ("--size", "airplane=5", "--scene", "street", "--hidden", "0..0.3")

@@ -16,20 +16,16 @@ from typing import Any
 import pytest
 import ray
 
-from tests.dataset.shards import make_shards
-from tests.workers.test_local import AMPLE, ball, contents, failures, plan_of
-from tests.workers.test_merge import collection, files
+from tests.dataset.test_generate import collection, files
+from tests.workers.test_local import AMPLE, ball, plan_of
 from zbuf_occlude import UnavailableError
-from zbuf_occlude.dataset.claim import claim
-from zbuf_occlude.dataset.generate import generate, merge
-from zbuf_occlude.dataset.jobs import Making
-from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.generate import Making, generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.workers import ray as engine
 
 
-def none(job: int, result: object) -> tuple[int, ...]:
+def none(job: object, result: object) -> tuple[int, ...]:
     """Nothing follows."""
     return ()
 
@@ -68,63 +64,47 @@ def nodes(importable_in_actors: None) -> Iterator[Nodes]:
 
 
 def test_a_cluster_is_started_where_none_is_named(tmp_path: Path) -> None:
-    plan, finished = plan_of(ball), list[int]()
-
-    def done(shard: int, result: object) -> tuple[int, ...]:
-        finished.append(shard)
-        return ()
-
-    engine.run_jobs(Making(plan, tmp_path, False), [0], done, n_workers=1, limits=AMPLE)
+    run = partial(engine.run_jobs, n_workers=1, limits=AMPLE)
+    assert generate(plan_of(ball), tmp_path / "out", run=run)["failures"] == {}
     assert not ray.is_initialized()
-    assert finished == [0]
-    assert failures(plan, tmp_path) == {}
 
 
-def test_files_are_written_and_read_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
+def test_files_are_written_and_verified_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
     plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
     generate(plan, tmp_path / "whole")
-    out, parts = tmp_path / "out", list[int]()
-    claim(plan, out)
-    make_shards(plan, out)
     run = partial(engine.run_jobs, n_workers=2, limits=AMPLE, address=nodes.cluster.address)
-    manifest = merge(plan, out, run=run, progress=parts.append)
+    manifest = generate(plan, tmp_path / "out", run=run)
     assert not ray.is_initialized()
-    assert len(parts) == n_parts(plan) == 7
     assert manifest["counts"]["clouds"] == plan.n_clouds
-    assert files(out) == files(tmp_path / "whole")
-    assert verify(out, None, run=run).faults == []
+    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    assert verify(tmp_path / "out", None, run=run).faults == []
 
 
 def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
-    plan = plan_of(*[ball] * 40)
-    out, alone = tmp_path / "out", tmp_path / "alone"
-    out.mkdir()
-    alone.mkdir()
-    finished: list[tuple[int, bool]] = []
-    killed = threading.Event()
+    plan, killed = plan_of(*[ball] * 40), threading.Event()
+    n_after = n_made = 0
 
-    def done(shard: int, result: object) -> tuple[int, ...]:
-        finished.append((shard, killed.is_set()))
-        if len(finished) == 6:
+    def progress(clouds: int) -> None:
+        nonlocal n_after, n_made
+        n_made, n_after = n_made + 1, n_after + killed.is_set()
+        if n_made == 6:
             nodes.cluster.remove_node(nodes.second, allow_graceful=False)
             killed.set()
-        return ()
 
     try:
         ray.init(address=nodes.cluster.address, log_to_driver=False)
         assert len([node for node in ray.nodes() if node["Alive"]]) == 2
-        engine.run_jobs(Making(plan, out, False), list(range(len(plan.shards))), done, n_workers=2, limits=AMPLE)
+        run = partial(engine.run_jobs, n_workers=2, limits=AMPLE)
+        assert generate(plan, tmp_path / "out", run=run, progress=progress)["failures"] == {}
         deadline = time.monotonic() + 60
         while sum(node["Alive"] for node in ray.nodes()) != 1:
             assert time.monotonic() < deadline, "the killed node is still counted as alive"
             threading.Event().wait(0.1)
     finally:
         ray.shutdown()
-    assert sorted(shard for shard, _ in finished) == list(range(len(plan.shards)))
-    assert any(after for _, after in finished), "the node was killed after the run"
-    assert failures(plan, out) == {}
-    make_shards(plan, alone)
-    assert contents(plan, out) == contents(plan, alone)
+    assert n_after, "the node was killed after the run"
+    generate(plan, tmp_path / "alone")
+    assert files(tmp_path / "out") == files(tmp_path / "alone")
 
 
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:

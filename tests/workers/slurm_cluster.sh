@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A real SLURM of one node on this machine runs docs/slurm_array.sh and an array of merges; the dataset must equal a local run's.
+# A real SLURM of one node on this machine runs docs/slurm_array.sh and a merge; the dataset must equal a local run's.
 #
 #     sudo apt-get install slurm-wlm munge
 #     sudo ./slurm_cluster.sh [PYTHON [generate's arguments...]]
@@ -76,20 +76,20 @@ done
 PATH=$(dirname "$python"):$PATH
 export PATH
 arguments=("${@:2}")
-((${#arguments[@]})) || arguments=(--method exact --views ring:400@30 --points 1000 --sample-size 64 --limit 25)
+((${#arguments[@]})) || arguments=(--method exact --views ring:400@30 --points 1000 --sample-size 64 --limit 80)
 array=$(sbatch --parsable --array=3-6 --chdir="$scratch" --time=10 --mem=0 --cpus-per-task=1 \
     "$root/docs/slurm_array.sh" "$scratch/made" "${arguments[@]}")
-merge=$(sbatch --parsable --dependency=afterok:"$array" --array=0-2 --chdir="$scratch" --time=10 --mem=0 --cpus-per-task=1 \
-    --wrap "zbuf-occlude merge $scratch/made --workers 1")
+merge=$(sbatch --parsable --dependency=afterok:"$array" --chdir="$scratch" --time=10 --mem=0 --cpus-per-task=1 \
+    --wrap "zbuf-occlude merge $scratch/made")
 for _ in $(seq 300); do
     [ -z "$(squeue --noheader --jobs="$array,$merge" 2>/dev/null)" ] && break
     sleep 1
 done
 cat "$scratch"/slurm-*.out
-[ -f "$scratch/made/manifest.json" ] || { echo "error: the last merge must write a manifest"; tail -n 20 "$scratch"/*.log; exit 1; }
+[ -f "$scratch/made/manifest.json" ] || { echo "error: the merge must write a manifest"; tail -n 20 "$scratch"/*.log; exit 1; }
 
 zbuf-occlude generate --out "$scratch/here" "${arguments[@]}" >/dev/null 2>&1
 for file in "$scratch"/here/*.h5; do
     cmp "$file" "$scratch/made/$(basename "$file")"
 done
-echo "SLURM arrays of 4 tasks and of 3 merges: $(ls "$scratch"/here/*.h5 | wc -l) files, equal to a local run's"
+echo "A SLURM array of 4 tasks and a merge: $(ls "$scratch"/here/*.h5 | wc -l) files, equal to a local run's"

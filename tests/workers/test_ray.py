@@ -10,14 +10,14 @@ import pytest
 
 from tests.workers.test_local import AMPLE, ball, plan_of
 from zbuf_occlude import UnavailableError
-from zbuf_occlude.dataset.jobs import Making
+from zbuf_occlude.dataset.generate import Making
 from zbuf_occlude.workers import ray as engine
 
 ROOT, CLUSTER = Path(__file__).parents[2], Path(__file__).with_name("ray_cluster.py")
 TESTS = (
     "test_no_cluster_at_the_address",
     "test_a_cluster_is_started_where_none_is_named",
-    "test_files_are_written_and_read_by_a_cluster",
+    "test_files_are_written_and_verified_by_a_cluster",
     "test_two_nodes_one_killed_in_mid_run",
 )
 

@@ -28,7 +28,9 @@ def command(folder: Path, shard: str | None, **options: Any) -> None:
     Example:
       zbuf-occlude merge modelnet40-occluded
     """
-    if given := [name for name in ENGINE if options[name] not in (None, "local", 0.0)] + ["shard"] * (shard is not None):
+    if given := [name for name in ENGINE if options[name] not in (None, "local", 0.0)] + ["shard"] * (
+        shard is not None
+    ):
         echo(f"--{given[0].replace('_', '-')} is not needed: generate --shard has written the files already", err=True)
     failed = False
     for each in datasets_in(folder):

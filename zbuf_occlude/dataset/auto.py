@@ -135,7 +135,11 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
             with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
                 loaded.append(meshes[mesh_id].load())
         mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
-        eyes = parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, "")).around(mesh.centre, mesh.longest_side).eyes
+        eyes = (
+            parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
+            .around(mesh.centre, mesh.longest_side)
+            .eyes
+        )
         points = sample_surface(mesh, n_points=recipe.n_points or DENSE, seed=0)
         seconds = {}
         for method in ("exact", "exact_gl"):

@@ -313,11 +313,7 @@ def read_batch(plan: Plan, out: Path, number: int, *, closely: bool = False) -> 
 def is_there(out: Path, file: Named, *, closely: bool = False) -> bool:
     """Whether a file is there, with the size, and closely the checksum, that it had."""
     path = out / file.name
-    return (
-        path.is_file()
-        and path.stat().st_size == file.n_bytes
-        and (not closely or sha256_of(path) == file.sha256)
-    )
+    return path.is_file() and path.stat().st_size == file.n_bytes and (not closely or sha256_of(path) == file.sha256)
 
 
 def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:

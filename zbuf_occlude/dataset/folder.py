@@ -158,9 +158,7 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def checksums(
-    out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})
-) -> dict[str, str]:
+def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
     """Return the SHA-256 of files of a dataset by name, and of those that say what labels, meshes and files there are.
 
     Parameters

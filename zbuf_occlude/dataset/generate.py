@@ -348,7 +348,9 @@ def progress_of(plan: Plan, out: Path) -> dict[str, Any]:
         else:
             made = [(batch, *read_batch(plan, out, batch)) for batch in batches]
             found = [(1, batch) for _, batch, _ in made if batch is not None]
-            again |= {f"batch {i}": fault for i, _, fault in made if fault} | ({f"group {number}": fault} if fault else {})
+            again |= {f"batch {i}": fault for i, _, fault in made if fault} | (
+                {f"group {number}": fault} if fault else {}
+            )
         for n, each in found:
             n_batches, n_clouds, seconds = n_batches + n, n_clouds + each.counts.n_clouds, seconds + each.seconds
             failures |= each.failures

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.atomic import reading
+from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.meshes.collection import SPLITS

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import describe
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.atomic import reading
+from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import MODELNET8

@@ -20,9 +20,7 @@ from zbuf_occlude.dataset.source import Source
 PAIRS = Pairs(
     N_COMPLETE,
     lambda split, names, i: f"{FOLDER}/{complete_name(names, i)}",
-    lambda split, names, i, view: (
-        f"projected_partial_noise/{names.taxonomies[i]}/{names.objects[i]}/models/{view}.pcd"
-    ),
+    lambda split, names, i, view: f"projected_partial_noise/{names.taxonomies[i]}/{names.objects[i]}/models/{view}.pcd",
     write_npy,
     write_pcd,
 )

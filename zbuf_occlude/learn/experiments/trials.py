@@ -16,7 +16,6 @@ import torch
 from zbuf_occlude.compare.run import machine
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.workers.worker import die_with_parent
 from zbuf_occlude.learn.checkpoint import Epoch, Trained
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
@@ -26,6 +25,7 @@ from zbuf_occlude.learn.experiments.results import path_of, read_result
 from zbuf_occlude.learn.experiments.sizes import Size
 from zbuf_occlude.learn.train import train
 from zbuf_occlude.versions import n_cores, versions
+from zbuf_occlude.workers.worker import die_with_parent
 
 CLASSIFIERS = "classifiers"
 """Folder of a study: the trained model of each trial."""

@@ -13,12 +13,11 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import DatasetError, Mesh, OptionError
-from zbuf_occlude.dataset.claim import strangers
 from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.export.names import names_of
+from zbuf_occlude.dataset.folder import sorted_out
 from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.formats.published import names_of
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.parts import n_parts
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -30,9 +29,8 @@ MESHES = [
     ("arm chair/test/a-b.c.off", "arm chair", "val"),
 ]
 NAMES = {"airplane": "02691156", "arm chair": "arm_chair"}
-PAIRS = [row.name for row in FORMATS if row.pairs]
-PUBLISHED = [row.name for row in FORMATS if row.name not in ("hdf5", "webdataset", "npz", "ply", "packed")]
-INDICES = ("PCN.json", "Completion3D.json", "shapenet_synset_dict.json")
+PAIRS = [row.name for row in FORMATS if row.exported_from == "packed"]
+LAYOUTS = [row.name for row in FORMATS if row.exported_from]
 N_VIEWS = {"pcn": 8, "completion3d": 1, "mvp": 26, "projected-shapenet": 16, "shapenet55": 1}
 
 
@@ -68,12 +66,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return make
 
 
-def read_all(root: Path) -> None:
-    source = open_dataset(root)
-    for numbers in source.order.values():
-        source.take(numbers)
-
-
 def fits(complete: np.ndarray, partial: np.ndarray) -> None:
     """A pair: the whole slab in the middle, longest side 1; of it what a camera sees."""
     assert np.allclose(complete.min(axis=0), [-0.125, -0.25, -0.5], atol=0.01)
@@ -85,9 +77,9 @@ def fits(complete: np.ndarray, partial: np.ndarray) -> None:
     assert 1 <= (np.mean(on_sides, axis=1) > 0.03).sum() <= 3, "a camera sees at most three sides of a box"
 
 
-@pytest.mark.parametrize("format", PUBLISHED)
+@pytest.mark.parametrize("format", LAYOUTS)
 def test_every_file_has_a_name_that_its_plan_says(made: Made, format: str) -> None:
-    assert strangers(made(format), plan(format)) == []
+    assert sorted_out(made(format), plan(format))[1] == []
 
 
 def test_pcn_as_its_loaders_read_it(made: Made) -> None:
@@ -206,29 +198,6 @@ def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
     assert len(np.unique([np.load(root / f"data_occlusion_{i}.npy")[0, 0, 0] for i in (1, 2, 3)])) == 3
 
 
-def test_modelnet40_c_of_an_earlier_version_whose_records_stood_view_by_view(made: Made, tmp_path: Path) -> None:
-    root = Path(shutil.copytree(made("modelnet40-c"), tmp_path / "earlier"))
-    records = np.load(root / "clouds_train.npy")
-    np.save(root / "clouds_train.npy", records.reshape(2, 3).T.reshape(-1))
-    now, earlier = (open_dataset(each) for each in (made("modelnet40-c"), root))
-    some = now.take(now.order["train"]).reshape(2, 3).T.reshape(-1)
-    assert (earlier.take(earlier.order["train"]) == some).all()
-
-
-def test_records_in_one_file_per_split_as_before_are_the_datasets_own() -> None:
-    names = set(find_format("pcn").load().names(plan("pcn")))
-    assert {"clouds_train.npy", "clouds_val.npy", "clouds_test.npy"} < names
-
-
-@pytest.mark.parametrize("format", PAIRS)
-def test_small_datasets_of_whole_objects_are_written_in_parts_by_all_workers(format: str) -> None:
-    """200 objects of 8 views were a single part, which a second worker waited for."""
-    entries = [MeshEntry(f"m{i}", "airplane", "train", slab) for i in range(40_000)]
-    small, large = (replace(plan(format), meshes=MeshCollection(some)) for some in (entries[:200], entries))
-    assert n_parts(small) == len(small.shards)
-    assert n_parts(large) < len(large.shards)
-
-
 def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:
     for name, n in (("training", 6), ("test", 3), ("val", 3)):
         with h5py.File(made("scanobjectnn") / f"{name}_objectdataset.h5") as h5:
@@ -259,37 +228,53 @@ def test_huggingface_reads_the_folder(made: Made, tmp_path: Path, capfd: pytest.
     assert loaded["test"].features["label"].names == ["airplane", "arm chair"]
     assert np.shape(row["points"]) == (512, 3)
     assert np.shape(row["pose"]) == (4, 4)
-    source = open_dataset(root)
-    record = source.take(source.order["test"])[0]
-    assert np.array_equal(np.array(row["points"], np.float32), record["data"])
-    assert np.array_equal(loaded["test"].with_format("numpy")[0]["points"], record["data"])
+    assert np.array_equal(np.array(row["points"], np.float32), loaded["test"].with_format("numpy")[0]["points"])
 
 
-@pytest.mark.parametrize("format", PUBLISHED)
-def test_read_back_verified_and_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
-    out, wanted = made(format), plan(format)
-    verdict = verify(out, wanted.meshes)
-    assert verdict.faults == []
-    source = open_dataset(out)
-    clouds = {split: source.take(numbers) for split, numbers in source.order.items()}
-    assert all((np.ptp(records["data"], axis=1) > 0).any(axis=1).all() for records in clouds.values())
-    packed = tmp_path / "packed"
+@pytest.mark.parametrize("format", LAYOUTS)
+def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, format: str) -> None:
+    root = Path(shutil.copytree(made(format), tmp_path / "copy"))
+    assert verify(root, plan(format).meshes).faults == []
+    with pytest.raises(DatasetError, match=rf"it is an export for the loaders of {format}\..*zbuf-occlude convert"):
+        open_dataset(root)
+    manifest = json.loads((root / "manifest.json").read_text())
+    kept = {"plan.json", "manifest.json", "contact_sheet.png"}
+    names = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} - kept
+    assert names == set(manifest["sha256"]), "every file has a checksum"
+    victim = root / sorted(names)[len(names) // 2]
+    victim.write_bytes(victim.read_bytes() + b"x")
+    (fault,) = verify(root, None).faults
+    assert victim.relative_to(root).as_posix() in fault
+
+
+@pytest.mark.parametrize("format", LAYOUTS)
+def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
+    """Pairs byte for byte; other layouts' clouds are rounded there."""
+    out, wanted, packed = made(format), plan(format), tmp_path / "packed"
     generate(replace(wanted, format="packed", recipe=replace(wanted.recipe, scale="cloud", complete=False)), packed)
     convert(packed, tmp_path / "converted", format)
-    written = {path.relative_to(out): path for path in out.rglob("*") if path.is_file()}
-    same = [name for name in written if not name.name.endswith((".json", ".png", ".md")) or name.name in INDICES]
-    exactly = find_format(format).pairs
-    for name in same:
-        converted = tmp_path / "converted" / name
-        assert converted.is_file(), name
-        assert not exactly or converted.read_bytes() == written[name].read_bytes(), name
-    back = open_dataset(tmp_path / "converted")
-    for split, records in clouds.items():
-        others = back.take(back.order[split])
-        assert np.array_equal(others["mesh_id"], records["mesh_id"])
-        if wanted.recipe.scale != "cloud" and not find_format(format).complete:
-            continue
-        assert np.allclose(others["data"], records["data"], atol=1e-4), "rounded to the packed step"
+    written = {path.relative_to(out) for path in out.rglob("*") if path.is_file()} - {Path("manifest.json")}
+    assert written == {p.relative_to(tmp_path / "converted") for p in (tmp_path / "converted").rglob("*")
+                       if p.is_file()} - {Path("manifest.json")}  # fmt: skip
+    if format in PAIRS:
+        for name in written - {Path("contact_sheet.png"), Path("plan.json")}:
+            assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
+
+
+def test_clouds_tell_which_rows_are_which(made: Made) -> None:
+    """By `clouds_SPLIT.npy`: a cloud's mesh and view, and its place in the world."""
+    for format, split, name, rows in (
+        ("scanobjectnn", "train", "training_objectdataset.h5", "data"),
+        ("mvp", "train", "MVP_Train_CP.h5", "incomplete_pcds"),
+    ):
+        rest = np.load(made(format) / f"clouds_{split}.npy")
+        with h5py.File(made(format) / name) as h5:
+            points = h5[rows][()]
+        assert len(points) == len(rest)
+        for row in (0, len(rest) - 1):
+            world = points[row] / rest["factor"][row] + rest["centre"][row]
+            assert (world.min(axis=0) > [4.4, -1.1, -2.1]).all(), "the slab is about (5, 0, 0)"
+            assert (world.max(axis=0) < [5.6, 1.1, 2.1]).all()
 
 
 @pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
@@ -312,20 +297,6 @@ def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
 def test_what_was_drawn_has_no_complete_clouds(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=r"must be made of all points of the objects, .* convert a packed dataset"):
         convert(made("scanobjectnn"), tmp_path / "out", format)
-
-
-@pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
-def test_a_damaged_file_is_named(made: Made, tmp_path: Path, format: str) -> None:
-    root = Path(shutil.copytree(made(format), tmp_path / "copy"))
-    kinds = ("partial", "incomplete", "shapenet_pc" if format == "shapenet55" else "projected", "MVP_Train")
-    victim = next(
-        p for p in sorted(root.rglob("*")) if p.is_file() and any(k in str(p.relative_to(root)) for k in kinds)
-    )
-    content = victim.read_bytes()
-    for damaged in (content[: len(content) // 2], b"\x07" * len(content), b"", None):
-        victim.unlink() if damaged is None else victim.write_bytes(damaged)
-        with pytest.raises(DatasetError, match=re.escape(f"{victim} must be")):
-            read_all(root)
 
 
 def test_names_are_words_and_differ() -> None:

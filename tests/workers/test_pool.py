@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.workers.supervisor import DEATHS_PER_JOB, STARTS, Message, supervise
 from zbuf_occlude.limits import GivenUp, Limits
+from zbuf_occlude.workers.pool import CRASHES, DEATHS_PER_JOB, KILLS, STARTS, Ending, Message, do_jobs
 
 
 class Puppet:
@@ -15,6 +15,7 @@ class Puppet:
     def __init__(self, *, room: bool = True, doomed: bool = False) -> None:
         self.said: list[Message] = [("ready", 1)] if room else []
         self.doomed, self.end = doomed, ""
+        self.killed = False
 
     def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
         if self.doomed:
@@ -26,8 +27,8 @@ class Puppet:
         said, self.said = self.said, []
         return said
 
-    def ending(self) -> str:
-        return self.end
+    def ending(self) -> Ending | None:
+        return Ending(self.end, self.killed) if self.end else None
 
     def gigabytes(self) -> float:
         return 0.0
@@ -49,10 +50,10 @@ def test_the_last_shard_does_not_wait_for_a_replacement_without_room() -> None:
 
     finished: list[int] = []
     rounds = iter(range(50))
-    supervise(
+    do_jobs(
         [7, 8],
-        lambda job, _: finished.append(job),
-        hire=hire,
+        lambda job, _: finished.append(job) or (),
+        start=hire,
         wait=lambda *_: next(rounds) and None,
         n_workers=2,
         limits=Limits(),
@@ -83,43 +84,32 @@ class Mortal(Puppet):
 
 
 @pytest.mark.parametrize(
-    ("n_workers", "fates", "given_up"),
+    ("killed", "fates", "given_up"),
     [
-        (1, [0] * 4, False),
-        (1, [0] * 5, True),
-        # one more is allowed for each worker that dies at no mesh after the first has died at this one
-        (1, ["start", "start", 0, 0, 0, 0, 0], True),
-        (1, [0, "start", "start", 0, 0, 0, 0, 0], False),
-        (1, [0, "start", "start", 0, 0, 0, 0, 0, 0], True),
-        # and for each that died at a mesh that another then makes (the third makes 1 and goes on to 0)
-        (2, [0, 1, 0, 0, 0, 0], False),
-        (2, [0, 1, 0, 0, 0, 0, 0], True),
+        (False, [0] * (CRASHES - 1), False),
+        (False, [0] * CRASHES, True),
+        (False, ["start", "start", *[0] * (CRASHES - 1)], False),
+        (True, [0] * (KILLS - 1), False),
+        (True, [0] * KILLS, True),
     ],
 )
-def test_a_mesh_is_blamed_only_when_nothing_else_kills(
-    monkeypatch: pytest.MonkeyPatch, n_workers: int, fates: list[str | int], given_up: bool
+def test_a_mesh_at_which_workers_end_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch, killed: bool, fates: list[str | int], given_up: bool
 ) -> None:
-    hired: list[Mortal] = []
+    """Sooner where they crash at it than where something kills them from outside."""
+    started: list[Mortal] = []
     monkeypatch.setattr(Mortal, "fates", iter(fates))
 
-    def hire(seat: int) -> Mortal:
-        hired.append(Mortal())
-        return hired[-1]
+    def start(seat: int) -> Mortal:
+        started.append(Mortal())
+        started[-1].killed = killed
+        return started[-1]
 
     done: list[int] = []
-    shards = list(range(n_workers))
-    supervise(
-        shards,
-        lambda job, _: done.append(job),
-        hire=hire,
-        wait=lambda *_: None,
-        n_workers=n_workers,
-        limits=Limits(),
-    )
-    assert sorted(done) == shards
-    assert hired[-1].lost == (
-        {0: GivenUp(f"the worker died at it, {fates.count(0)} times", Limits())} if given_up else {}
-    )
+    do_jobs([0], lambda job, _: done.append(job) or (), start=start, wait=lambda *_: None, n_workers=1, limits=Limits())
+    assert done == [0]
+    reason = f"the worker died at it, {fates.count(0)} times"
+    assert started[-1].lost == ({0: GivenUp(reason, Limits())} if given_up else {})
 
 
 class Writer(Puppet):
@@ -145,10 +135,10 @@ class Writer(Puppet):
 def write(n_deaths: int, monkeypatch: pytest.MonkeyPatch, *, starts: bool = True) -> list[int]:
     monkeypatch.setattr(Writer, "deaths", n_deaths)
     done: list[int] = []
-    supervise(
+    do_jobs(
         [0],
-        lambda job, _: done.append(job),
-        hire=lambda seat: Writer(starts=starts),
+        lambda job, _: done.append(job) or (),
+        start=lambda seat: Writer(starts=starts),
         wait=lambda *_: None,
         n_workers=1,
         limits=Limits(),
@@ -158,9 +148,7 @@ def write(n_deaths: int, monkeypatch: pytest.MonkeyPatch, *, starts: bool = True
 
 def test_workers_that_die_while_they_write_blame_no_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     assert write(DEATHS_PER_JOB - 1, monkeypatch) == [0]
-    with pytest.raises(
-        DatasetError, match=rf"{DEATHS_PER_JOB} died at job 0 while at no mesh: .* signal 9\. .*resumes"
-    ):
+    with pytest.raises(DatasetError, match=rf"{DEATHS_PER_JOB} ended at 0 while at no mesh: .* signal 9\. .*resumes"):
         write(DEATHS_PER_JOB, monkeypatch)
 
 
@@ -172,31 +160,9 @@ def test_jobs_at_which_all_workers_die_do_not_excuse_each_other() -> None:
         hired.append(Puppet(doomed=True))
         return hired[-1]
 
-    with pytest.raises(DatasetError, match=rf"{DEATHS_PER_JOB} died at job . while at no mesh: the worker died"):
-        supervise([0, 1, 2], lambda job, _: (), hire=hire, wait=lambda *_: None, n_workers=3, limits=Limits())
-    assert len(hired) <= 3 * DEATHS_PER_JOB
-
-
-def test_a_job_is_given_more_while_others_are_done_after_deaths() -> None:
-    # whatever kills takes each job's worker a few times, and the one of job 0 more often than a lone job may
-    deaths = {0: DEATHS_PER_JOB + 3} | dict.fromkeys(range(1, 9), 2)
-
-    class Unlucky(Puppet):
-        def assign(self, shard: int, lost: dict[int, GivenUp]) -> None:
-            self.doomed = deaths[shard] > 0
-            deaths[shard] -= self.doomed
-            super().assign(shard, lost)
-
-    done: list[int] = []
-    supervise(
-        list(range(9)),
-        lambda job, _: done.append(job),
-        hire=lambda seat: Unlucky(),
-        wait=lambda *_: None,
-        n_workers=3,
-        limits=Limits(),
-    )
-    assert sorted(done) == list(range(9))
+    with pytest.raises(DatasetError, match=rf"{DEATHS_PER_JOB} ended at . while at no mesh: the worker died"):
+        do_jobs([0, 1, 2], lambda job, _: (), start=hire, wait=lambda *_: None, n_workers=3, limits=Limits())
+    assert len(hired) <= 3 * DEATHS_PER_JOB + 3
 
 
 def test_workers_that_never_start_end_the_run_and_say_why(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.dataset.test_generate import files
-from zbuf_occlude.dataset import claim as claiming
-from zbuf_occlude.dataset.claim import State, claim, look, remove, strangers
+from zbuf_occlude.dataset import folder as claiming
+from zbuf_occlude.dataset.folder import State, claim, look, remove, sorted_out
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
@@ -25,7 +25,7 @@ PLAN = Plan(shapes.collection(n_members=1), RECIPE)
 @pytest.mark.parametrize("overwrite", [False, True])
 @pytest.mark.parametrize("plan", ['{"x": 1}', "no JSON", "[]", '{"fingerprint": "0123456789abcdef", "meshes": []}'])
 def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: str, overwrite: bool) -> None:
-    for name in ("shards/weights.tar", "my_files.txt", "train-000.tar", "train-000000.tar", "ply/a/b/scan.ply"):
+    for name in ("work/weights.tar", "my_files.txt", "train-000.tar", "train-000000.tar", "ply/a/b/scan.ply"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("years of work")
@@ -42,13 +42,13 @@ def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_
     out, plan = tmp_path / "out", replace(PLAN, format=format)
     generate(plan, out)
     assert look(out).state is State.FINISHED
-    assert strangers(out, plan) == []
+    assert sorted_out(out, plan)[1] == []
     others = (
         "notes.txt",
         "train-9.tar",
         "ply_data_train7.h5",
         "packed-000099.zip",
-        "shards/0.npy",
+        "work/0.npy",
         "ply/train/x.ply",
         "empty/",
     )
@@ -74,20 +74,20 @@ def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     claim(PLAN, out)
     elsewhere.mkdir()
-    (elsewhere / "000000.npy").write_text("mine")
-    (out / "shards").symlink_to(elsewhere)
-    with pytest.raises(DatasetError, match="it has other files: shards/"):
+    (elsewhere / "000000.batch").write_text("mine")
+    (out / "work").symlink_to(elsewhere)
+    with pytest.raises(DatasetError, match="it has other files: work/"):
         remove(out)
-    assert (elsewhere / "000000.npy").read_text() == "mine"
+    assert (elsewhere / "000000.batch").read_text() == "mine"
 
 
 def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> None:
     generate(PLAN, tmp_path, share=(1, 2))
-    (tmp_path / "shards").mkdir(exist_ok=True)
-    (tmp_path / "shards" / "notes.txt").write_text("mine")
+    (tmp_path / "work").mkdir(exist_ok=True)
+    (tmp_path / "work" / "notes.txt").write_text("mine")
     generate(PLAN, tmp_path)
-    assert (tmp_path / "shards" / "notes.txt").read_text() == "mine"
-    assert [path.name for path in (tmp_path / "shards").iterdir()] == ["notes.txt"]
+    assert (tmp_path / "work" / "notes.txt").read_text() == "mine"
+    assert [path.name for path in (tmp_path / "work").iterdir()] == ["notes.txt"]
 
 
 def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
@@ -130,13 +130,3 @@ def test_a_plan_of_an_earlier_version_is_read_and_not_gone_on_with(
     assert look(tmp_path).state is State.UNFINISHED
     with pytest.raises(DatasetError, match=f"in which data version was {DATA_VERSION}, and is 1000"):
         claim(newer, tmp_path)
-
-
-def test_names_too_long_for_a_file_are_said_before_anything_is_made(tmp_path: Path) -> None:
-    (entry,) = PLAN.meshes[:1]
-    long = replace(entry, key="x" * 250)
-    plan = Plan(type(PLAN.meshes)([long]), RECIPE, "ply")
-    with pytest.raises(DatasetError, match="names of files must be of at most 255 bytes"):
-        generate(plan, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    generate(replace(plan, format="npz"), tmp_path / "out")
