@@ -7,6 +7,7 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import ENGINE, engine_options, shard_option
+from zbuf_occlude.cli.options import given
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import merge
@@ -16,7 +17,8 @@ from zbuf_occlude.dataset.generate import merge
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @engine_options
 @shard_option("Not needed: `generate --shard` has written the files.")
-def command(folder: Path, shard: str | None, **options: Any) -> None:
+@click.pass_context
+def command(context: click.Context, /, folder: Path, **options: Any) -> None:
     """Finish DIR when all shares of it are made: lists of files, picture and manifest.
 
     `zbuf-occlude generate --shard I/N` writes the files of its groups itself; nothing is merged. The complete clouds
@@ -28,10 +30,8 @@ def command(folder: Path, shard: str | None, **options: Any) -> None:
     Example:
       zbuf-occlude merge modelnet40-occluded
     """
-    if given := [name for name in ENGINE if options[name] not in (None, "local", 0.0)] + ["shard"] * (
-        shard is not None
-    ):
-        echo(f"--{given[0].replace('_', '-')} is not needed: generate --shard has written the files already", err=True)
+    if idle := given(context, (*ENGINE, "shard")):
+        echo(f"{idle[0]} is not needed: generate --shard has written the files already", err=True)
     failed = False
     for each in datasets_in(folder):
         document = read_manifest(each) or merge(read_plan(each), each)

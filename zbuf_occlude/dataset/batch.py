@@ -1,7 +1,7 @@
-"""A batch: a few meshes made into clouds at a time, kept in one file of the work folder until their files are written.
+"""A batch: a few meshes made into clouds at a time, kept in one file of the work folder until they are in final files.
 
-The file begins with a line of JSON, what is known of the batch (`Batch`); then come its clouds, those of each final file
-together. It appears under its name when it is whole, so a batch is done when its file is there.
+The file begins with a line of JSON, what is known of the batch (`Batch`); then come its clouds, those of each final
+file together. It appears under its name when it is whole, so a batch is done when its file is there.
 """
 
 import io
@@ -132,11 +132,10 @@ class Clouds:
 
     def pieces(self) -> dict[int, list[memoryview]]:
         """Return the bytes of the clouds of each file; nothing is copied unless they are ragged."""
-        files, rows = _places(self._plan, self._records)
+        files, _ = _places(self._plan, self._records)
         found: dict[int, list[memoryview]] = {}
         for file in np.unique(files).tolist():
-            mine = np.flatnonzero(files == file)
-            some = [self._records[i] for i in mine[np.argsort(rows[mine])].tolist()]
+            some = [self._records[i] for i in np.flatnonzero(files == file).tolist()]
             if self._plan.recipe.sample_size is not None:
                 found[file] = [record.view(np.uint8).data for record in some]
             else:
@@ -252,7 +251,7 @@ def make_batch(
     line = json.dumps(batch.document).encode()
     header = b"%d %b\n" % (zlib.crc32(line), line)
     (out / WORK).mkdir(exist_ok=True)
-    lines = [header, *(piece for of_file in pieces.values() for piece in of_file)]
+    lines: list[bytes | memoryview] = [header, *(piece for of_file in pieces.values() for piece in of_file)]
     atomic.write(batch_path(out, number), lambda file: file.writelines(lines), synced=False)  # it has checksums
 
 

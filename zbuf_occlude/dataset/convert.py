@@ -59,7 +59,7 @@ def convert(
     folder : Path
         A complete dataset.
     out : Path
-        Made when missing; otherwise empty, or of this same conversion, whose files that are there are not written again.
+        Made when missing; otherwise empty, or of this same conversion: files that are there are not written again.
     format : str
         Name in the table of formats.
     progress : callable

@@ -294,7 +294,7 @@ def generate(
 
 
 def merge(plan: Plan, out: Path) -> dict[str, Any]:
-    """Finish a dataset whose groups were made by several machines: names, lists, picture, manifest; return the manifest.
+    """Finish a dataset whose groups were made by several machines: names, lists, picture, manifest, which is returned.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The end of a dataset: names, picture and manifest.json, which says how it was made, what failed and how wrong it is."""
+"""The end of a dataset: names, picture and manifest.json, with how it was made, what failed and how wrong it is."""
 
 import time
 from collections import Counter

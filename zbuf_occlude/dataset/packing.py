@@ -4,8 +4,8 @@ Numbers that grow slowly from point to point become small ones: each is replaced
 folded so that small negative ones are small too (0, -1, 1, -2, 2 become 0, 1, 2, 3, 4), and the bytes are regrouped:
 first the lowest byte of all, then the next. What is left for the archive's compression (deflate) is mostly zeros.
 
-Scans are not rounded, so that clouds drawn of them are those of any other format, byte for byte: NumPy's arrays, one after
-the other: offsets (k + 1,), the table of the k places, a row per scan, a row per point.
+Scans are not rounded, so that clouds drawn of them are those of any other format, byte for byte. They are NumPy's
+arrays, one after the other: offsets (k + 1,), the table of the k places, a row per scan, a row per point.
 """
 
 import io

@@ -1,4 +1,4 @@
-"""Where the clouds of a plan go: meshes to groups, groups to batches and files, clouds to rows; known before they exist.
+"""Where the clouds of a plan go, known before they exist: meshes to groups, batches and files, clouds to rows.
 
 Meshes are dealt at random to groups. A *group* is a few final files, whose clouds are mixed at random; it is what
 machines of a farm share. A *batch* is a few meshes of a group: what a worker makes at a time. A view that sees nothing,

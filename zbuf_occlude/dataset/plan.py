@@ -1,4 +1,4 @@
-"""The plan of a dataset: which meshes, views and variations, in which groups, batches and files. The same input, the same plan."""
+"""The plan of a dataset: meshes x views x variations, in groups, batches and files. The same input, the same plan."""
 
 import hashlib
 import json

@@ -1,1 +1,1 @@
-"""Who does the jobs of a task: this process, a pool of processes on this machine, or Ray; and shares of SLURM arrays."""
+"""Doing the jobs of a task: in this process, by a pool of processes on this machine, or by Ray; shares of SLURM."""

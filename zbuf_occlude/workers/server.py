@@ -22,10 +22,9 @@ ENVIRONMENT = {
 def start_server() -> None:
     """Start the process that workers are forked from, if there is none, and return at once.
 
-    It is spawned, and imports `zbuf_occlude.workers.warm`: workers then share what each would need a second for. It has no
-    threads and no OpenGL, which would not survive a fork, and ends with this process. It is the one that Python keeps
-    for all of a process (`multiprocessing.forkserver`): where another library has started it, workers import for
-    themselves.
+    It is spawned, and imports `zbuf_occlude.workers.warm`, so that workers need not. It has no threads and no OpenGL,
+    which would not survive a fork, and ends with this process. Where another library has started Python's fork server
+    before, workers import for themselves.
     """
     if forks():
         forkserver.set_forkserver_preload(["zbuf_occlude.workers.warm"])

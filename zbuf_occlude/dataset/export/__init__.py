@@ -1,8 +1,8 @@
 """Layouts of others: files that published loaders read, exported from a finished dataset by one function each.
 
-`generate --format pcn` makes a dataset in a folder of its own, exports it, and removes it. An export is for its loaders:
-`verify` compares its checksums, but it is not read back. Beside the layout's own files there is ``clouds_SPLIT.npy`` for
-each split: what a record holds besides points (view, pose, face ids, ...), a row per cloud in the layout's order.
+`generate --format pcn` makes a dataset in a folder of its own, exports it, and removes it. An export is for its
+loaders: `verify` compares its checksums, but it is not read back. For each split ``clouds_SPLIT.npy`` has what a record
+holds besides points (view, pose, face ids, ...), a row per cloud in the layout's order.
 """
 
 import os
@@ -52,7 +52,7 @@ def stored_plan(plan: Plan) -> Plan:
 
 
 def export_here(plan: Plan, out: Path, manifest: dict[str, Any]) -> dict[str, Any]:
-    """Export the dataset in ``out/stored``, which has this manifest, and remove it; return the manifest of the export."""
+    """Export the dataset in ``out/stored``, which has this manifest, and remove it; return the export's manifest."""
     stored, _ = read_finished(out / STORED)
     files = {split: manifest["files"][split] for split in SPLITS if split in manifest["files"]}
     source = find_format(stored.format).load().read(out / STORED, replace(stored, meshes=plan.meshes), files)

@@ -3,7 +3,7 @@
 A format's module, in this folder, has
 
     file_name(split, number) -> str                 name of a file
-    write(path, records, plan, number)              writes the clouds of a file (`clouds.record_type`), whole or not at all
+    write(path, records, plan, number)              writes the clouds of a file, whole or not at all
     read(out, plan, files) -> Source                reads clouds back, when and as far as they are asked for
     finish(out, plan, names)                        optional: writes lists of files
 
