@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.hilbert import hilbert_order
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.geometry.mesh import Mesh
 
 LEAF, WIDTH = 4, 4
 """Faces of a cluster, boxes of a box."""

@@ -26,7 +26,7 @@ from zbuf_occlude.dataset.packing import (
 )
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import IDS, Arranged, Numbers, Source, arranged
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 OPEN_FILES, KEPT_BLOCKS = 16, 4

@@ -9,7 +9,6 @@ from typing import IO, ClassVar
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import ScanPoints
 from zbuf_occlude.dataset.packed_scans import pack_scans
@@ -24,8 +23,9 @@ from zbuf_occlude.dataset.packing import (
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import Run
 from zbuf_occlude.dataset.scans import standing_points
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.sensors.capture import stand
 from zbuf_occlude.views import Views
 

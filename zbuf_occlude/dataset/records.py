@@ -20,8 +20,8 @@ from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.order import order_of
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import IDS, Numbers
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 REMEDY = "The same `zbuf-occlude generate` makes it again."

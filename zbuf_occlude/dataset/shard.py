@@ -24,10 +24,10 @@ from zbuf_occlude.dataset.records import REMEDY, RecordStore, Run, are_whole, re
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.sealed import read_sealed, write_sealed
 from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.origin import Origin
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 

@@ -9,9 +9,9 @@ from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.dataset.scans import scan_views
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 

@@ -17,7 +17,7 @@ with without_scipy():
     from zbuf_occlude.dataset.plan import Recipe
     from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
     from zbuf_occlude.farm import worker
-    from zbuf_occlude.threads import alone
+    from zbuf_occlude.jit.pool import alone
 
     load_only()
     common = Recipe(method="exact")  # most of what it has compiled every other method's workers need too
