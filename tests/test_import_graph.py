@@ -18,7 +18,6 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {
         "arrays": set(),
         "checks": set(),
-        "garbage": set(),
         "limits": set(),
         "origin": set(),
         "seeds": set(),
@@ -27,7 +26,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     },
     {"geometry": set()},
     {"views": set(), "meshes": set()},
-    {"gl": set(), "object_space": set(), "exact": set(), "cuda": set()},  # engines; none knows another
+    {"gl": set(), "object_space": set(), "exact": set()},  # engines; none knows another
     {"visibility": set()},
     {"scenes": set()},
     {"sensors": set()},

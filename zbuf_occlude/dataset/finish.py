@@ -17,7 +17,6 @@ from zbuf_occlude.dataset.shard import Sidecar, data_path, look_at
 from zbuf_occlude.dataset.shared import publish
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.garbage import nothing_to_collect
 
 SHOWN = 16
 """The picture is drawn of this many packed files."""
@@ -34,7 +33,6 @@ class Files(NamedTuple):
     shown: dict[str, list[str]]
 
 
-@nothing_to_collect()
 def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any]:
     """Write what belongs to the whole dataset; then remove what is left of the shards.
 

@@ -10,7 +10,6 @@ from typing import Any
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.meshes.collection import SPLITS
 
 PLAN, MANIFEST = "plan.json", "manifest.json"
@@ -51,7 +50,6 @@ def datasets_in(out: Path) -> list[Path]:
     return [out, *([out / ORIGINAL] if (out / ORIGINAL / PLAN).exists() else [])]
 
 
-@nothing_to_collect()
 def read_plan(out: Path) -> Plan:
     """Read back the plan of a dataset's folder.
 
@@ -74,7 +72,6 @@ def read_plan(out: Path) -> Plan:
     return plan
 
 
-@nothing_to_collect()
 def read_manifest(out: Path) -> dict[str, Any] | None:
     """Return the manifest of a folder whose dataset is complete, None for one that is not.
 

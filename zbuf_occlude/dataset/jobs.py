@@ -30,7 +30,6 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar, look_at, run_shard
 from zbuf_occlude.dataset.shared import unfinished
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.visibility import find_method
 
@@ -209,7 +208,6 @@ class Jobs:
             self._n_open += 1
         return jobs
 
-    @nothing_to_collect()
     def _find_missing(self, shards: Iterable[int]) -> set[int]:
         missing = set()
         n_runs = runs_left(self.plan, self._written)

@@ -8,7 +8,6 @@ from zbuf_occlude.dataset.damage import REMEDY
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import Sidecar
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.origin import Origin
@@ -61,7 +60,6 @@ def tries(sidecars: list[Sidecar]) -> dict[str, Any]:
     }
 
 
-@nothing_to_collect()
 def check_finished(plan: Plan, manifest: Mapping[str, Any], limits: Limits, out: Path) -> None:
     """Check that a finished dataset is what its plan would give now.
 
