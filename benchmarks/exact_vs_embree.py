@@ -25,7 +25,7 @@ import open3d
 
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, sample_surface
-from zbuf_occlude.hilbert import hilbert_order
+from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 

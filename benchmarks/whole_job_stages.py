@@ -16,7 +16,7 @@ from typing import Any
 
 STAGES = (
     ("load", "zbuf_occlude.meshes.files:load_mesh"),
-    ("clean", "zbuf_occlude.mesh:Mesh.cleaned"),
+    ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
     ("sample", "zbuf_occlude.dataset.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),
     ("ask", "zbuf_occlude.visibility.interface:Occluder.visible"),

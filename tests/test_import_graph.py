@@ -13,23 +13,20 @@ FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names besides
-    {"errors": set(), "interrupts": set(), "kernels": set(), "lanes": set(), "numba_cache": set(), "threads": set()},
+    {"errors": set(), "interrupts": set(), "kernels": set(), "numba_cache": set()},
+    {"jit": set()},
     {
         "arrays": set(),
         "checks": set(),
-        "garbage": set(),
         "limits": set(),
         "origin": set(),
         "seeds": set(),
         "shelf": set(),
-        "vectors": set(),
         "versions": set(),
     },
-    {"cleaning": set(), "colors": set(), "extents": set()},
-    {"mesh": set()},
-    {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
-    {"sampling": set(), "views": set(), "meshes": set()},
-    {"gl": set(), "object_space": set(), "image_space": set(), "cuda": set()},  # engines; none knows another
+    {"geometry": set()},
+    {"views": set(), "meshes": set()},
+    {"gl": set(), "object_space": set(), "exact": set()},  # engines; none knows another
     {"visibility": set()},
     {"scenes": set()},
     {"sensors": set()},
@@ -42,7 +39,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
 
 FORBIDDEN = {
     # below it, and yet not for it: the paper's own formulas are the independent check of the definition
-    "object_space": {"predicates", "rational"},
+    "object_space": {"geometry.predicates"},
 }
 
 METHOD_HELPERS = {"visibility.interface", "visibility.depth_test"}
@@ -148,7 +145,7 @@ def violations(module: Module) -> Iterator[str]:
         if other != room:
             height = floor_of(room)
             allowed = floor_of(other) < height or other in FLOORS[height][room]
-            if not allowed or other in FORBIDDEN.get(room, ()):
+            if not allowed or target in FORBIDDEN.get(room, ()):
                 yield f"{module.name} imports {target}, which is not below it or not for it"
             if other == "learn" and room != "cli":
                 yield f"{module.name} imports {target}; only cli may"
@@ -176,7 +173,7 @@ def test_a_module_says_what_it_is_and_is_not_long(module: Module) -> None:
     assert isinstance(module.tree.body[0], ast.Expr)
     assert module.tree.body[0].lineno == 1
     n_lines = module.source.count("\n")
-    assert n_lines <= 400
+    assert n_lines <= 800
 
 
 def test_every_room_of_the_table_exists() -> None:
@@ -188,14 +185,14 @@ def test_every_room_of_the_table_exists() -> None:
 @pytest.mark.parametrize(
     ("name", "source", "complaint"),
     [
-        ("arrays", "from zbuf_occlude.mesh import Mesh", "arrays imports mesh, which is not below it"),
-        ("camera", "from zbuf_occlude import predicates", "camera imports predicates, which is not below it"),
-        ("mesh", "def f():\n    import zbuf_occlude.sampling", "mesh imports sampling, which is not below it"),
+        ("arrays", "from zbuf_occlude.geometry.mesh import Mesh", "arrays imports geometry.mesh, which is not"),
+        ("geometry.mesh", "from zbuf_occlude import views", "geometry.mesh imports views, which is not below it"),
+        ("jit.vec3", "def f():\n    import zbuf_occlude.geometry.sampling", "jit.vec3 imports geometry.sampling"),
         ("gl.context", "from zbuf_occlude.object_space.planes import x", "imports object_space.planes, which is not"),
         (
             "object_space.planes",
-            "from zbuf_occlude.predicates import blocks",
-            "imports predicates, which is not below it or not for it",
+            "from zbuf_occlude.geometry.predicates import blocks",
+            "imports geometry.predicates, which is not below it or not for it",
         ),
         ("visibility.exact", "from zbuf_occlude.visibility.oracle import prepare", "methods do not import each other"),
         ("visibility.embree", "from zbuf_occlude.visibility import METHODS", "methods do not import each other"),
@@ -210,7 +207,7 @@ def test_every_room_of_the_table_exists() -> None:
         ("visibility.exact_gl", "import moderngl", "imports moderngl, which belongs to gl"),
         ("visibility.pyrender", "from pyrender import Scene", "pyrender, which belongs to visibility.pyrender_worker"),
         ("dataset.plan", "def f():\n    import torch.nn", "imports torch, which belongs to learn, dataset.torch"),
-        ("mesh", "print(1)", "mesh calls print in line 1; only cli may"),
+        ("arrays", "print(1)", "arrays calls print in line 1; only cli may"),
         ("farm.local", "import sys\nsys.exit(1)", "farm.local calls sys.exit in line 2; only cli may"),
     ],
 )

@@ -17,8 +17,8 @@ from numba.core import entrypoints
 from numba.core.caching import Cache
 from numba.core.dispatcher import Dispatcher
 
+from zbuf_occlude.jit.simd import merged
 from zbuf_occlude.kernels import load_only, njit
-from zbuf_occlude.lanes import merged
 
 ROOT = Path(__file__).parents[1]
 
@@ -140,7 +140,7 @@ def test_what_is_not_found_is_compiled_after_load_only_too(tmp_path: Path) -> No
         "import sys, numba, numpy as np\n"
         "from zbuf_occlude.kernels import load_only\n"
         "load_only()\n"
-        "from zbuf_occlude.cleaning import _fill_degenerate as kernel\n"
+        "from zbuf_occlude.geometry.cleaning import _fill_degenerate as kernel\n"
         "kernel(np.eye(3), np.array([[0, 1, 2]], np.int32), 0.0, np.empty(1, bool))\n"
         "dispatcher = kernel._compiled\n"
         "found = sum(dispatcher.stats.cache_hits.values())\n"

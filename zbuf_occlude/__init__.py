@@ -25,10 +25,10 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
         OptionError,
         UnavailableError,
     )
-    from zbuf_occlude.mesh import Mesh
+    from zbuf_occlude.geometry.mesh import Mesh
+    from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.files import load_mesh
-    from zbuf_occlude.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.scenes import Scene
     from zbuf_occlude.sensors import scan
     from zbuf_occlude.views import Views
@@ -72,10 +72,10 @@ _HOMES = {
         "OptionError",
         "UnavailableError",
     ),
-    "mesh": ("Mesh",),
+    "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.files": ("load_mesh",),
-    "sampling": ("SurfacePoints", "sample_surface"),
+    "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
     "sensors": ("scan",),
     "views": ("Views",),

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude import marks
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.marks import area_of_mark, axes_of_eye, frame_of, lambert, marks_of, project, shade
-from zbuf_occlude.mesh import Mesh
 
 COLOUR = to_hex(marks.COLOUR)
 """What a surface is painted with unless told otherwise."""

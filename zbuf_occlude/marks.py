@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, as_vectors
-from zbuf_occlude.camera import view_matrices
+from zbuf_occlude.geometry.camera import view_matrices
 
 COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)
 """What a surface is painted with unless told otherwise."""
@@ -26,7 +26,7 @@ def project(
     eye, target : (3,) float
         World space; the target falls on the picture's origin.
     up : (3,) float, optional
-        What points upwards in the picture; as in `zbuf_occlude.camera.view_matrices` by default.
+        What points upwards in the picture; as in `zbuf_occlude.geometry.camera.view_matrices` by default.
     perspective : bool
         Lines of sight through the eye; otherwise parallel.
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude import load_mesh, prepare
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
 

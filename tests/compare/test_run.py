@@ -20,7 +20,7 @@ from zbuf_occlude.compare.run import Case, compare_masks, run
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.errors import MeshError, OptionError
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import Occluder
 

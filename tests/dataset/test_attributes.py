@@ -10,7 +10,6 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import Mesh, OptionError, Views
-from zbuf_occlude.colors import GREY, WHITE, SurfaceColors
 from zbuf_occlude.dataset import packing
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.folder import sha256_of
@@ -19,8 +18,9 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.packed import PackedDataset
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from zbuf_occlude import views
-from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.dataset import sheet
 from zbuf_occlude.dataset.sheet import PANEL, TITLE, write_contact_sheet
+from zbuf_occlude.geometry.camera import view_matrices
 
 
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:

@@ -7,8 +7,8 @@ import pytest
 
 from tests.visibility.witness_twin import witness_test
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, views
-from zbuf_occlude.camera import Frusta
 from zbuf_occlude.errors import GlError
+from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext

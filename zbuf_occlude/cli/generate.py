@@ -38,7 +38,6 @@ from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.kernels import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -272,7 +271,7 @@ def command(
             rehearse(plan.recipe, require_gpu)
     if not is_compiled(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
-        with without_scipy(), nothing_to_collect():  # a twentieth of the time
+        with without_scipy():
             compile_ahead(plan.recipe)
     failed = False
     for one, folder in plans:

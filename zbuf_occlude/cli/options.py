@@ -15,7 +15,7 @@ from click.core import ParameterSource
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.labels import FORMS
 from zbuf_occlude.views import Views

@@ -25,8 +25,8 @@ from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_opt
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_ply
+from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.scan import pose_of_camera

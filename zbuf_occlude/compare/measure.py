@@ -10,8 +10,8 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.compare.question import Question
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 

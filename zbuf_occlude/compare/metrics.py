@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 SILHOUETTE_EDGES = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Upper ends of the bins of distance from the nearest silhouette, in footprints; a last bin has no upper end."""

@@ -12,8 +12,8 @@ from zbuf_occlude.compare.paper import GRIDS, MODIFIED, TABLE_1A, TABLE_1B, Pape
 from zbuf_occlude.compare.question import Question, ask, ask_vertices
 from zbuf_occlude.compare.run import Case
 from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.files import load_mesh

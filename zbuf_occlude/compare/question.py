@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 

@@ -31,8 +31,8 @@ from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.scans import scan
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.origin import Origin
 
 REMEDY = "Run the same `zbuf-occlude generate` again."

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 

@@ -12,8 +12,8 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.stacked import count_stacked
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, curve_order, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE, Batches, Files, MeshIds, Placement, deal
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
-from zbuf_occlude.sampling import MAX_POINTS
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors.setup import Setup

@@ -11,10 +11,10 @@ from zbuf_occlude import numba_cache
 from zbuf_occlude.dataset.batch import make_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 from zbuf_occlude.visibility import find_method, prepare

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.colors import GREY, Bytes, barycentric
 from zbuf_occlude.dataset.clouds import ScanPoints, point_columns
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Sampling, count_clouds, sample
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors.capture import Capture, captures, sensor_places, stand
 from zbuf_occlude.sensors.record import Scan

@@ -15,9 +15,9 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import all_finite
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 from zbuf_occlude.workers.task import Run, run_here

@@ -12,8 +12,7 @@ from unicodedata import decimal
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
-from zbuf_occlude.garbage import nothing_to_collect
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
@@ -124,7 +123,6 @@ class MeshCollection(Sequence[MeshEntry]):
         return sorted({entry.label for entry in self}, key=_natural)
 
     @classmethod
-    @nothing_to_collect()
     def from_paths(
         cls,
         paths: Paths,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.errors import OptionError, in_words
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import FILE, size_of

@@ -10,8 +10,8 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.scenes.files import placed_of
 from zbuf_occlude.scenes.hiding import METHOD, N_POINTS
 from zbuf_occlude.scenes.kinds import WITHIN, Asked

@@ -8,8 +8,8 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
 
 LIBRARIES = {"libusb-1.0.so.0": "libusb-1.0-0", "libX11.so.6": "libx11-6", "libGL.so.1": "libgl1"}

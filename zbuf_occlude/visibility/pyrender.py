@@ -19,12 +19,19 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.camera import Frusta, cube_faces, cube_frusta, cube_view_matrices, fitted_frusta, view_matrices
 from zbuf_occlude.checks import check_fraction
 from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.geometry.camera import (
+    Frusta,
+    cube_faces,
+    cube_frusta,
+    cube_view_matrices,
+    fitted_frusta,
+    view_matrices,
+)
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.devices import default_device
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.depth_test import depth_test
 from zbuf_occlude.visibility.interface import Occluder
 

@@ -13,7 +13,7 @@ import numpy as np
 from OpenGL.GL import GL_RENDERER, glGetString
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.camera import Frusta
+from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.kernels import without_scipy
 
 with without_scipy():  # trimesh, which pyrender imports, can do without: two fifths of the time to start

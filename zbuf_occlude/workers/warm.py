@@ -16,7 +16,7 @@ with without_scipy():
 
     from zbuf_occlude.dataset.plan import Recipe
     from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
-    from zbuf_occlude.threads import alone
+    from zbuf_occlude.jit.pool import alone
     from zbuf_occlude.workers import worker
 
     load_only()

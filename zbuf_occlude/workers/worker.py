@@ -31,7 +31,7 @@ def serve(
 
     A forked one ends with the server that it was forked from, which ends with the supervisor's process.
     """
-    from zbuf_occlude.threads import use_threads  # late, with numba: the supervisor's process computes nothing
+    from zbuf_occlude.jit.pool import use_threads  # late, with numba: the supervisor's process computes nothing
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor decides what an interrupt means
     _let_server_end()

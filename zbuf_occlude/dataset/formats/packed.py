@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.clouds import ScanPoints, gather_clouds, record_type
@@ -35,8 +34,9 @@ from zbuf_occlude.dataset.pipeline import Sampling
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.scans import standing_points
 from zbuf_occlude.dataset.source import IDS, Arranged, Numbers, Source, arranged
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.sensors.capture import stand
 from zbuf_occlude.views import Views
 

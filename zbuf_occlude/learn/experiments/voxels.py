@@ -6,11 +6,11 @@ from functools import partial
 
 from zbuf_occlude.compare.figures import cells_as_mesh
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.origin import Origin
-from zbuf_occlude.sampling import sample_surface
 
 FINEST = 128
 """Voxels a side, at most: the surface of a finer grid has millions of faces."""

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.shapes.families import make
 
 Indices = NDArray[np.int64]

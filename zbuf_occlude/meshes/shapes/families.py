@@ -9,7 +9,7 @@ import numpy as np
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
 from zbuf_occlude.meshes.shapes.draw import Draw

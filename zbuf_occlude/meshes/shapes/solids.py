@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.shapes.finish import quartered
 from zbuf_occlude.meshes.shapes.kit import Part, boxes, ellipsoid, grid, join
 
