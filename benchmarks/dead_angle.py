@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.learn.experiments.elevation import areas_seen
 from zbuf_occlude.learn.experiments.voxels import as_voxels
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 NEAR = np.sin(np.radians(10.0))

@@ -11,9 +11,9 @@ import time
 import numpy as np
 import torch
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.threads import use_threads
 
 

@@ -32,6 +32,7 @@ import numpy as np
 from tqdm import tqdm
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.claim import claim
 from zbuf_occlude.dataset.generate import do, run_here
 from zbuf_occlude.dataset.jobs import Jobs
@@ -40,7 +41,6 @@ from zbuf_occlude.dataset.shard import data_path
 from zbuf_occlude.farm import local
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 VIEWS = 100

@@ -29,6 +29,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
+    {"shapes": set()},
     {"gl": set(), "object_space": set(), "image_space": set(), "cuda": set()},  # engines; none knows another
     {"visibility": set()},
     {"scenes": set()},

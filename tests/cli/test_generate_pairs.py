@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from tests.cli.conftest import Run
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.pcd import read_pcd
-from zbuf_occlude.meshes import shapes
 
 CAMERA = ("--sensor", "pinhole:width=40,height=30,fov=60", "--method", "embree", "--limit", 2, "--range", 4)
 CAMERA += ("--size", "airplane=2,bed=3", "--set-sensor", "noise=0")

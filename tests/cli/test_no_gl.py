@@ -11,7 +11,7 @@ import pytest
 from tests.cli.conftest import Run
 from zbuf_occlude.dataset import auto
 from zbuf_occlude.gl import nvidia
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.shapes import solids
 
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 WHY = "no OpenGL context opens here; for depth_buffer on Debian: apt-get install libegl1 libgl1-mesa-dri"

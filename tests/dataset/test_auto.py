@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh, MeshCollection, OptionError
+from zbuf_occlude import Mesh, MeshCollection, OptionError, shapes
 from zbuf_occlude.dataset import auto, trial
 from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
@@ -17,7 +17,6 @@ from zbuf_occlude.errors import GlError
 from zbuf_occlude.farm import local
 from zbuf_occlude.gl import nvidia
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.meshes import shapes
 
 
 @pytest.mark.parametrize(

@@ -10,17 +10,16 @@ import pytest
 
 from tests.cli.conftest import write_off
 from tests.dataset.shards import make_shards
-from zbuf_occlude import MeshCollection, load_mesh
+from zbuf_occlude import MeshCollection, load_mesh, shapes
 from zbuf_occlude.dataset.generate import generate, run_here
 from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.shard import look_at, run_shard
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.mesh_files import origin_now
-from zbuf_occlude.meshes.shapes import families
 from zbuf_occlude.origin import Origin
+from zbuf_occlude.shapes import families
 
 RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)  # two meshes a shard
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
@@ -165,7 +164,7 @@ def test_the_buffers_of_gltf_are_part_of_a_mesh(tmp_path: Path) -> None:
 def test_a_shape_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
     generate(Plan(shapes.collection(n_members=1), recipe), tmp_path, share=(0, 2))
-    monkeypatch.setattr("zbuf_occlude.meshes.shapes.families.VERSION", 1000)
+    monkeypatch.setattr("zbuf_occlude.shapes.families.VERSION", 1000)
     with pytest.raises(DatasetError, match="builtin/airplane/train/airplane_0000 must be what the data"):
         generate(Plan(shapes.collection(n_members=1), recipe), tmp_path)
 

@@ -13,6 +13,7 @@ pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zb
 from tests.learn import light  # noqa: E402
 from tests.learn.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.learn.hand_made import TINY, confusion, result  # noqa: E402
+from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.cli.experiment import command  # noqa: E402
 from zbuf_occlude.learn.experiments.names import COUNTS, KINDS, MATCHED, OWN, REALISM, name_of_real  # noqa: E402
 from zbuf_occlude.learn.experiments.realism import RealismClouds, in_both_counts  # noqa: E402
@@ -20,7 +21,6 @@ from zbuf_occlude.learn.experiments.realism_tables import cars_found, sentence, 
 from zbuf_occlude.learn.experiments.report import write_study  # noqa: E402
 from zbuf_occlude.learn.experiments.results import Confusion, read_results  # noqa: E402
 from zbuf_occlude.learn.experiments.study import run_study  # noqa: E402
-from zbuf_occlude.meshes import shapes  # noqa: E402
 
 FACTS = {
     "objects": 8, "clouds": 20, "points": {"uniform": 256.0, "scans": 120.0, "scenes": 80.5}, "sensor": "hdl-64e",

@@ -16,6 +16,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from tests.learn import light  # noqa: E402
 from tests.learn.hand_made import TINY  # noqa: E402
+from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn import sydney  # noqa: E402
 from zbuf_occlude.learn.data import MODELNET10, CloudSet, find_objects  # noqa: E402
@@ -31,7 +32,6 @@ from zbuf_occlude.learn.experiments.results import FOLDER, Result, read_results,
 from zbuf_occlude.learn.experiments.sizes import FULL, QUICK  # noqa: E402
 from zbuf_occlude.learn.experiments.study import run_study  # noqa: E402
 from zbuf_occlude.learn.experiments.trials import Trial, run_trials  # noqa: E402
-from zbuf_occlude.meshes import shapes  # noqa: E402
 
 
 class Stop(Exception):  # noqa: N818  (no error: an end)

@@ -7,10 +7,10 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.learn.test_sydney import write_bin
+from zbuf_occlude import shapes
 from zbuf_occlude.learn import sydney
 from zbuf_occlude.learn.sydney_frame import Frame, decided, find_frame, picture_of_scans, vote
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes.solids import box
+from zbuf_occlude.shapes.solids import box
 
 N_CARS = 10
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.learn.experiments.voxels import as_voxels, voxel_surface
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes.solids import box
+from zbuf_occlude.shapes.solids import box
 
 
 def test_a_cube_is_its_shell() -> None:

@@ -11,7 +11,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
 from tests.scenes import box
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved

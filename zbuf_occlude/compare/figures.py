@@ -14,10 +14,10 @@ from zbuf_occlude.compare.plots import canvas
 from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.marks import project
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.shapes import formulas
 from zbuf_occlude.object_space.division import divide_faces
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
 from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.shapes import formulas
 from zbuf_occlude.views import PAPER_DISTANCE, Views, paper100
 from zbuf_occlude.visibility import prepare
 

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from zbuf_occlude import shapes
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.compare.paper import GRIDS, MODIFIED, TABLE_1A, TABLE_1B, PaperObject
 from zbuf_occlude.compare.question import Question, ask, ask_vertices
@@ -14,7 +15,6 @@ from zbuf_occlude.compare.run import Case
 from zbuf_occlude.compare.subjects import Subject
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.views import Views, paper100

@@ -3,8 +3,8 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part
 
 FEWEST_FACES = 200
 

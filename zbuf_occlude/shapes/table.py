@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.curves import bent, circle, rectangle
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import doors, drawers, four_legs, leg, splayed, stretchers
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import bent, circle, rectangle
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import doors, drawers, four_legs, leg, splayed, stretchers
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     around,
@@ -23,7 +23,7 @@ from zbuf_occlude.meshes.shapes.kit import (
     shell,
     tube,
 )
-from zbuf_occlude.meshes.shapes.table_parts import LEGS, four_legged, pedestal, top
+from zbuf_occlude.shapes.table_parts import LEGS, four_legged, pedestal, top
 
 
 def _dining(draw: Draw) -> Part:

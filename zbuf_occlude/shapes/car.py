@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.car_parts import Form, cabin, form_of, hull, seats, trim, wheel, wheels
-from zbuf_occlude.meshes.shapes.car_special import bubble, jeep, racer, vintage
-from zbuf_occlude.meshes.shapes.curves import bent
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, bar, box, grid, join, pair, tube
+from zbuf_occlude.shapes.car_parts import Form, cabin, form_of, hull, seats, trim, wheel, wheels
+from zbuf_occlude.shapes.car_special import bubble, jeep, racer, vintage
+from zbuf_occlude.shapes.curves import bent
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, bar, box, grid, join, pair, tube
 
 
 def _closed(draw: Draw, f: Form, *extras: Part) -> Part:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, rectangle, sind, smooth, superellipse
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import four_legs, stretchers
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import bent, circle, cosd, rectangle, sind, smooth, superellipse
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import four_legs, stretchers
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     around,

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.curves import bent, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, Point, bar, box, boxes, ellipsoid, four, join, pair, revolve, rod, tube
+from zbuf_occlude.shapes.curves import bent, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, Point, bar, box, boxes, ellipsoid, four, join, pair, revolve, rod, tube
 
 LEG_KINDS = ("square", "tapered", "round", "conical", "turned", "cabriole", "hairpin")
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.bottle_parts import closure, glass, handle, label, notched, rounded
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth, superellipse
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, box, cylinder, ellipsoid, join, loft, pair, prism, revolve, rod, tube
+from zbuf_occlude.shapes.bottle_parts import closure, glass, handle, label, notched, rounded
+from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth, superellipse
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, box, cylinder, ellipsoid, join, loft, pair, prism, revolve, rod, tube
 
 
 def _wine(draw: Draw) -> Part:

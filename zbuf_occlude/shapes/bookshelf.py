@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.bookshelf_parts import case, contents, load, pole, tray
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, polygon, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import doors, drawers, four_legs
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.bookshelf_parts import case, contents, load, pole, tray
+from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import doors, drawers, four_legs
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     around,

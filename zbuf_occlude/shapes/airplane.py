@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.airplane_military import bomber, delta, drone, fighter, flying_wing, twin_boom, warbird
-from zbuf_occlude.meshes.shapes.airplane_parts import (
+from zbuf_occlude.shapes.airplane_military import bomber, delta, drone, fighter, flying_wing, twin_boom, warbird
+from zbuf_occlude.shapes.airplane_parts import (
     Wing,
     airliner_body,
     canopy,
@@ -16,8 +16,8 @@ from zbuf_occlude.meshes.shapes.airplane_parts import (
     propeller,
     tail,
 )
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, bar, box, join, pair, rod
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, bar, box, join, pair, rod
 
 
 def _airliner(draw: Draw) -> Part:

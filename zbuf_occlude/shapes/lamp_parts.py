@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.meshes.shapes.curves import circle, cosd, polygon, rectangle, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import circle, cosd, polygon, rectangle, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import (
     Part,
     around,
     cylinder,

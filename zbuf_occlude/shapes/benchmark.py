@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.shapes.families import make
+from zbuf_occlude.shapes.families import make
 
 Indices = NDArray[np.int64]
 _DETAILS = (0.55, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)

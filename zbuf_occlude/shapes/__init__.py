@@ -10,9 +10,9 @@
 Everything is computed from numbers alone: the same arguments give the same bytes.
 """
 
-from zbuf_occlude.meshes.shapes import formulas, solids
-from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
-from zbuf_occlude.meshes.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
+from zbuf_occlude.shapes import formulas, solids
+from zbuf_occlude.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
+from zbuf_occlude.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
 
 __all__ = [
     "CLASSES",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.chair_parts import (
+from zbuf_occlude.shapes.chair_parts import (
     BACKS,
     arms,
     back,
@@ -15,10 +15,10 @@ from zbuf_occlude.meshes.shapes.chair_parts import (
     star,
     wires,
 )
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, rectangle, sind, smooth, superellipse
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import four_legs, leg, splayed, stretchers
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import bent, circle, cosd, rectangle, sind, smooth, superellipse
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import four_legs, leg, splayed, stretchers
+from zbuf_occlude.shapes.kit import (
     Part,
     bar,
     box,

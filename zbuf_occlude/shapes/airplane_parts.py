@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes.curves import circle, smooth, superellipse
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, Point, around, boxes, ellipsoid, grid, join, loft, pair, revolve, rod
+from zbuf_occlude.shapes.curves import circle, smooth, superellipse
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, Point, around, boxes, ellipsoid, grid, join, loft, pair, revolve, rod
 
 
 def fuselage(draw: Draw, stations: ArrayLike, *, length: float = 1.0, power: float = 2.0) -> Part:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes.curves import circle, cosd, rectangle
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import circle, cosd, rectangle
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     around,

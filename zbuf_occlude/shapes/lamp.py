@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import (
     Part,
     Point,
     around,
@@ -20,7 +20,7 @@ from zbuf_occlude.meshes.shapes.kit import (
     shell,
     tube,
 )
-from zbuf_occlude.meshes.shapes.lamp_parts import foot, lantern, shade, spot, stand
+from zbuf_occlude.shapes.lamp_parts import foot, lantern, shade, spot, stand
 
 
 def _floor(draw: Draw) -> Part:

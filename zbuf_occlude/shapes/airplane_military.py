@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.airplane_parts import (
+from zbuf_occlude.shapes.airplane_parts import (
     Wing,
     airliner_body,
     canopy,
@@ -17,8 +17,8 @@ from zbuf_occlude.meshes.shapes.airplane_parts import (
     propeller,
     tail,
 )
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import (
     Part,
     around,
     box,

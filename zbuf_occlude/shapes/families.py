@@ -11,11 +11,11 @@ from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.meshes.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.finish import finished
-from zbuf_occlude.meshes.shapes.kit import Part
 from zbuf_occlude.origin import Origin
+from zbuf_occlude.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.finish import finished
+from zbuf_occlude.shapes.kit import Part
 
 Style = Callable[[Draw], Part]
 

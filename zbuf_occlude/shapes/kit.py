@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.meshes.shapes.curves import circle, cosd, frames, sind
+from zbuf_occlude.shapes.curves import circle, cosd, frames, sind
 
 Point = Sequence[float] | FloatArray
 AXES = {"x": 0, "y": 1, "z": 2}

@@ -13,7 +13,7 @@ from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.meshes.shapes.kit import grid
+from zbuf_occlude.shapes.kit import grid
 
 Array = Any  # a parameter net or an expression of it: broadcasting float arrays
 PI, TURN = np.pi, 2 * np.pi

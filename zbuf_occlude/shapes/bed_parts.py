@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.curves import bent, cosd, sind
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import drawers, four_legs, frame, leg
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.curves import bent, cosd, sind
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import drawers, four_legs, frame, leg
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     box,

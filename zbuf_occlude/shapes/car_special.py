@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.car_parts import Form, form_of, hull, seats, trim, wheel, wheels
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, rectangle, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import frame
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.car_parts import Form, form_of, hull, seats, trim, wheel, wheels
+from zbuf_occlude.shapes.curves import bent, circle, cosd, rectangle, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import frame
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     bar,

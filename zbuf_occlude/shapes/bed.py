@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from zbuf_occlude.meshes.shapes.bed_parts import HEADS, base, board, mattress, pillows, size
-from zbuf_occlude.meshes.shapes.curves import bent, cosd, rectangle, sind, smooth, superellipse
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import drawers, four_legs, leg
-from zbuf_occlude.meshes.shapes.kit import (
+from zbuf_occlude.shapes.bed_parts import HEADS, base, board, mattress, pillows, size
+from zbuf_occlude.shapes.curves import bent, cosd, rectangle, sind, smooth, superellipse
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import drawers, four_legs, leg
+from zbuf_occlude.shapes.kit import (
     Part,
     along,
     bar,

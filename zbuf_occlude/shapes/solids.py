@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.shapes.finish import quartered
-from zbuf_occlude.meshes.shapes.kit import Part, boxes, ellipsoid, grid, join
+from zbuf_occlude.shapes.finish import quartered
+from zbuf_occlude.shapes.kit import Part, boxes, ellipsoid, grid, join
 
 _PHI = (1 + 5**0.5) / 2
 _ICOSAHEDRON = np.array(

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes.curves import bent, circle, cosd, sind, smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.kit import Part, cylinder, ellipsoid, grid, join, revolve, tube
+from zbuf_occlude.shapes.curves import bent, circle, cosd, sind, smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.kit import Part, cylinder, ellipsoid, grid, join, revolve, tube
 
 
 def rounded(profile: ArrayLike, draw: Draw) -> FloatArray:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes.shapes.curves import smooth
-from zbuf_occlude.meshes.shapes.draw import Draw
-from zbuf_occlude.meshes.shapes.furniture import books
-from zbuf_occlude.meshes.shapes.kit import Part, along, around, box, grid, join, repeated, revolve, rod
+from zbuf_occlude.shapes.curves import smooth
+from zbuf_occlude.shapes.draw import Draw
+from zbuf_occlude.shapes.furniture import books
+from zbuf_occlude.shapes.kit import Part, along, around, box, grid, join, repeated, revolve, rod
 
 Corner = tuple[float, float, float]
 
