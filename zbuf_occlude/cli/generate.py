@@ -1,6 +1,5 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.dry_run import check_place, costs, describe
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_here, engine_options, pop_engine, shard_option, share_of
+from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import (
     MeshPlace,
     OutFolder,
@@ -31,7 +30,7 @@ from zbuf_occlude.cli.options import (
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
-from zbuf_occlude.dataset.auto import AUTO, Choice, gain_of, resolve
+from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
@@ -50,9 +49,6 @@ from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
-WORTH_A_TRIAL, LEAST_GAIN, LONGEST_TRIAL = 10.0, 1.2, 30.0
-"""Seconds of a run from which on `exact` is tried beside a software renderer; the gain that is worth a line; seconds
-after which a trial is given up."""
 
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
@@ -283,7 +279,6 @@ def command(
     failed = False
     for one, folder in plans:
         mine = sum(map(len, one.shards[share[0] :: share[1]])) * one.clouds_per_mesh
-        began = time.perf_counter()
         bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
             document = generate(
@@ -298,8 +293,6 @@ def command(
             )
         if document:
             echo(summary(document, folder))
-            if time.perf_counter() - began > WORTH_A_TRIAL and (hint := faster_exact(one, document["renderer"])):
-                echo(hint)
             failed |= bool(document["failures"])
         else:
             done = n_shards_done(one, folder)
@@ -319,15 +312,3 @@ def beside(bar: Any, n: int) -> Callable[[int], None]:
             bar.set_postfix_str(f"{total} of {n} parts written")
 
     return say
-
-
-def faster_exact(plan: Plan, renderer: str) -> str:
-    """Say how much faster `exact` would be than a method that renders, and did so in software; "" if it would not."""
-    from zbuf_occlude.gl.context import is_software  # late: only methods that render touch GL
-
-    if plan.recipe.complete or not is_software(renderer):
-        return ""
-    # by a worker, which has loaded what it takes, as one of a worker per core
-    run = engine_here(None, Limits(seconds=LONGEST_TRIAL))
-    gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes, run)
-    return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""

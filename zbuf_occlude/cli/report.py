@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.compare.paper import paper_tables
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
@@ -14,7 +15,7 @@ from zbuf_occlude.compare.summary import milliseconds, representatives, share, s
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
-    written = write_report(folder)
+    written = write_report(folder, paper_tables)
     echo(summary(folder))
     echo(f"report: {written[0]}")
 
