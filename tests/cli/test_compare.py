@@ -9,7 +9,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
-from zbuf_occlude.compare.presets import preset
+from zbuf_occlude.paper.presets import preset
 
 QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
 

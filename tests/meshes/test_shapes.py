@@ -13,8 +13,8 @@ import pytest
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.compare.paper import TABLE_1A, PaperObject
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.paper.table1 import TABLE_1A, PaperObject
 
 PAGE = Path(__file__).parents[2] / "docs" / "shapes.md"
 

@@ -20,8 +20,6 @@ from zbuf_occlude.cli.options import (
 )
 from zbuf_occlude.cli.report import summary
 from zbuf_occlude.cli.summary import SOME_FAILED
-from zbuf_occlude.compare.paper import paper_tables
-from zbuf_occlude.compare.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
 from zbuf_occlude.compare.question import MOST_VIEWS
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
@@ -29,6 +27,8 @@ from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.paper.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
+from zbuf_occlude.paper.table1 import paper_tables
 from zbuf_occlude.views import forms
 
 BUILT_IN_MESHES = 8

@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.compare.paper import paper_tables
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
+from zbuf_occlude.paper.table1 import paper_tables
 
 
 @click.command()

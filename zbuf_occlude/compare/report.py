@@ -15,8 +15,8 @@ from zbuf_occlude.compare.plots import all_plots
 from zbuf_occlude.compare.store import ROWS, Store
 from zbuf_occlude.compare.summary import Row, Standing, milliseconds, share, standings
 from zbuf_occlude.compare.tables import Table, marked_up
+from zbuf_occlude.drawing.pages import asset, json_for_page, pack_cloud, viewer_script
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.viewer import asset, json_for_page, pack_cloud, viewer_script
 
 TITLE = "Hidden-surface removal: how wrong, how fast, when to use which"
 OUTCOMES = (

@@ -13,8 +13,8 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud, viewer_script
 from zbuf_occlude.errors import printable
-from zbuf_occlude.viewer import asset, coloured, json_for_page, pack_cloud, viewer_script
 
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
 """From low to high: blue, green, red."""
