@@ -30,7 +30,7 @@ from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.exact_pass import ExactPass
 from zbuf_occlude.gl.exact_shapes import Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
-from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh
+from zbuf_occlude.shapes.benchmark import benchmark_mesh
 from zbuf_occlude.visibility import oracle
 from zbuf_occlude.visibility.interface import CONTACT
 

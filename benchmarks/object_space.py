@@ -20,7 +20,7 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude.jit.pool import use_threads
 from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.meshes.shapes import benchmark_mesh
+from zbuf_occlude.shapes import benchmark_mesh
 from zbuf_occlude.visibility.interface import Occluder
 
 EYES = zo.views.paper100().eyes[::20]

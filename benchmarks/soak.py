@@ -32,12 +32,12 @@ import numpy as np
 from tqdm import tqdm
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.formats.packed import archive_name
 from zbuf_occlude.dataset.generate import Making, generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility import find_method
 from zbuf_occlude.workers import local

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.scenes import SQUARE, box, stacked
-from zbuf_occlude.drawing import draw_cloud, draw_mesh, new_figure
+from zbuf_occlude.drawing.marks import project
+from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.marks import project
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zbuf_occlude.marks import area_of_mark, frame_of, marks_of, paint
+from zbuf_occlude.drawing.marks import area_of_mark, frame_of, marks_of, paint
 
 WHITE = 0xFFFFFFFF
 

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from zbuf_occlude.viewer import json_for_page, pack_cloud, viewer_script
+from zbuf_occlude.drawing.pages import json_for_page, pack_cloud, viewer_script
 
 
 def test_positions_come_back_to_half_a_step() -> None:

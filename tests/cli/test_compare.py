@@ -9,9 +9,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
-from zbuf_occlude.cli.compare import announce
-from zbuf_occlude.compare.forecast import Forecast
-from zbuf_occlude.compare.presets import preset
+from zbuf_occlude.paper.presets import preset
 
 QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
 
@@ -32,7 +30,6 @@ def test_compare_then_report(run: Run, folder: Path, tmp_path: Path) -> None:
     assert "4 rows made, 0 found, 0 failed" in outcome.out
     assert "occupancy_grid:n=8,n_samples=3000" in outcome.out
     assert "compare: 100%" in outcome.err
-    assert outcome.err.startswith("4 rows, about 1 minute (")
     rows = [json.loads(line) for line in (out / "rows.jsonl").read_text().splitlines()]
     assert [row["case"] for row in rows] == ["thing_1", "thing_1", "thing_2", "thing_2"]
     assert rows[1]["options"] == {"n": 8, "n_samples": 3000}
@@ -102,13 +99,6 @@ def test_options_that_nothing_would_look_at_are_refused(
 def test_seconds_are_the_presets_too() -> None:
     assert {case.budget for case in preset("table1b", root=None, seed=0)} == {30.0}
     assert {case.budget for case in preset("table1b", root=None, seed=0, budget=0.5)} == {0.5}
-
-
-def test_it_says_beforehand_how_long_and_what_is_given_up() -> None:
-    text = announce(Forecast(40, 7_300.0, ["a · vertex_hsr"]), 120.0).splitlines()
-    assert text[0] == "40 rows, about 2.0 hours (once compiled, on an idle machine)"
-    assert text[1].startswith("1 row will hardly be done within 120 s and be given up: a · vertex_hsr. Raise --row-")
-    assert announce(Forecast(1, 10.0, []), 120.0).startswith("1 row, about 1 minute (")
 
 
 @pytest.mark.parametrize(

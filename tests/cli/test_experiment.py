@@ -7,24 +7,24 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from tests.learn.hand_made import TINY
+from tests.paper.hand_made import TINY
 from tests.test_light_import import run as run_program
-from zbuf_occlude import Mesh
+from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes import MeshCollection, shapes
+from zbuf_occlude.meshes import MeshCollection
 
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """`--quick` is quicker: light networks, in this process; tests/learn/test_study.py has processes of their own."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
-    from tests.learn.light import put_in_place
+    from tests.paper.light import put_in_place
 
     put_in_place(monkeypatch)
-    monkeypatch.setattr("zbuf_occlude.learn.experiments.trials.n_cores", lambda: 1)
+    monkeypatch.setattr("zbuf_occlude.paper.trials.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.learn.experiments.elevation.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.paper.elevation.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
@@ -69,7 +69,7 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
 ) -> None:
     first = two_hundred(shapes.collection())[0]
     monkeypatch.setattr(
-        "zbuf_occlude.learn.experiments.study.find_objects",
+        "zbuf_occlude.paper.study.find_objects",
         lambda *_, **__: MeshCollection(
             [replace(entry, load=fail) if entry.key == first.key else entry for entry in shapes.collection()]
         ),

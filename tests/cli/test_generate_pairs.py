@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from zbuf_occlude.dataset.pcd import read_pcd
 
 from tests.cli.conftest import Run
-from zbuf_occlude.meshes import shapes
+from tests.pcd import read_pcd
+from zbuf_occlude import shapes
 
 CAMERA = ("--sensor", "pinhole:width=40,height=30,fov=60", "--method", "embree", "--limit", 2, "--range", 4)
 CAMERA += ("--size", "airplane=2,bed=3", "--set-sensor", "noise=0")

@@ -10,8 +10,8 @@ import trimesh
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
+from zbuf_occlude import shapes
 from zbuf_occlude.cli.scan_pictures import SURROUNDINGS, around_the_object
-from zbuf_occlude.meshes import shapes
 
 
 @pytest.fixture(scope="module")

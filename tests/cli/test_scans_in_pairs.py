@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from zbuf_occlude.dataset.pcd import read_pcd
 
 from tests.cli.conftest import Run
 from tests.cli.test_generate_scans import records_of
+from tests.pcd import read_pcd
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packed import PackedDataset
 

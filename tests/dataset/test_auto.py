@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh, MeshCollection, OptionError
+from zbuf_occlude import Mesh, MeshCollection, OptionError, shapes
 from zbuf_occlude.dataset import auto
 from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.gl import nvidia
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
 
 
 @pytest.mark.parametrize(

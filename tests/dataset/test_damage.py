@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.atomic import DAMAGES, reading
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import checksums, read_manifest
@@ -16,7 +17,6 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.meshes import shapes
 
 SUFFIXES = (".h5", ".zip", ".tar", ".npz")
 RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from tests.dataset.test_generate import files
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset import folder as claiming
 from zbuf_occlude.dataset.folder import State, claim, look, remove, sorted_out
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tests.scenes import box
-from zbuf_occlude import OptionError
+from zbuf_occlude import OptionError, shapes
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import MODELNET8, find_preset, plan_of_originals
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
 

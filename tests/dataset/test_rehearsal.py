@@ -15,7 +15,7 @@ from zbuf_occlude.dataset.batch import make_batch, read_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.rehearsal import compile_ahead
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 

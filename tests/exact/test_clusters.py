@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from zbuf_occlude import Mesh
+from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.exact.bvh import make_scene
 from zbuf_occlude.exact.clusters import halve_runs, make_clusters
 from zbuf_occlude.exact.layout import CLUSTER
 from zbuf_occlude.geometry.hilbert import hilbert_order
-from zbuf_occlude.meshes import shapes
 
 
 def test_every_blocking_face_is_in_one_cluster_and_its_box() -> None:

@@ -14,7 +14,7 @@ import zbuf_occlude as zo
 from tests.random_scenes import CONTACTS, KINDS, disagreements, disagreements_of, scene
 from tests.scenes import row_in_a_plane
 from zbuf_occlude import Mesh, sample_surface
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.shapes import solids
 from zbuf_occlude.visibility.interface import Occluder
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.random_scenes import KINDS, ray_disagreements_of
 from tests.scenes import box
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.shapes import solids
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 

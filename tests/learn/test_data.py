@@ -6,10 +6,11 @@ import h5py
 import numpy as np
 import pytest
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.learn.data import MODELNET10, CloudSet, find_objects, load_clouds, make_clouds
-from zbuf_occlude.meshes import MeshCollection, shapes
+from zbuf_occlude.meshes import MeshCollection
 
 
 def some_clouds(m: int = 6, n: int = 9) -> CloudSet:

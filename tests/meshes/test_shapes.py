@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from zbuf_occlude.compare.paper import TABLE_1A, PaperObject
+from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude.paper.table1 import TABLE_1A, PaperObject
 
 PAGE = Path(__file__).parents[2] / "docs" / "shapes.md"
 
@@ -145,7 +145,7 @@ def test_another_process_makes_the_same_bytes() -> None:
     """Also where another seed of the hashes of str is drawn."""
     chosen = [(label, index) for label in shapes.CLASSES for index in (0, 33, 60)]
     code = (
-        "import hashlib\nfrom zbuf_occlude.meshes import shapes\n"
+        "import hashlib\nfrom zbuf_occlude import shapes\n"
         f"for label, index in {chosen!r}:\n"
         "    mesh = shapes.make(label, index)\n"
         "    print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())\n"

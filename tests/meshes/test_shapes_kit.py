@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from zbuf_occlude.meshes.shapes import curves, finish, furniture, kit
-from zbuf_occlude.meshes.shapes.draw import Draw
+from zbuf_occlude.shapes import curves, finish, furniture, kit
+from zbuf_occlude.shapes.draw import Draw
 
 
 def area(part: kit.Part) -> float:

@@ -5,9 +5,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import unshared
+from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes import formulas, solids
+from zbuf_occlude.shapes import formulas, solids
 
 N = 20_000
 

@@ -11,8 +11,8 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
 from tests.scenes import box
+from zbuf_occlude import shapes
 from zbuf_occlude.geometry.sampling import sample_surface
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
 from zbuf_occlude.scenes.albedos import ALBEDOS, TYPICAL, draw_albedos

@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
 
 MESH = shapes.make("chair", 3).normalized()
 POINTS = zo.sample_surface(MESH, n_points=500, seed=1)

@@ -19,10 +19,7 @@ from zbuf_occlude.cli.options import (
     up_option,
 )
 from zbuf_occlude.cli.report import summary
-from zbuf_occlude.cli.summary import SOME_FAILED, counted
-from zbuf_occlude.compare.forecast import Forecast, forecast
-from zbuf_occlude.compare.judge import FOLDER, Judge
-from zbuf_occlude.compare.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
+from zbuf_occlude.cli.summary import SOME_FAILED
 from zbuf_occlude.compare.question import MOST_VIEWS
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
@@ -30,6 +27,8 @@ from zbuf_occlude.compare.subjects import Subject, default_subjects
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.paper.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
+from zbuf_occlude.paper.table1 import paper_tables
 from zbuf_occlude.views import forms
 
 BUILT_IN_MESHES = 8
@@ -125,8 +124,7 @@ def command(
       report.html, report.md   the answer, tables, plots, and the worst views in 3D
       *.png                    the plots
 
-    Before the first row it says about how long all will take. The same command again resumes; failed rows are tried
-    again. Exit code 3: done, but some rows failed.
+    The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed.
 
     \b
     Examples:
@@ -145,9 +143,7 @@ def command(
     for name in presets:
         cases += preset(name, root=modelnet, seed=seed, budget=seconds)
     timed = DEFAULT_SECONDS if seconds is None else seconds
-    expected = forecast(cases, Judge(out / FOLDER, judge_points), budget=timed, limit=row_seconds)
-    echo(announce(expected, row_seconds), err=True)
-    total = expected.n_rows
+    total = sum(len(case.subjects) for case in cases)
     with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
 
         def progress(text: str) -> None:
@@ -156,7 +152,7 @@ def command(
 
         tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
         bar.update(total - bar.n)
-    written = write_report(out)
+    written = write_report(out, paper_tables)
     echo(summary(out))
     echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
     if tally.failed:
@@ -181,21 +177,6 @@ def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool
             f"--modelnet must go with --preset {' or '.join(OBJECTS_OF_THE_PAPER)}, whose objects it holds. "
             "To compare its meshes give the folder as MESH_OR_DIR."
         )
-
-
-def announce(expected: Forecast, row_seconds: float) -> str:
-    """Say beforehand how long a comparison will take, and which rows are too slow for it."""
-    minutes = max(1, round(expected.seconds / 60))
-    hours = f"{minutes / 60:.1f} hours" if minutes >= 90 else counted(minutes, "minute")
-    lines = [f"{counted(expected.n_rows, 'row')}, about {hours} (once compiled, on an idle machine)"]
-    if expected.given_up:
-        shown = "; ".join(expected.given_up[:3])
-        more = f"; and {len(expected.given_up) - 3} more" if len(expected.given_up) > 3 else ""
-        lines.append(
-            f"{counted(len(expected.given_up), 'row')} will hardly be done within {row_seconds:g} s and be given up: "
-            f"{shown}{more}. Raise --row-seconds, or name other methods."
-        )
-    return "\n".join(lines)
 
 
 def parse_subject(text: str) -> Subject:

@@ -9,14 +9,14 @@ from tqdm import tqdm
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
-from zbuf_occlude.learn.experiments.findings import sentences
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, REALISM
-from zbuf_occlude.learn.experiments.progress import Progress
-from zbuf_occlude.learn.experiments.report import write_study
-from zbuf_occlude.learn.experiments.results import read_results, read_study
-from zbuf_occlude.learn.experiments.sizes import FULL, QUICK, Size
 from zbuf_occlude.learn.models import MODELS, require_torch
-from zbuf_occlude.learn.sydney import UPS
+from zbuf_occlude.paper.design import FULL, QUICK, Size
+from zbuf_occlude.paper.findings import sentences
+from zbuf_occlude.paper.names import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, REALISM
+from zbuf_occlude.paper.progress import Progress
+from zbuf_occlude.paper.results import read_results, read_study
+from zbuf_occlude.paper.study_report import write_study
+from zbuf_occlude.paper.sydney import UPS
 
 ALL = "all"
 
@@ -135,7 +135,7 @@ def command(
         )
     size = changed(QUICK if quick else FULL, name, **changes)
     require_torch()
-    from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
+    from zbuf_occlude.paper.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
     wanted = EXPERIMENTS if name == ALL else (name,)
     bars = Bars()

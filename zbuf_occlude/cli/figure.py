@@ -4,14 +4,14 @@ from pathlib import Path
 
 import click
 
+from zbuf_occlude import shapes
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import given, method_options, parse_settings, suffix_of, up_option
-from zbuf_occlude.compare.figures import FIGURES, Exhibit, make_mask
-from zbuf_occlude.learn.sydney import largest_scan, read_scan
-from zbuf_occlude.learn.sydney_frame import find_frame
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
+from zbuf_occlude.paper.sydney import largest_scan, read_scan
+from zbuf_occlude.paper.sydney_frame import find_frame
 from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150

@@ -323,7 +323,7 @@ def collect(
         if not meshes:
             raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         meshes = shapes.formulas.collection() if formulas else shapes.collection()
         meshes = meshes if labels is None else meshes.labelled(labels)

@@ -8,13 +8,14 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.store import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
+from zbuf_occlude.paper.table1 import paper_tables
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
-    written = write_report(folder)
+    written = write_report(folder, paper_tables)
     echo(summary(folder))
     echo(f"report: {written[0]}")
 

@@ -131,7 +131,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
     if len(collection) > 1:
         others = collection[1:]
     else:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         others = shapes.collection()
     mesh, size = stand(loaded, first.label, setup)

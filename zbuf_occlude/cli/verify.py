@@ -60,7 +60,7 @@ def check(
     elif meshes:
         collection = MeshCollection.from_paths(meshes, up=up)
     elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         collection = shapes.collection()
     echo(folder)

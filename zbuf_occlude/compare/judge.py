@@ -65,12 +65,6 @@ class Judge:
         affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
         return min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
 
-    def n_tests(self, question: Question) -> float:
-        """How many pairs of line and face a verdict on the question takes; none when it was answered before."""
-        if self._path(question).exists():
-            return 0.0
-        return float(PASSES * len(question.views) * self.n_judged(question) * len(question.mesh.faces))
-
     def _path(self, question: Question) -> Path:
         return self._folder / f"{question.fingerprint}-{self.n_judged(question)}.npz"
 

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -11,13 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from zbuf_occlude.compare import tables
-from zbuf_occlude.compare.paper import paper_tables
 from zbuf_occlude.compare.plots import all_plots
 from zbuf_occlude.compare.store import ROWS, Store
 from zbuf_occlude.compare.summary import Row, Standing, milliseconds, share, standings
 from zbuf_occlude.compare.tables import Table, marked_up
+from zbuf_occlude.drawing.pages import asset, json_for_page, pack_cloud, viewer_script
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.viewer import asset, json_for_page, pack_cloud, viewer_script
 
 TITLE = "Hidden-surface removal: how wrong, how fast, when to use which"
 OUTCOMES = (
@@ -37,13 +36,15 @@ CAPTIONS = {
 DPI = 110
 
 
-def write_report(folder: Path) -> list[Path]:
+def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Table]] = lambda rows: []) -> list[Path]:
     """Write the report of a comparison's folder.
 
     Parameters
     ----------
     folder : Path
         Holds rows.jsonl, and what belongs to its worst views.
+    extra_tables : callable, optional
+        From all rows to further tables, such as those of presets.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def write_report(folder: Path) -> list[Path]:
     for name, png in figures.items():
         written.append(folder / f"{name}.png")
         written[-1].write_bytes(png)
-    sections: list[Table | str] = ["resolution", "elevation", "where", *paper_tables(rows), "scaling"]
+    sections: list[Table | str] = ["resolution", "elevation", "where", *extra_tables(rows), "scaling"]
     if ranking:
         sections += [tables.all_subjects(ranking), tables.by_mesh(judged)]
     if failed := tables.failures(rows):

@@ -173,7 +173,7 @@ def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> Mesh
         The folder is missing, or lacks one of the paper's eight classes (and, where they will do, of those ten).
     """
     if modelnet is None:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         return shapes.collection()
     where = f"ModelNet40 comes from {MODELNET40}; without --modelnet the built-in shapes are used."

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.drawing import new_figure
+from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.learn.classifier import Classifier
 from zbuf_occlude.learn.data import CloudSet
