@@ -39,7 +39,7 @@ FIRST = (
     "visibility/test_pyrender.py", "learn/test_train.py", "visibility/test_first_hits.py",
     "dataset/test_generate.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
     "sensors/test_scenes.py", "learn/test_realism.py", "cli/test_experiment.py", "compare/test_figures.py",
-    "dataset/test_export.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "test_numba_cache.py",
+    "dataset/test_export.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "jit/test_compiler.py",
     "dataset/test_attributes.py",
 )  # fmt: skip
 """Files whose tests wait, or work for more than some five seconds: begun before the others, so that no process has a

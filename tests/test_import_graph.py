@@ -13,8 +13,7 @@ FACE = "zbuf_occlude"
 
 FLOORS: tuple[dict[str, set[str]], ...] = (
     # from the ground up; a room may import itself, every lower floor, and what its row names besides
-    {"errors": set(), "interrupts": set(), "kernels": set(), "numba_cache": set()},
-    {"jit": set()},
+    {"errors": set(), "interrupts": set(), "jit": set()},
     {
         "arrays": set(),
         "checks": set(),

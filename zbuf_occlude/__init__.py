@@ -12,8 +12,6 @@ from zbuf_occlude import interrupts
 
 interrupts.end_quietly()
 
-from zbuf_occlude import numba_cache  # noqa: E402  (it takes a while)
-
 if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
     from zbuf_occlude import scenes, sensors, views
     from zbuf_occlude.errors import (
@@ -35,9 +33,6 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.visibility import METHODS, prepare
 
 __version__ = "0.1.0"
-
-numba_cache.ensure_writable()  # before any module compiles a function
-numba_cache.forget_stale()
 
 __all__ = [
     "METHODS",

@@ -10,12 +10,12 @@ import gc, sys, tempfile
 from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from zbuf_occlude import numba_cache
 from zbuf_occlude.dataset.batch import make_batch, read_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.rehearsal import compile_ahead
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude import shapes
+from zbuf_occlude.jit import compiler
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 
@@ -25,7 +25,7 @@ def compiled():
 
 method, scene = sys.argv[1:]
 setup = scene and asdict(Setup(document_of(make("hdl-64e")), range=(10.0, 10.0), scene=scene))
-numba_cache.note_compiled = print
+compiler.note_compiled = print
 recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
 compile_ahead(recipe)
 ahead = compiled()

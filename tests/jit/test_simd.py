@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from zbuf_occlude.jit import simd as lanes
+from zbuf_occlude.jit import simd
 from zbuf_occlude.jit.simd import load, load_wide, store
 
 RNG = np.random.default_rng(0)
@@ -67,9 +67,9 @@ def on_masks(operation, load):
         (add, np.add),
         (subtract, np.subtract),
         (multiply, np.multiply),
-        (lanes.divide, np.divide),
-        (lanes.minimum, lambda a, b: np.where(a < b, a, b)),
-        (lanes.maximum, lambda a, b: np.where(a > b, a, b)),
+        (simd.divide, np.divide),
+        (simd.minimum, lambda a, b: np.where(a < b, a, b)),
+        (simd.maximum, lambda a, b: np.where(a > b, a, b)),
     ],
     ids=["add", "subtract", "multiply", "divide", "minimum", "maximum"],
 )
@@ -83,7 +83,7 @@ def test_two_vectors_to_one(operation, twin, n, load) -> None:
 @WIDTHS
 @pytest.mark.parametrize(
     ("operation", "twin"),
-    [(lanes.greater, lambda a, b: a > b), (lanes.not_less, lambda a, b: ~(a < b))],
+    [(simd.greater, lambda a, b: a > b), (simd.not_less, lambda a, b: ~(a < b))],
     ids=["greater", "not_less"],
 )
 def test_two_vectors_to_a_mask(operation, twin, n, load) -> None:
@@ -96,13 +96,13 @@ def test_two_vectors_to_a_mask(operation, twin, n, load) -> None:
 def test_a_number_stands_in_all_lanes(n, load) -> None:
     @njit
     def kernel(a, b, mask, out):
-        number, v = lanes.number(b, 5), load(a, 0)
+        number, v = simd.number(b, 5), load(a, 0)
         store(out, 0, number - v)
         store(out, n, v * number)
-        store(out, 2 * n, lanes.minimum(number, v))
-        store(out, 3 * n, lanes.muladd(number, v, number))
-        store(out, 4 * n, lanes.select(mask, number, v))
-        return lanes.greater(v, number), lanes.not_less(number, v)
+        store(out, 2 * n, simd.minimum(number, v))
+        store(out, 3 * n, simd.muladd(number, v, number))
+        store(out, 4 * n, simd.select(mask, number, v))
+        return simd.greater(v, number), simd.not_less(number, v)
 
     a, b = RNG.normal(size=(2, n)).astype(np.float32)
     out, mask = np.empty((5, n), dtype=np.float32), RNG.random(n) < 0.5
@@ -115,7 +115,7 @@ def test_a_number_stands_in_all_lanes(n, load) -> None:
 def test_two_widths_are_not_mixed() -> None:
     @njit
     def kernel(a):
-        return lanes.greater(load(a, 0), load_wide(a, 0))
+        return simd.greater(load(a, 0), load_wide(a, 0))
 
     with pytest.raises(TypingError):
         kernel(A)
@@ -125,7 +125,7 @@ def test_two_widths_are_not_mixed() -> None:
 def test_muladd_rounds_once_or_twice(n, load) -> None:
     @njit
     def kernel(a, b, c, out):
-        store(out, 0, lanes.muladd(load(a, 0), load(b, 0), load(c, 0)))
+        store(out, 0, simd.muladd(load(a, 0), load(b, 0), load(c, 0)))
 
     a, b, c = (RNG.normal(size=n).astype(np.float32) for _ in range(3))
     out = np.empty(n, dtype=np.float32)
@@ -139,10 +139,10 @@ def test_one_vector(n, load) -> None:
     @njit
     def kernel(a, out):
         v = load(a, 0)
-        store(out, 0, lanes.absolute(v))
-        store(out, n, lanes.square_root(lanes.absolute(v)))
-        store(out, 2 * n, lanes.splat(a[3]))
-        return lanes.lowest(v), lanes.highest(v)
+        store(out, 0, simd.absolute(v))
+        store(out, n, simd.square_root(simd.absolute(v)))
+        store(out, 2 * n, simd.splat(a[3]))
+        return simd.lowest(v), simd.highest(v)
 
     for _ in range(20):
         a = RNG.normal(size=n).astype(np.float32)
@@ -154,10 +154,10 @@ def test_one_vector(n, load) -> None:
 def test_masks() -> None:
     @njit
     def kernel(mask, a, b, ids, value, out):
-        store(out, 0, lanes.select(mask, load(a, 0), load(b, 0)))
-        same = lanes.equal(ids, 2, value)
-        lanes.fill(ids, 2, mask, np.int32(7))
-        return lanes.first_lane(mask), lanes.count_lanes(mask), same
+        store(out, 0, simd.select(mask, load(a, 0), load(b, 0)))
+        same = simd.equal(ids, 2, value)
+        simd.fill(ids, 2, mask, np.int32(7))
+        return simd.first_lane(mask), simd.count_lanes(mask), same
 
     out = np.empty(16, dtype=np.float32)
     for bools in RNG.random((20, 16)) < 0.4:
@@ -173,8 +173,8 @@ def test_masks() -> None:
 def test_wide_masks() -> None:
     @njit
     def kernel(mask, a, b, ids, value, out):
-        store(out, 0, lanes.select(mask, load_wide(a, 0), load_wide(b, 0)))
-        return lanes.first_lane(mask), lanes.count_lanes(mask), lanes.equal_wide(ids, 2, value)
+        store(out, 0, simd.select(mask, load_wide(a, 0), load_wide(b, 0)))
+        return simd.first_lane(mask), simd.count_lanes(mask), simd.equal_wide(ids, 2, value)
 
     out = np.empty(32, dtype=np.float32)
     for bools in RNG.random((20, 32)) < 0.3:
@@ -203,12 +203,12 @@ def test_three_vectors_at_a_time() -> None:
 
     @njit
     def kernel(a, b, matrix, out):  # type: ignore[no-untyped-def]
-        u, v = lanes.load3(a, 0, 16), lanes.load3(b, 0, 16)
-        store(out, 0, lanes.dot3(u, v, lanes.splat(np.float32(0.5))))
-        lanes.store3(out, 16, 16, lanes.cross3(u, v))
-        lanes.store3(out, 64, 16, lanes.transform(matrix, u[0], u[1], u[2]))
-        lanes.store3(out, 112, 16, lanes.splat3((matrix[0], matrix[1], matrix[2])))
-        out[160:163] = lanes.numbers3(matrix, 1, 4)
+        u, v = simd.load3(a, 0, 16), simd.load3(b, 0, 16)
+        store(out, 0, simd.dot3(u, v, simd.splat(np.float32(0.5))))
+        simd.store3(out, 16, 16, simd.cross3(u, v))
+        simd.store3(out, 64, 16, simd.transform(matrix, u[0], u[1], u[2]))
+        simd.store3(out, 112, 16, simd.splat3((matrix[0], matrix[1], matrix[2])))
+        out[160:163] = simd.numbers3(matrix, 1, 4)
 
     out = np.zeros((11, 16), dtype=np.float32)
     kernel(a, b, matrix, out.reshape(-1))

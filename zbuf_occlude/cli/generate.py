@@ -38,7 +38,7 @@ from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.kernels import without_scipy
+from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE

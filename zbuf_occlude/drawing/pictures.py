@@ -10,13 +10,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ft2font import FT2Font
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.drawing import marks
 from zbuf_occlude.drawing.marks import area_of_mark, axes_of_eye, frame_of, lambert, marks_of, project, shade
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.compiler import njit
 
 COLOUR = to_hex(marks.COLOUR)
 """What a surface is painted with unless told otherwise."""

@@ -3,16 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.clusters import make_clusters
 from zbuf_occlude.exact.layout import CLUSTER, ROUNDOFF, UPPER
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.compiler import inner, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.pool import shared, take, together
-from zbuf_occlude.jit.simd import inner
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 Float32 = NDArray[np.float32]
@@ -171,7 +170,7 @@ def _scene_corner(scene, corner):
     )
 
 
-@njit(nogil=True, cache=True, _nrt=False)
+@njit(nogil=True, cache=True)
 def _stack_levels(scene):
     """Fill in the boxes of all levels, rounded outwards; padding stays zero: it is projected, never reached."""
     outwards = np.float32(2.0) * ROUNDOFF

@@ -4,7 +4,7 @@ from zbuf_occlude.exact.layout import CHUNK, COORDINATE_ERROR, GROUP, PACKET
 from zbuf_occlude.exact.listing import choose, list_clusters, tighten
 from zbuf_occlude.exact.project import extent_of_chunk, is_empty, joined, project_boxes, project_packet
 from zbuf_occlude.exact.search_packets import search_packet, write_hidden
-from zbuf_occlude.jit.simd import merged
+from zbuf_occlude.jit.compiler import merged
 
 TIGHT_CLUSTERS = 1024
 """Lists of at most this many clusters get the rectangles of the projected faces."""

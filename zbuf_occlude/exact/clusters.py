@@ -9,8 +9,8 @@ from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import CLUSTER, UPPER
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_along_curve, sorted_keys
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.compiler import inner
 from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
-from zbuf_occlude.jit.simd import inner
 
 LONG = 0.125
 """Faces longer than this fraction of the mesh's longest side are grouped among themselves."""

@@ -4,7 +4,8 @@ import numpy as np
 
 from zbuf_occlude.exact.layout import CHUNK, CLUSTER, PACKET, UPPER, ZERO
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.jit.simd import first_lane, inner
+from zbuf_occlude.jit.compiler import inner
+from zbuf_occlude.jit.simd import first_lane
 
 BESIDE = 1e-6
 """A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the

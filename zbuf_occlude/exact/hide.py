@@ -16,13 +16,13 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
+from zbuf_occlude.jit.compiler import inlined
 from zbuf_occlude.jit.simd import (
     absolute,
     dot3,
     equal_wide,
     first_lane,
     greater,
-    inlined,
     load,
     load3,
     load3_wide,

@@ -5,7 +5,8 @@ import numpy as np
 from zbuf_occlude.exact.layout import BOTTOM, CLUSTER, LEFT, NEAREST, RIGHT, TOP, ZERO
 from zbuf_occlude.exact.triangle_setup import slot_of
 from zbuf_occlude.exact.workspace import DEPTHS, put
-from zbuf_occlude.jit.simd import first_lane, inlined, inner, load, not_less, splat
+from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.simd import first_lane, load, not_less, splat
 
 
 @inlined

@@ -9,9 +9,9 @@ from zbuf_occlude.exact.bvh import Float32, Scene
 from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.jit.compiler import inner
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.pool import shared, take, together
-from zbuf_occlude.jit.simd import inner
 
 
 class Packets(NamedTuple):

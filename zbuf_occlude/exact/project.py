@@ -28,13 +28,12 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
+from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
     absolute,
     divide,
     greater,
     highest,
-    inlined,
-    inner,
     load3,
     load3_wide,
     lowest,

@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
@@ -31,6 +30,7 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.exact.listing import overlapping
 from zbuf_occlude.exact.ray_setup import DEPTH, WITHIN, faces_before, slot_of
 from zbuf_occlude.exact.single_rays import nearer
+from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.simd import (
     ALL,
     N_LANES,
@@ -41,8 +41,6 @@ from zbuf_occlude.jit.simd import (
     first_lane,
     greater,
     highest,
-    inlined,
-    inner,
     load,
     load3,
     lowest,
@@ -132,7 +130,7 @@ class State(NamedTuple):
     decided: NDArray[np.int64]
 
 
-@njit
+@njit(_nrt=True)
 def make_state():
     """Return an empty `State`."""
     return State(
@@ -312,7 +310,7 @@ def _ask_face(scene, frame, rays, within, asked, place, space, state):
     return changed
 
 
-@njit(_nrt=False, error_model="numpy")
+@njit(error_model="numpy")
 def _decide(scene, frame, rays, candidate, lane, state):
     """Decide in float64 whether a ray meets a face nearer than its nearest so far; return whether it does."""
     i = rays.chosen[lane]

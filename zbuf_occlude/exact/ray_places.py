@@ -3,14 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.exact.bvh import Float32
 from zbuf_occlude.exact.layout import CHUNK_POINTS, GROUP
 from zbuf_occlude.exact.ray_packets import PACKET_RAYS
-from zbuf_occlude.jit.simd import inlined, inner
+from zbuf_occlude.jit.compiler import inlined, inner, njit
 
 BLOCK_RAYS = GROUP * CHUNK_POINTS
 """Rays that a thread takes at a time: a list of clusters is made for them, from which each `CHUNK_POINTS` choose."""
@@ -48,7 +47,7 @@ class Places(NamedTuple):
     counts: IntArray
 
 
-@njit
+@njit(_nrt=True)
 def make_places():
     """Allocate a thread's `Places`."""
     room = BLOCK_RAYS + N_FRAMES * PACKET_RAYS
@@ -113,7 +112,7 @@ def sort_places(n, n_frames, bits, places):
             x[at], y[at] = x[last], y[last]
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=True)
 def order_of_cells(cells, bits):
     """Return the order of the cells of any number of rays, (n,) uint32; those of one cell stay as they come."""
     starts, order = np.zeros((N_FRAMES << (2 * bits)) + 1, dtype=np.int64), np.empty(len(cells), dtype=np.uint32)
@@ -150,7 +149,7 @@ def _scatter(cells, nowhere, unsorted, starts, x, y, order):
 # The loops below take several rays at a time: they have no branches, and arrays of one axis, whose strides are known.
 
 
-@njit(_nrt=False, error_model="numpy")
+@njit(error_model="numpy")
 def _place_from_outside(axes, directions, coordinates):
     """Find places; infinity for a ray that goes away."""
     for i in range(len(coordinates) // 2):
@@ -162,7 +161,7 @@ def _place_from_outside(axes, directions, coordinates):
         coordinates[2 * i], coordinates[2 * i + 1] = (u * inverse if w > 0.0 else np.inf), v * inverse
 
 
-@njit(_nrt=False, error_model="numpy")
+@njit(error_model="numpy")
 def _number_cells(window, bits, coordinates, cells):
     """Number the cells of an only frame, which cover a window; beyond it nothing is met."""
     nowhere, most = np.int32(1 << (2 * bits)), np.float32((1 << bits) - 1)
@@ -175,7 +174,7 @@ def _number_cells(window, bits, coordinates, cells):
         cells[i] = cell if within else nowhere
 
 
-@njit(_nrt=False, error_model="numpy")
+@njit(error_model="numpy")
 def _place_on_cube(directions, bits, coordinates, cells):
     n_cells, half = np.int32(1 << (2 * bits)), 0.5 * ((1 << bits) - 1)
     for i in range(len(cells)):

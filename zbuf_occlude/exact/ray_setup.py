@@ -28,21 +28,8 @@ from zbuf_occlude.exact.layout import (
     ZERO,
 )
 from zbuf_occlude.exact.triangle_setup import project_corner, set_up_edges, set_up_planes
-from zbuf_occlude.jit.simd import (
-    absolute,
-    divide,
-    dot3,
-    inlined,
-    inner,
-    load,
-    load3,
-    muladd,
-    not_less,
-    select,
-    splat,
-    splat3,
-    store,
-)
+from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.simd import absolute, divide, dot3, load, load3, muladd, not_less, select, splat, splat3, store
 
 DEPTH = NORMAL
 """First of the rows with g = A x + B y + C, and its error, E + F |g|; in the place of the planes that points need."""

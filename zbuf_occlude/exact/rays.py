@@ -10,7 +10,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray, are_usual, of_usual_length
@@ -30,9 +29,10 @@ from zbuf_occlude.exact.search import project_nodes
 from zbuf_occlude.exact.single_rays import Stack, first_hit
 from zbuf_occlude.exact.view import make_views, view_of
 from zbuf_occlude.exact.workspace import make_workspace
+from zbuf_occlude.jit.compiler import inner, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.pool import n_blocks, shared_with_memory, take, take_block_from, take_end, together
-from zbuf_occlude.jit.simd import N_LANES, inner, load, store
+from zbuf_occlude.jit.simd import N_LANES, load, store
 
 SINGLE_RAYS = 512
 """Rays that a thread takes at a time, in the caller's order, where they go one by one."""
@@ -202,10 +202,10 @@ class Block(NamedTuple):
     slopes: FloatArray  # (BLOCK_RAYS,)
 
 
-_make_workspace = njit(make_workspace)
+_make_workspace = njit(_nrt=True)(make_workspace)
 
 
-@njit
+@njit(_nrt=True)
 def _make_block():
     return Block(
         directions=np.empty(3 * BLOCK_RAYS),
@@ -316,7 +316,7 @@ def _largest(face_ids):
     return most
 
 
-@njit(_nrt=False, error_model="numpy")
+@njit(error_model="numpy")
 def _divide(directions, face_ids, heights, slopes, distances):
     """Divide; a loop without branches, which takes several rays at a time."""
     for i in range(len(distances)):

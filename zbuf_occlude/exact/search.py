@@ -11,9 +11,9 @@ from zbuf_occlude.exact.points import Packets
 from zbuf_occlude.exact.project import project_boxes
 from zbuf_occlude.exact.view import Views, view_of
 from zbuf_occlude.exact.workspace import make_workspace
+from zbuf_occlude.jit.compiler import inner, merged
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.pool import n_threads, shared, take, together
-from zbuf_occlude.jit.simd import inner, merged
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""

@@ -6,7 +6,8 @@ from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points
 from zbuf_occlude.exact.layout import BOTTOM, CLUSTER, COORDINATE_ERROR, LEFT, NEAREST, PACKET, RIGHT, TOP
 from zbuf_occlude.exact.listing import overlapping
 from zbuf_occlude.exact.triangle_setup import slot_of
-from zbuf_occlude.jit.simd import count_lanes, first_lane, inlined, load3_wide, not_less, number
+from zbuf_occlude.jit.compiler import inlined
+from zbuf_occlude.jit.simd import count_lanes, first_lane, load3_wide, not_less, number
 
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a cluster."""

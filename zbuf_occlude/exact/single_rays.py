@@ -11,11 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.exact.layout import CLUSTER, UPPER, ZERO
 from zbuf_occlude.geometry.predicates import meeting
+from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
     absolute,
     cross3,
@@ -92,7 +92,7 @@ class Stack(NamedTuple):
     lanes: NDArray[np.float32]
 
 
-@njit(_nrt=False)
+@inner
 def first_hit(scene, origin, direction, guess, stack):
     """Return the first face on a ray, and how many directions away.
 
@@ -125,7 +125,7 @@ def first_hit(scene, origin, direction, guess, stack):
     return face, fraction
 
 
-@njit(_nrt=False)
+@inner
 def _make_ray(scene, origin, direction):
     """Return a ray for float32, and whether it meets the scene's sphere at all."""
     largest = max(abs(direction[0]), abs(direction[1]), abs(direction[2]))
@@ -157,19 +157,19 @@ def _make_ray(scene, origin, direction):
     )
 
 
-@njit(_nrt=False)
+@inner
 def _inverse(component):
     return np.float32(1.0 / (component if abs(component) > LEAST_DIRECTION else LEAST_DIRECTION))
 
 
-@njit(_nrt=False)
+@inner
 def _limit(ray, fraction):
     """How far from its start a ray need be followed, scene units; rounded up."""
     distance = fraction * ray.unit - ray.skipped
     return FARTHEST if distance > FARTHEST else np.float32(distance * (1.0 + 1e-6)) + MARGIN
 
 
-@njit(_nrt=False)
+@inner
 def push_top(scene, stack):
     """Begin with all groups of the top level of a scene on a `Stack`; return their number."""
     top = len(scene.level_counts) - 1
@@ -179,7 +179,7 @@ def push_top(scene, stack):
     return n_groups
 
 
-@njit(_nrt=False)
+@inner
 def _open_group(scene, ray, level, first, limit, stack, n):
     """Push the boxes of a group that the ray goes through before `limit`; return the stack's size."""
     place, stride = scene.level_starts[level] + first, scene.nodes.shape[1]
@@ -197,7 +197,7 @@ def _open_group(scene, ray, level, first, limit, stack, n):
     return push_boxes(stack, n, mask, level, first)
 
 
-@njit(_nrt=False)
+@inner
 def push_boxes(stack, n, mask, level, first):
     """Push boxes of a group, the nearest on top; return the stack's size.
 
@@ -226,7 +226,7 @@ def push_boxes(stack, n, mask, level, first):
     return n
 
 
-@njit(_nrt=False)
+@inner
 def _ask_cluster(scene, origin, direction, ray, cluster, face, fraction):
     """Ask the faces of a cluster that float32 cannot leave out; return the nearest face so far and its fraction."""
     mask = _candidates(scene, ray, cluster, _limit(ray, fraction))
@@ -237,7 +237,7 @@ def _ask_cluster(scene, origin, direction, ray, cluster, face, fraction):
     return face, fraction
 
 
-@njit(_nrt=False)
+@inner
 def nearer(scene, origin, direction, candidate, face, fraction):
     """Return the nearer of a face and the nearest so far, and its fraction; of equally near ones the lower.
 
@@ -256,7 +256,7 @@ def nearer(scene, origin, direction, candidate, face, fraction):
     return face, fraction
 
 
-@njit(_nrt=False)
+@inner
 def _candidates(scene, ray, cluster, limit):
     """Mask of the faces of a cluster that the ray may meet before `limit`.
 
@@ -288,12 +288,12 @@ def _candidates(scene, ray, cluster, limit):
     return scene.used[cluster] & ((inside & before) | not_less(slope_error, slope))
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _minus3(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(_nrt=False, forceinline=True)
+@inlined
 def _extent(a):
     """Sum of the components' sizes, at least the length."""
     return absolute(a[0]) + absolute(a[1]) + absolute(a[2])

@@ -37,6 +37,7 @@ from zbuf_occlude.exact.layout import (
     TOP,
     ZERO,
 )
+from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
     absolute,
     cross3,
@@ -44,8 +45,6 @@ from zbuf_occlude.jit.simd import (
     dot3,
     greater,
     highest,
-    inlined,
-    inner,
     load,
     load3,
     lowest,

@@ -4,13 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.exact.bvh import Scene
 from zbuf_occlude.exact.layout import ONE, ZERO
-from zbuf_occlude.jit.simd import inner
+from zbuf_occlude.jit.compiler import inner, njit
 
 OUTSIDE = 1.5
 """An eye farther from the centre than this times the farthest point sees everything in one frame."""
@@ -120,7 +119,7 @@ def view_of(views, k, frame):
     )
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True)
 def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_frames):
     """Fill in the fields of `Views`, each flat, where the others are 0: a kernel, as in NumPy one eye takes longest.
 
@@ -148,7 +147,7 @@ def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_fr
                 _put_row(matrices, axes, 18 * k + row, (a, b, c), -(a * x + b * y + c * z))
 
 
-@njit(_nrt=False)
+@inner
 def _put_row(matrices, axes, row, along, constant):
     for i in range(3):
         axes[3 * row + i] = along[i]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.exact.bvh import Float32
 from zbuf_occlude.exact.layout import CLUSTER, GROUP, PACKET, SETUP_ROWS
-from zbuf_occlude.jit.simd import inlined
+from zbuf_occlude.jit.compiler import inlined
 
 SLOTS = 4096
 """Set-ups of clusters kept at a time, 900 bytes each; a power of two."""

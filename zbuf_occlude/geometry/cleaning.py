@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 
 
 def faulty_faces(vertices: FloatArray, faces: IntArray, no_area: float) -> tuple[BoolArray, BoolArray]:

@@ -1,10 +1,10 @@
 """Hilbert order: positions along a curve through space that never jumps, so that what is consecutive is compact."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
 
 Keys = NDArray[np.uint64]
@@ -51,7 +51,7 @@ def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
     return spare if _sort(keys, spare, counts, np.uint64(index_bits)) else keys
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit(cache=True, nogil=True)
 def _sort(keys, spare, counts, first_bit):
     """Sort by digit after digit, the lowest first, from array to array; return whether it ended in `spare`."""
     n, in_spare, mask = len(keys), False, np.uint64((1 << DIGIT_BITS) - 1)
@@ -91,7 +91,7 @@ def _keys(tasks, positions, low, scale, index_bits, keys, cells):
         first, last = take_block(tasks, len(positions), BLOCK)
 
 
-@njit(_nrt=False)
+@njit()
 def place_along_curve(cells, n):
     """Put into row 0 the places along the curve, 3 x `CODE_BITS` bits, of the first n cells, (3, >= n) int64.
 
@@ -125,7 +125,7 @@ def place_along_curve(cells, n):
         xs[i] = _spaced(x ^ above) << 2 | _spaced(y ^ above) << 1 | _spaced(z ^ above)
 
 
-@njit(_nrt=False)
+@njit()
 def _spaced(bits):
     """Put two zeros before each of 10 bits."""
     bits = (bits | bits << 16) & 0x030000FF

@@ -6,8 +6,8 @@ the two formulations check each other.
 
 import math
 
+from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.kernels import njit
 
 
 @njit(inline="always")

@@ -10,7 +10,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.seeds import generator
 
 MAX_POINTS = int(np.iinfo(np.int32).max)

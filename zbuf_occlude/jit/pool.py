@@ -9,14 +9,15 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
-from numba.np.ufunc import parallel
 
-shared = njit(nogil=True, cache=True, _nrt=False)
+from zbuf_occlude.jit.compiler import njit
+
+shared = njit(nogil=True, cache=True)
 """Decorator of a kernel whose tasks several threads take: ``kernel(tasks, ...)`` calls `take` or `take_block` until no
 task is left. It allocates nothing, and references to its arrays are not counted."""
-shared_with_memory = njit(nogil=True, cache=True)
+shared_with_memory = njit(nogil=True, cache=True, _nrt=True)
 """The same for a kernel that allocates what its thread works with."""
 
 N_COUNTERS = 4
@@ -34,20 +35,20 @@ def take(typing_context, tasks):
     return types.int64(tasks), codegen
 
 
-@njit(_nrt=False)
+@njit()
 def take_block(tasks, n, size):
     """Return where the next `size` of n things begin and end; the two are equal when none is left."""
     first = min(take(tasks) * size, n)
     return first, min(first + size, n)
 
 
-@njit(_nrt=False)
+@njit()
 def take_end(tasks):
     """Return which end this thread takes blocks from, for `take_block_from`: 0, the front, or 1, the back, in turns."""
     return take(tasks[1:]) & 1
 
 
-@njit(_nrt=False)
+@njit()
 def take_block_from(tasks, end, n, size):
     """Take a block as `take_block` does, from the front or the back of what is left.
 
@@ -74,8 +75,11 @@ def n_threads() -> int:
     """
     if _alone:
         return 1
-    asked = getattr(parallel, "_is_initialized", False)
-    of_numba = numba.get_num_threads() if asked else numba.config.NUMBA_NUM_THREADS
+    try:
+        numba.threading_layer()
+        of_numba = numba.get_num_threads()
+    except ValueError:  # numba has not been asked
+        of_numba = numba.config.NUMBA_NUM_THREADS
     return min(_most, of_numba) if _most else of_numba
 
 

@@ -15,27 +15,14 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models, register_default
 from numba.core.errors import TypingError
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin
 
-inner = njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Decorator of a function that only kernels call: Python, to which it would be no function at all, must not.
-
-Without the code by which Python calls a function compiling takes a tenth less. It allocates nothing (``_nrt=False``),
-and references to its arrays are not counted, which would cost more than the geometry.
-"""
-inlined = njit(_nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""The same for what is best copied into its callers."""
-merged = njit(_nrt=False, inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""The same for what has one caller, itself without counted references, which takes it in before it is compiled.
-
-A caller's options become its own, so one that counts references would here, too; `tests/test_kernels.py` looks.
-Of nested functions numba optimises the inner ones anew with each outer one.
-"""
+from zbuf_occlude.jit.compiler import inlined
 
 N_LANES = 16
 ALL = (1 << N_LANES) - 1

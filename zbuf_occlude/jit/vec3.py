@@ -1,6 +1,6 @@
 """Vectors of three numbers inside compiled functions: tuples or arrays in, tuples out; and the normals of faces."""
 
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 
 
 @njit(inline="always")

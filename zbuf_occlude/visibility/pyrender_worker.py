@@ -14,7 +14,7 @@ from OpenGL.GL import GL_RENDERER, glGetString
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.geometry.camera import Frusta
-from zbuf_occlude.kernels import without_scipy
+from zbuf_occlude.jit.compiler import without_scipy
 
 with without_scipy():  # trimesh, which pyrender imports, can do without: two fifths of the time to start
     import pyrender

@@ -3,7 +3,7 @@
 import gc
 import signal
 
-from zbuf_occlude.kernels import load_only, without_scipy
+from zbuf_occlude.jit.compiler import without_scipy
 
 __all__ = ["worker"]
 
@@ -19,7 +19,6 @@ with without_scipy():
     from zbuf_occlude.jit.pool import alone
     from zbuf_occlude.workers import worker
 
-    load_only()
     common = Recipe(method="exact")  # most of what it has compiled every other method's workers need too
     if is_compiled(common):
         with alone():
