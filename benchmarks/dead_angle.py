@@ -17,7 +17,7 @@ from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.paper.elevation import areas_seen
-from zbuf_occlude.paper.voxels import as_voxels
+from zbuf_occlude.paper.objects import as_voxels
 
 NEAR = np.sin(np.radians(10.0))
 

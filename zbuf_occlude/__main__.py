@@ -12,7 +12,7 @@ from zbuf_occlude.cli import group
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
 
-EXTRAS = {"matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
+EXTRAS = {"jinja2": "report", "matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
 """Packages that commands draw and write pictures with, and the extras that bring them."""
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from tests.test_import_graph import PACKAGE
-from zbuf_occlude.compare.tables import Table, marked_up, verbatim
+from zbuf_occlude.drawing.pages import Table, marked_up, verbatim
 from zbuf_occlude.errors import printable
 
 OFF = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from zbuf_occlude.compare.store import ROWS, Store
+from zbuf_occlude.compare.run import ROWS, Store
 from zbuf_occlude.errors import DatasetError
 
 

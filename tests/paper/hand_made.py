@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.paper.design import Size
-from zbuf_occlude.paper.names import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL
+from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL, Size
 from zbuf_occlude.paper.reported import TEST_ELEVATIONS
 from zbuf_occlude.paper.results import Confusion, Result
 

@@ -1,7 +1,6 @@
 """A network of two layers in place of the paper's: studies are about clouds, trials and tables, not about VoxNet."""
 
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -9,10 +8,10 @@ import torch
 from torch import nn
 
 from zbuf_occlude.learn import models
-from zbuf_occlude.learn.classifier import Classifier
+from zbuf_occlude.learn.networks import Classifier
 from zbuf_occlude.paper import trials
 
-begin = trials._begin_worker
+begin = trials.begin_worker
 
 
 class Light(Classifier):
@@ -31,9 +30,9 @@ class Light(Classifier):
 def put_in_place(patch: pytest.MonkeyPatch) -> None:
     """Every model that is asked for by its name is a light one, in this process and in those that train."""
     factory = f"{__name__}:{Light.__name__}"
-    rows = tuple(replace(row, factory=factory, options=MappingProxyType({})) for row in models.MODELS)
+    rows = tuple(replace(row, factory=factory, options={}) for row in models.MODELS)
     patch.setattr(models, "MODELS", rows)
-    patch.setattr(trials, "_begin_worker", begin_worker)
+    patch.setattr(trials, "begin_worker", begin_worker)
 
 
 def begin_worker(*given: Any) -> None:

@@ -17,8 +17,7 @@ from pyarrow import feather
 from tests.paper.drives import THINGS, points_in, write_argoverse, write_kitti
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import drives as crops
-from zbuf_occlude.paper.drives import check_drive, layout_of, read_clouds
-from zbuf_occlude.paper.sweeps import Box
+from zbuf_occlude.paper.drives import Box, layout_of, read_clouds
 
 WRITERS = {"KITTI": write_kitti, "Argoverse 2": write_argoverse}
 
@@ -161,17 +160,17 @@ def test_what_is_wrong_is_said(
     root = write(tmp_path / "drive")
     damage(root)
     with pytest.raises(DatasetError, match=message):
-        check_drive(root)
+        read_clouds(root, 1)
 
 
 def test_damage_in_a_later_sweep_is_known_too(tmp_path: Path) -> None:
     root = write_kitti(tmp_path / "drive")
     for folder, ending in (("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt")):
         shutil.copy(root / f"training/{folder}/000007.{ending}", root / f"training/{folder}/000008.{ending}")
-    check_drive(root)
+    read_clouds(root, 1)
     os.truncate(root / "training/velodyne" / "000008.bin", 1_001)
     with pytest.raises(DatasetError, match=r"000008\.bin must be records of four float32"):
-        check_drive(root)
+        read_clouds(root, 1)
 
 
 def test_a_folder_in_no_layout(tmp_path: Path) -> None:

@@ -15,12 +15,12 @@ from tests.paper.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.paper.hand_made import TINY, confusion, result  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.cli.experiment import command  # noqa: E402
-from zbuf_occlude.paper.names import COUNTS, KINDS, MATCHED, OWN, REALISM, name_of_real  # noqa: E402
+from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, name_of_real  # noqa: E402
 from zbuf_occlude.paper.realism import RealismClouds, in_both_counts  # noqa: E402
-from zbuf_occlude.paper.realism_tables import cars_found, sentence, table_realism  # noqa: E402
 from zbuf_occlude.paper.results import Confusion, read_results  # noqa: E402
 from zbuf_occlude.paper.study import run_study  # noqa: E402
 from zbuf_occlude.paper.study_report import write_study  # noqa: E402
+from zbuf_occlude.paper.study_tables import answers, cars_found, table_realism  # noqa: E402
 
 FACTS = {
     "objects": 8, "clouds": 20, "points": {"uniform": 256.0, "scans": 120.0, "scenes": 80.5}, "sensor": "hdl-64e",
@@ -121,6 +121,6 @@ def test_table_and_sentence() -> None:
     assert table.rows[0] == ["VoxNet", "their own", "uniform clouds", "90.0", "60.0", "50.0", "75.0", "25.0"]
     assert table.rows[5] == ["", "", "scans in streets", "50.0", "60.0", "70.0", "75.0", "25.0"]
     assert "KITTI: 40 cars and 100 other objects." in table.note
-    assert sentence(rows).endswith("VoxNet 50.0, 70.0, 80.0 % (numbers of points matched: 40.0, 60.0, 70.0 %).")
+    assert answers(rows)[0].endswith("VoxNet 50.0, 70.0, 80.0 % (numbers of points matched: 40.0, 60.0, 70.0 %).")
     assert cars_found(drive) == (0.75, 0.25)
     assert cars_found(Confusion(("car", "other"), ("car",), np.array([[3], [0]]))) == (1.0, None)

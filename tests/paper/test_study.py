@@ -18,15 +18,24 @@ from tests.paper import light  # noqa: E402
 from tests.paper.hand_made import TINY  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
-from zbuf_occlude.learn.data import MODELNET10, CloudSet, find_objects  # noqa: E402
+from zbuf_occlude.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.paper import augmentation as augmentation_module  # noqa: E402
 from zbuf_occlude.paper import sydney  # noqa: E402
 from zbuf_occlude.paper import trials as trials_module  # noqa: E402
 from zbuf_occlude.paper.augmentation import AugmentationClouds  # noqa: E402
-from zbuf_occlude.paper.design import FULL, QUICK  # noqa: E402
+from zbuf_occlude.paper.design import (  # noqa: E402  # noqa: E402
+    AUGMENTATION,
+    CLOUDS,
+    ELEVATION,
+    EPOCHS,
+    FULL,
+    HSR,
+    MAIN,
+    QUICK,
+    Progress,
+)
 from zbuf_occlude.paper.elevation import ElevationClouds, degrees, divided  # noqa: E402
-from zbuf_occlude.paper.names import AUGMENTATION, CLOUDS, ELEVATION, EPOCHS, HSR, MAIN  # noqa: E402
-from zbuf_occlude.paper.progress import Progress  # noqa: E402
+from zbuf_occlude.paper.objects import MODELNET10, find_objects  # noqa: E402
 from zbuf_occlude.paper.reported import TEST_ELEVATIONS, TRAIN_ELEVATIONS  # noqa: E402
 from zbuf_occlude.paper.results import FOLDER, Result, read_results, read_study  # noqa: E402
 from zbuf_occlude.paper.study import run_study  # noqa: E402
@@ -183,7 +192,7 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
 def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers are forked: these two have nothing to do, and importing torch would take them seconds."""
     context = multiprocessing.get_context("fork")
-    monkeypatch.setattr(trials_module.multiprocessing, "get_context", lambda method: context)
+    monkeypatch.setattr("zbuf_occlude.compare.child.multiprocessing.get_context", lambda method: context)
 
 
 @pytest.mark.usefixtures("forked")

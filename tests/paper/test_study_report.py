@@ -12,7 +12,7 @@ from tests.paper.hand_made import TINY, study_of_augmentation, study_of_elevatio
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.models import MODELS
 from zbuf_occlude.paper import study_report as report
-from zbuf_occlude.paper.names import described, printed
+from zbuf_occlude.paper.design import described, printed
 from zbuf_occlude.paper.results import AREAS, FOLDER, STUDY, Result, read_results
 
 needs_browser = pytest.mark.skipif(find_browser() is None, reason=MISSING)

@@ -74,13 +74,6 @@ def test_clouds(root: Path) -> None:
     assert distinct == [64, 13] * 4, "points repeat only where there are too few, and then all of them are there"
 
 
-def test_folds_and_seeds(root: Path) -> None:
-    whole, part = sydney.read_clouds(root, 32, "-z"), sydney.read_clouds(root, 32, "-z", folds=[2])
-    assert len(part) == 2
-    assert (part.positions == whole.positions[4:6]).all(), "a cloud depends on its scan, not on the others"
-    assert (sydney.read_clouds(root, 32, "-z", seed=1).positions != whole.positions).any()
-
-
 def test_the_archives_own_folder_is_found(root: Path, tmp_path: Path) -> None:
     above = tmp_path / "downloads"
     above.mkdir()

@@ -9,7 +9,7 @@ import zbuf_occlude as zo
 from tests.paper.test_sydney import write_bin
 from zbuf_occlude import shapes
 from zbuf_occlude.paper import sydney
-from zbuf_occlude.paper.sydney_frame import Frame, decided, find_frame, picture_of_scans, vote
+from zbuf_occlude.paper.sydney import Frame, decided, find_frame, picture_of_scans, vote
 from zbuf_occlude.shapes.solids import box
 
 N_CARS = 10

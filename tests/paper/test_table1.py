@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from tests.scenes import CHAIR, DATA, box, needs_chair
+from zbuf_occlude import views
+from zbuf_occlude.compare import cases
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper import presets
-from zbuf_occlude.paper.table1 import TABLE_1A, TABLE_1B, paper_tables
+from zbuf_occlude.paper.table1 import CASES, MODIFIED, TABLE_1A, TABLE_1B, mesh_of, paper_tables
 from zbuf_occlude.visibility import METHODS
 
 
@@ -73,7 +73,7 @@ def test_table_1b_has_the_grids_error_beside() -> None:
 @needs_chair
 def test_the_papers_object_is_found_in_modelnets_folders() -> None:
     paper = next(paper for paper in TABLE_1A if paper.file == "chair_0003")
-    load, what = presets.mesh_of(paper, DATA / "modelnet")
+    load, what = mesh_of(paper, DATA / "modelnet")
     assert what == "chair_0003.off"
     mesh = load()
     assert (len(mesh.faces), len(mesh.vertices)) == (paper.faces, paper.vertices)
@@ -81,17 +81,17 @@ def test_the_papers_object_is_found_in_modelnets_folders() -> None:
 
 def test_built_in_shapes_of_like_size_stand_in() -> None:
     for paper in TABLE_1A:
-        load, what = presets.mesh_of(paper, None)
+        load, what = mesh_of(paper, None)
         n_faces = len(load().faces)
         assert paper.faces - 8 <= n_faces <= paper.faces
         assert what.startswith(f"built-in {paper.kind}, {n_faces:,} faces, ")
 
 
 def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
-    cases = presets.preset("scaling", root=None, seed=0)
-    few = [case.make() for case in cases if "100,000" not in case.label and "30" not in case.label]
+    found = cases.scaling(0)
+    few = [case.make() for case in found if "100,000" not in case.label and "30" not in case.label]
     by_sweep: dict[str, set[tuple[int, int]]] = {}
-    for case, question in zip([c for c in cases if "100,000" not in c.label and "30" not in c.label], few, strict=True):
+    for case, question in zip([c for c in found if "100,000" not in c.label and "30" not in c.label], few, strict=True):
         assert case.facts is not None
         by_sweep.setdefault(case.facts["sweep"], set()).add((len(question.mesh.faces), len(question.points)))
     assert len({faces for faces, _ in by_sweep["points"]}) == 1
@@ -107,7 +107,7 @@ def test_random_views_are_drawn_for_each_object() -> None:
     asked = [
         [
             case.make().views.eyes
-            for case in presets.of_meshes(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
+            for case in cases.of_meshes(some, [], recipe.make_views, n_points=5, seed=3, most_views=4)
         ]
         for some in (MeshCollection(entries), MeshCollection(entries[1:]))
     ]
@@ -120,12 +120,12 @@ def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "chair_1.off").write_bytes(CHAIR.read_bytes())
-    cases = presets.of_meshes(
-        MeshCollection.from_paths(tmp_path), [], lambda key: presets.paper100(), n_points=5, seed=0, most_views=3
+    found = cases.of_meshes(
+        MeshCollection.from_paths(tmp_path), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
-    assert len({case.label for case in cases}) == 2
-    (single,) = presets.of_meshes(
-        MeshCollection.from_paths(CHAIR), [], lambda key: presets.paper100(), n_points=5, seed=0, most_views=3
+    assert len({case.label for case in found}) == 2
+    (single,) = cases.of_meshes(
+        MeshCollection.from_paths(CHAIR), [], lambda key: views.paper100(), n_points=5, seed=0, most_views=3
     )
     assert single.label == "chair_0003"
     question = single.make()
@@ -137,11 +137,11 @@ def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
 
 def test_every_subject_of_the_presets_is_in_the_table() -> None:
     names = {method.name for method in METHODS}
-    labels = [*presets.SCALING, "vertex_hsr", presets.MODIFIED]
+    labels = [*cases.SCALING_SUBJECTS, "vertex_hsr", MODIFIED]
     assert {label.partition(":")[0] for label in labels} <= names
-    assert [s.label for s in presets.chosen(["occupancy_grid:n=32", "exact"])] == ["occupancy_grid:n=32", "exact"]
+    assert [s.label for s in cases.subjects_of(["occupancy_grid:n=32", "exact"])] == ["occupancy_grid:n=32", "exact"]
 
 
-def test_an_unknown_preset() -> None:
-    with pytest.raises(OptionError, match="preset must be one of table1a, table1b, scaling"):
-        presets.preset("table9", root=None, seed=0)
+def test_seconds_are_the_tables_too() -> None:
+    assert {case.budget for case in CASES["table1b"](None, 0)} == {30.0}
+    assert {case.budget for case in CASES["table1b"](None, 0, 0.5)} == {0.5}

@@ -9,7 +9,7 @@ from zbuf_occlude import DatasetError
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.table2 import PAPER, as_markdown, row_of
+from zbuf_occlude.paper.table2 import PAPER, row_of, table_2
 
 
 def test_the_papers_last_column_is_the_quotient_of_two_others() -> None:
@@ -28,7 +28,7 @@ def test_our_row_counts_clouds_and_every_file_that_is_needed(tmp_path: Path) -> 
     names = ("packed-000000.zip", "plan.json", "manifest.json", "shape_names.txt", "mesh_keys.txt")
     size = sum((tmp_path / "out" / name).stat().st_size for name in names)
     assert row == ("This one (packed)", 4, 1, "Synthesized", "Point Cloud", size / 1e6)
-    text = as_markdown([*PAPER, row]).splitlines()
+    text = table_2(tmp_path / "out").as_markdown(aligned=True).splitlines()
     assert len({len(line) for line in text}) == 1
     assert text[0].split("|")[1].strip() == "Dataset name"
     assert text[-2].split("|")[-2].strip() == "28.82"

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from tests.paper.hand_made import confusion, result, study_of_augmentation, study_of_elevation, study_of_methods
-from zbuf_occlude.compare.tables import Table
+from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.learn.models import MODELS
 from zbuf_occlude.paper import reported as paper
 from zbuf_occlude.paper import sydney
-from zbuf_occlude.paper.findings import sentences, table_of_findings, verdict
-from zbuf_occlude.paper.names import (
+from zbuf_occlude.paper.design import (
     AUGMENTATION,
     BUDGETS,
     CLOUDS,
@@ -24,7 +23,16 @@ from zbuf_occlude.paper.names import (
     printed,
 )
 from zbuf_occlude.paper.results import Confusion
-from zbuf_occlude.paper.study_tables import dead_angle, percent, table_3a, table_3b, table_methods
+from zbuf_occlude.paper.study_tables import (
+    answers,
+    dead_angle,
+    percent,
+    table_3a,
+    table_3b,
+    table_methods,
+    table_of_findings,
+    verdict,
+)
 
 HERE = BUDGETS[CLOUDS]
 AREAS = {
@@ -165,7 +173,7 @@ def test_findings_are_differences_of_one_seed() -> None:
     assert "C1 is trained on occluded clouds, C2 on complete ones, C3 on both." in table.note
     assert "Equal clouds shown: C2 saw each complete cloud 3 times, C3 each of its clouds 3 times." in table.note
     assert [row[4] for row in table.rows if row[1] == "PointNet"] == ["one seed only"] * 5
-    said = sentences([*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
+    said = answers([*study_of_augmentation(), *study_of_methods(), *study_of_elevation()])
     assert "(equal clouds shown) VoxNet 75.5 ± 0.7, 45.5 ± 0.7 and 80.5 ± 0.7 %" in said[0]
     assert "C3 less C2 on complete clouds: VoxNet 5.0 ± 0.0 (equal clouds shown: yes), the paper 5.5;" in said[0]
     assert "71.0 ± 1.4 % (`occupancy_grid:n=64`)" in said[1]

@@ -5,7 +5,7 @@ import pytest
 
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.paper import sydney
-from zbuf_occlude.paper.vehicles import vehicle_scores
+from zbuf_occlude.paper.study_tables import vehicle_scores
 
 PREDICTED = ("airplane", "car", "table")
 TOTALS = {"4wd": 21, "bus": 16, "car": 88, "truck": 12, "ute": 16, "van": 35}

@@ -5,7 +5,7 @@ import pytest
 
 from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.paper.voxels import as_voxels, voxel_surface
+from zbuf_occlude.paper.objects import as_voxels, voxel_surface
 from zbuf_occlude.shapes.solids import box
 
 

@@ -6,7 +6,7 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.store import Store
+from zbuf_occlude.compare.run import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
 from zbuf_occlude.paper.table1 import paper_tables
 
@@ -15,9 +15,14 @@ from zbuf_occlude.paper.table1 import paper_tables
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
+    echo(f"report: {write_and_summarise(folder)}")
+
+
+def write_and_summarise(folder: Path) -> Path:
+    """Write the report, print its first screen, and return its page."""
     written = write_report(folder, paper_tables)
     echo(summary(folder))
-    echo(f"report: {written[0]}")
+    return written[0]
 
 
 def summary(folder: Path) -> str:

@@ -1,16 +1,162 @@
-"""Point clouds for the interactive viewer of the HTML pages: the script, and how its data are packed."""
+"""HTML and Markdown pages: tables, reports, and point clouds for the interactive viewer."""
 
 import base64
+import html
+import io
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import as_vectors
+from zbuf_occlude.errors import printable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 110
+_MARKUP = re.compile(r"[\\`*\[\]]|(?<![^\W_])_|_(?![^\W_])")
+_REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they mean in Markdown, unless it is `verbatim`.
+
+    Parameters
+    ----------
+    title : str
+    header : sequence of str
+    rows : sequence of sequences of str
+    note : str
+        Below the table.
+    texts : collection of int
+        Columns that are text; the others are numbers, aligned right.
+    """
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+    texts: Collection[int] = (0,)
+
+    def as_markdown(self, *, aligned: bool = False) -> str:
+        """Return the table as Markdown, its title a heading; `aligned` columns also line up as plain text."""
+        cells = [[printable(cell).replace("|", "\\|") for cell in row] for row in (self.header, *self.rows)]
+        widths = [max(map(len, column)) if aligned else 4 for column in zip(*cells, strict=True)]
+        rule = ["-" * (width - 1) + ("-" if i in self.texts else ":") for i, width in enumerate(widths)]
+        if aligned:
+            cells = [
+                [cell.ljust(widths[i]) if i in self.texts else cell.rjust(widths[i]) for i, cell in enumerate(row)]
+                for row in cells
+            ]
+        lines = [f"## {self.title}", ""] if self.title else []
+        lines += ["| " + " | ".join(row) + " |" for row in (cells[0], rule, *cells[1:])]
+        return "\n".join(lines + (["", self.note] if self.note else [])) + "\n"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a report.
+
+    Parameters
+    ----------
+    name : str
+        Of its PNG file, without the suffix.
+    png : bytes
+    heading, caption : str
+        Above and below it; each may be empty.
+    """
+
+    name: str
+    png: bytes
+    heading: str = ""
+    caption: str = ""
+
+
+Section = Table | Picture
+
+
+def verbatim(name: str) -> str:
+    """Return a name, or a text with names in it, so that none of it is taken for markup, in Markdown and in HTML.
+
+    What could be is written as character references, which no dialect of Markdown takes for markup.
+    """
+    return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(printable(name), quote=False))
+
+
+def marked_up(text: str) -> str:
+    """Turn backticks and double asterisks into HTML; everything else is escaped, but for what `verbatim` wrote."""
+    text = _REFERENCE.sub(r"&\1;", html.escape(printable(text)))
+    text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
+    return re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text)
+
+
+def as_png(figure: "Figure") -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()
+
+
+def write_report(
+    folder: Path,
+    name: str,
+    title: str,
+    *,
+    answers: list[str],
+    facts: list[str],
+    sections: list[Section],
+    first: Sequence[Section] = (),
+    page: str = "page.html.j2",
+    **more: Any,
+) -> list[Path]:
+    """Write a report: a self-contained HTML page, the same as Markdown, and its pictures as PNG files.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        Of the files.
+    title : str
+    answers, facts : list of str
+        The first paragraphs, the second kind smaller.
+    sections : list of Table and Picture
+    first : sequence of Table and Picture
+        Before the others; `page` says how they stand there.
+    page : str
+        Template of the HTML, in ``zbuf_occlude/assets``.
+    more
+        What that template shows besides.
+
+    Returns
+    -------
+    list of Path
+        The page, the Markdown and the pictures.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
+
+    loader = PackageLoader("zbuf_occlude", "assets")
+    templates = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    templates.filters |= {"marked_up": marked_up, "base64": lambda data: base64.b64encode(data).decode()}
+    templates.globals |= {"asset": asset, "viewer_script": viewer_script, "json_for_page": json_for_page}
+    content = {"title": title, "answers": answers, "facts": facts, "first": list(first), "sections": sections, **more}
+    written = []
+    for template, suffix in ((page, "html"), ("page.md.j2", "md")):
+        written.append(folder / f"{name}.{suffix}")
+        written[-1].write_text(templates.get_template(template).render(content).strip() + "\n", encoding="utf-8")
+    for picture in (*first, *sections):
+        if isinstance(picture, Picture):
+            written.append(folder / f"{picture.name}.png")
+            written[-1].write_bytes(picture.png)
+    return written
 
 
 @cache

@@ -12,10 +12,10 @@ import torch
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.classifier import Classifier
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.learn.models import find_model
+from zbuf_occlude.learn.networks import Classifier
 
 CHECKPOINT, MODEL, HISTORY = "checkpoint.pt", "model.pt", "history.json"
 

@@ -1,6 +1,5 @@
-"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on; and where from."""
+"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,17 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import describe
 from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.presets import MODELNET8
 from zbuf_occlude.dataset.ragged import filled
-from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.errors import ArgumentError, DatasetError
 
-MODELNET40 = "https://modelnet.cs.princeton.edu"
-MODELNET10 = (
-    "bathtub", "bed", "chair", "desk", "dresser", "monitor", "night_stand", "sofa", "table", "toilet",
-)  # fmt: skip
 _CLOUDS_AT_ONCE = 2048
 
 
@@ -155,80 +146,6 @@ class CloudSet:
             np.concatenate([first.object_ids, second.object_ids]),
             np.concatenate([first.elevations, second.elevations]),
         )
-
-
-def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> MeshCollection:
-    """Return all meshes that experiments may choose from.
-
-    Parameters
-    ----------
-    modelnet : Path, optional
-        ModelNet40's folder, ``CLASS/{train,test}/*.off``; by default the built-in shapes.
-    any_ten : bool
-        Whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
-
-    Raises
-    ------
-    MeshError
-        The folder is missing, or lacks one of the paper's eight classes (and, where they will do, of those ten).
-    """
-    if modelnet is None:
-        from zbuf_occlude import shapes  # late: only needed without files
-
-        return shapes.collection()
-    where = f"ModelNet40 comes from {MODELNET40}; without --modelnet the built-in shapes are used."
-    if not modelnet.is_dir():
-        raise MeshError(f"--modelnet must be ModelNet40's folder; there is no folder {modelnet}. {where}")
-    meshes = MeshCollection.from_paths(modelnet)
-    missing = [label for label in MODELNET8 if label not in meshes.classes]
-    if not missing or (any_ten and is_modelnet10(meshes)):
-        return meshes
-    hint = " ModelNet10 will do for `experiment elevation` alone." if is_modelnet10(meshes) else ""
-    raise MeshError(
-        f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
-        f"{', '.join(missing)}.{hint} {where}"
-    )
-
-
-def is_modelnet10(meshes: MeshCollection) -> bool:
-    """Whether there are all of ModelNet10's classes, and not the paper's eight."""
-    return set(meshes.classes) >= set(MODELNET10) and not set(meshes.classes) >= set(MODELNET8)
-
-
-def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> dict[str, str]:
-    """Make the dataset of a plan in a folder, or finish it, or find it finished.
-
-    Parameters
-    ----------
-    plan : Plan
-    folder : Path
-    progress : callable
-        Told the number of clouds each time some are done.
-
-    Returns
-    -------
-    dict of str to str
-        The meshes that could not be used, and why.
-
-    Raises
-    ------
-    DatasetError
-        The folder holds another plan's dataset.
-    MeshError
-        No mesh of a class could be used.
-    GlError
-        The plan's method needs OpenGL and there is none.
-    """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
-    used = {entry.label for entry in plan.meshes if entry.key not in failures}
-    for entry in plan.meshes:
-        if entry.label not in used:
-            raise MeshError(
-                f"each class must have a mesh that can be used; {entry.label} has none. One failed so: "
-                f"{failures[entry.key]} Mend them, and choose another folder."
-            )
-    return failures
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:

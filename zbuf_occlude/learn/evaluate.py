@@ -15,8 +15,8 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.learn.classifier import Classifier
 from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.learn.networks import Classifier
 
 BATCH = 64
 """Clouds that are looked at together."""

@@ -1,21 +1,20 @@
 """Training on occluded clouds, complete ones, or both (paper 4.3, 4.4, Table 3B); and does the method of HSR matter?"""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import plan_of_originals, seventy_five_each
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.learn.data import CloudSet, make_clouds
-from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
-from zbuf_occlude.paper.design import Size
-from zbuf_occlude.paper.loading import loaded, read_scans
-from zbuf_occlude.paper.names import (
+from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.paper import sydney
+from zbuf_occlude.paper.design import (
     AUGMENTATION,
     CLOUDS,
     GENERATED,
@@ -24,8 +23,10 @@ from zbuf_occlude.paper.names import (
     METHODS,
     ORIGINAL,
     SCANS,
+    Size,
     name_of_test,
 )
+from zbuf_occlude.paper.objects import first_of_each, loaded, make_clouds
 from zbuf_occlude.paper.reported import TRAINING_SETS
 from zbuf_occlude.paper.trials import Trial, as_many_clouds, as_many_epochs
 from zbuf_occlude.views import modelnet8
@@ -74,22 +75,21 @@ class AugmentationClouds:
 
     def plan(self, method: Subject) -> Plan:
         """Return the plan of the occluded clouds by a method."""
+        size, views = self.size, modelnet8()
         recipe = Recipe(
             method=method.method,
             method_options=method.options,
             views="modelnet8",
-            n_points=self.size.sampled,
-            sample_size=max(self.size.n_points),
+            n_points=size.sampled,
+            sample_size=max(size.n_points),
         )
-        views = modelnet8()
         # 5 elevations by 5 azimuths, row by row: every sixth goes down the diagonal, and in the end comes to all
-        return Plan(self.meshes, recipe, "packed", views.select(np.sort(np.arange(self.size.views) * 6 % len(views))))
+        return Plan(self.meshes, recipe, "packed", views.select(np.sort(np.arange(size.views) * 6 % len(views))))
 
     @property
     def n_clouds(self) -> int:
         """Clouds that `make` makes, at most."""
-        one = self.plan(MAIN)
-        return len(METHODS) * one.n_clouds + len(self.meshes)
+        return len(METHODS) * self.plan(MAIN).n_clouds + len(self.meshes)
 
     def make(self, progress: Callable[[int], None]) -> dict[str, str]:
         """Make all datasets; a method that cannot run here is left out, with its reason in `missing`.
@@ -117,14 +117,6 @@ class AugmentationClouds:
     def _folder(self, name: str) -> Path:
         return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
 
-    def _load(self, name: str, split: str, n_points: int) -> CloudSet:
-        return loaded(self._folder(name), split, n_points)
-
-    def scans(self, n_points: int) -> CloudSet:
-        """Return the clouds of Test 3, all four folds."""
-        assert self.real is not None  # they are only asked for when there are some
-        return read_scans(self.real.root, n_points, self.real.up)
-
     def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
         """Return the clouds of a split.
 
@@ -137,10 +129,9 @@ class AugmentationClouds:
         method : Subject
             How the generated ones were made.
         """
-        if kind == ORIGINAL:
-            return self._load(ORIGINAL, split, n_points)
-        generated = self._load(method.label, split, n_points)
-        return generated if kind == GENERATED else CloudSet.joined(generated, self._load(ORIGINAL, split, n_points))
+        names = [method.label] * (kind != ORIGINAL) + [ORIGINAL] * (kind != GENERATED)
+        first, *second = (loaded(self._folder(name), split, n_points) for name in names)
+        return CloudSet.joined(first, *second) if second else first
 
     def trials(self) -> list[Trial]:
         """Return the trials of Table 3B, then those that compare methods; seed after seed.
@@ -188,16 +179,11 @@ class AugmentationClouds:
         tests: dict[str, Callable[[], CloudSet]] = {ORIGINAL: partial(self.of, ORIGINAL, "test", n_points)}
         tests |= {name_of_test(method): partial(self.of, GENERATED, "test", n_points, method) for method in methods}
         if self.real is not None:
-            tests[SCANS] = partial(self.scans, n_points)
+            tests[SCANS] = partial(_read_scans, self.real, n_points)
         return tests
 
 
-def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshCollection:
-    """Return the first this many meshes of each class and split."""
-    left = {(label, split): n for label in meshes.classes for split, n in zip(SPLITS, shares, strict=True)}
-    entries = []
-    for entry in meshes:
-        left[entry.label, entry.split] -= 1
-        if left[entry.label, entry.split] >= 0:
-            entries.append(entry)
-    return MeshCollection(entries)
+@lru_cache(2)
+def _read_scans(scans: Scans, n_points: int) -> CloudSet:
+    """Return the clouds of Test 3, all four folds; read once a process."""
+    return sydney.read_clouds(scans.root, n_points, scans.up)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,18 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import two_hundred
-from zbuf_occlude.learn.data import CloudSet, make_clouds
+from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
-from zbuf_occlude.paper.design import Size
+from zbuf_occlude.paper.design import ELEVATION, MAIN, SPLIT_BY, Size
 from zbuf_occlude.paper.figures import make_mask, projected_areas
-from zbuf_occlude.paper.loading import loaded
-from zbuf_occlude.paper.names import ELEVATION, MAIN, SPLIT_BY
+from zbuf_occlude.paper.objects import loaded, make_clouds
 from zbuf_occlude.paper.reported import TEST_ELEVATIONS, TRAIN_ELEVATIONS
 from zbuf_occlude.paper.results import AREAS
 from zbuf_occlude.paper.trials import Trial, as_many_clouds
 from zbuf_occlude.views import Views, paper100
 
 PARTS = ("train", "train", "train", "val", "test")
-"""Of each class's objects, in turn, what they are for when some are held out."""
+"""Splits of each class's objects, in turn, when some are held out."""
 VALIDATION_SHARE = 0.1
 """Of the clouds at the training elevations, where no object is held out."""
 AREA_POINTS = 2_000
@@ -35,7 +34,7 @@ PLANES = ("y-z", "x-z", "x-y")
 
 
 class ElevationClouds:
-    """The dataset of 4.1 in a study's folder, and its parts.
+    """The dataset of 4.1 in a study's folder, its parts, and the trials on them.
 
     Parameters
     ----------
@@ -70,10 +69,7 @@ class ElevationClouds:
         return self.plan.n_clouds
 
     def make(self, progress: Callable[[int], None]) -> dict[str, str]:
-        """Make the dataset, and measure the areas; `progress` is told the number of clouds.
-
-        Returns the meshes that could not be used, and why.
-        """
+        """Make the dataset, and measure the areas; return the meshes that could not be used, and why."""
         failures = make_clouds(self.plan, self.folder / "clouds" / ELEVATION, progress)
         write_areas([e for e in self.plan.meshes if e.key not in failures][:AREA_OBJECTS], self.folder / AREAS)
         return failures
@@ -101,10 +97,7 @@ class ElevationClouds:
 
     @cached_property
     def _all(self) -> CloudSet:
-        first, *others = self._splits.values()
-        for other in others:
-            first = CloudSet.joined(first, other)
-        return first
+        return reduce(CloudSet.joined, self._splits.values())
 
     @cached_property
     def _for_validation(self) -> Any:
@@ -118,7 +111,7 @@ class ElevationClouds:
         return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
 
     def epochs(self, n_clouds: int) -> int:
-        """Return how often each of this many training clouds is shown: as many in all as with objects held out."""
+        """Return how often each of so many training clouds is shown: as many in all as with objects held out."""
         return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
     def validation(self, split_by: str) -> CloudSet:
@@ -147,7 +140,7 @@ def divided(meshes: MeshCollection) -> MeshCollection:
 
 
 def at_most(views: Views, azimuths: int) -> Views:
-    """Return at most this many views of each elevation, evenly spaced."""
+    """Return at most `azimuths` views of each elevation, evenly spaced."""
     levels = degrees(views.elevation)
     chosen: list[int] = []
     for level in np.unique(levels):
@@ -162,16 +155,9 @@ def write_areas(meshes: Sequence[MeshEntry], path: Path) -> None:
     if path.exists():
         return
     names, shares = areas_seen(meshes)
-    atomic.write_json(
-        path,
-        {
-            "elevations": names.tolist(),
-            "planes": list(PLANES),
-            "mean": shares.mean(axis=0).tolist(),
-            "spread": shares.std(axis=0).tolist(),
-            "n_objects": len(shares),
-        },
-    )
+    document = {"elevations": names.tolist(), "planes": list(PLANES), "n_objects": len(shares)}
+    document |= {"mean": shares.mean(axis=0).tolist(), "spread": shares.std(axis=0).tolist()}
+    atomic.write_json(path, document)
 
 
 def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArray]:

@@ -14,27 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import MANIFEST
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import seventy_five_each
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.data import CloudSet, make_clouds
+from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.paper import drives
-from zbuf_occlude.paper.augmentation import first_of_each
-from zbuf_occlude.paper.design import Size
-from zbuf_occlude.paper.names import (
-    COUNTS,
-    KINDS,
-    MATCHED,
-    OWN,
-    REALISM,
-    SCENES,
-    UNIFORM,
-    name_of_real,
-)
+from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, SCENES, UNIFORM, Size, name_of_real
+from zbuf_occlude.paper.objects import first_of_each, make_clouds, resampled
 from zbuf_occlude.paper.trials import Trial, as_many_clouds
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors import make
@@ -222,12 +211,9 @@ def as_set(clouds: Clouds, read: Read, n_points: int, name: str) -> CloudSet:
         raise DatasetError(
             f"each kind of clouds must have {LEAST_POINTS} points in some view; {name} has not. Make more."
         )
-    positions = np.empty((len(clouds), n_points, 3), dtype=np.float32)
-    for row, (key, points) in zip(positions, clouds.items(), strict=True):
-        rng = np.random.default_rng(seed_of(0, f"realism/filled/{name}/{key}"))
-        chosen = points[draw(np.arange(len(points)), n_points, rng)]
-        centre, factor = fit(chosen.astype(np.float64))
-        row[:] = (chosen - centre) * factor
+    positions = np.stack(
+        [resampled(points, n_points, f"realism/filled/{name}/{key}") for key, points in clouds.items()]
+    )
     meshes = np.array([mesh for mesh, _ in clouds])
     labels = np.array([read.labels[mesh] for mesh in meshes])
     return CloudSet(positions, labels, read.classes, meshes, np.full(len(meshes), np.nan))

@@ -7,16 +7,14 @@ from typing import Any
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.data import find_objects, is_modelnet10
-from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.paper import augmentation, drives, elevation, realism, sydney
-from zbuf_occlude.paper.design import Size
-from zbuf_occlude.paper.names import AUGMENTATION, CLOUDS, ELEVATION, REALISM
-from zbuf_occlude.paper.progress import Progress
+from zbuf_occlude.paper import drives, sydney
+from zbuf_occlude.paper.augmentation import AugmentationClouds, Scans
+from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
+from zbuf_occlude.paper.elevation import ElevationClouds
+from zbuf_occlude.paper.objects import as_voxels, find_objects, is_modelnet10
+from zbuf_occlude.paper.realism import RealismClouds
 from zbuf_occlude.paper.results import PICTURE, STUDY, read_study
-from zbuf_occlude.paper.sydney_frame import Frame, find_frame, picture_of_scans
 from zbuf_occlude.paper.trials import run_trials
-from zbuf_occlude.paper.voxels import as_voxels
 
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
 """The paper's; `REALISM` is ours."""
@@ -77,42 +75,44 @@ def run_study(
 
     Notes
     -----
-    Killed at any moment, the same call goes on: clouds by shards, trainings from their last checkpoint, and a result
+    Killed at any moment, the same call resumes: clouds by shards, trainings from their last checkpoint, and a result
     is there only when it is whole.
     """
     progress, known = progress or Progress(), None
     if scans is not None:
         sydney.check_scans(scans)  # before hours of work, not after
-        frame = Frame(scans_up, {}) if scans_up else find_frame(scans)
-        known = augmentation.Scans(scans, frame.up)
+        frame = sydney.Frame(scans_up, {}) if scans_up else sydney.find_frame(scans)
+        known = Scans(scans, frame.up)
     if real is not None:
-        drives.check_drive(real)
+        drives.read_clouds(real, 1)  # likewise
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
-    objects = name_of_objects(meshes) if modelnet else "built-in shapes"
+    objects = "built-in shapes"
+    if modelnet is not None:
+        objects = f"ModelNet10 ({', '.join(meshes.classes)})" if is_modelnet10(meshes) else "ModelNet40"
     if voxels is not None:
         meshes, objects = as_voxels(meshes, voxels), f"{objects} as surfaces of {voxels}³ voxels"
-    parts: list[elevation.ElevationClouds | augmentation.AugmentationClouds | realism.RealismClouds] = []
+    parts: list[ElevationClouds | AugmentationClouds | RealismClouds] = []
     if ELEVATION in experiments:
-        parts.append(elevation.ElevationClouds(meshes, size, folder))
+        parts.append(ElevationClouds(meshes, size, folder))
     if AUGMENTATION in experiments:
-        parts.append(augmentation.AugmentationClouds(meshes, size, folder, known, budgets))
+        parts.append(AugmentationClouds(meshes, size, folder, known, budgets))
     if REALISM in experiments:
-        parts.append(realism.RealismClouds(meshes, size, folder, real))
+        parts.append(RealismClouds(meshes, size, folder, real))
     study = claim(folder, size, objects)
     if known is not None:
         claim_scans(folder, study, known, frame)
     progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
     for part in parts:
         study["failed_meshes"] |= part.make(progress.clouds)
-        if isinstance(part, augmentation.AugmentationClouds):
+        if isinstance(part, AugmentationClouds):
             study["missing_methods"] = part.missing
-        if isinstance(part, realism.RealismClouds):
+        if isinstance(part, RealismClouds):
             study["realism"] = part.facts()
         atomic.write_json(folder / STUDY, study)
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
 
 
-def claim_scans(folder: Path, study: dict[str, Any], scans: augmentation.Scans, frame: Frame) -> None:
+def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney.Frame) -> None:
     """Note how scans are turned, and draw some; refuse to mix them with others.
 
     Raises
@@ -127,12 +127,8 @@ def claim_scans(folder: Path, study: dict[str, Any], scans: augmentation.Scans, 
         )
     study["scans"] = frame.document
     atomic.write_json(folder / STUDY, study)
-    atomic.write(folder / PICTURE, lambda file: picture_of_scans(*scans).savefig(file, format="png", dpi=120))
-
-
-def name_of_objects(meshes: MeshCollection) -> str:
-    """Return what the report is to call the meshes of a ModelNet folder; the classes too, if they are not the usual."""
-    return f"ModelNet10 ({', '.join(meshes.classes)})" if is_modelnet10(meshes) else "ModelNet40"
+    picture = sydney.picture_of_scans(*scans)
+    atomic.write(folder / PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
 
 
 def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:

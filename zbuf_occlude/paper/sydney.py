@@ -1,16 +1,18 @@
-"""Sydney Urban Objects: real scans of a spinning lidar, CSV or binary, in their four folds."""
+"""Sydney Urban Objects: real scans of a spinning lidar, in their four folds; and which direction of them is up."""
 
-from collections.abc import Sequence
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.dataset.clouds import draw, fit
+from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.paper.objects import resampled
 
 CLASSES = (
     "4wd", "building", "bus", "car", "pedestrian", "pillar", "pole", "traffic_lights", "traffic_sign", "tree", "truck",
@@ -21,26 +23,27 @@ VEHICLES = ("4wd", "bus", "car", "truck", "ute", "van")
 """The six classes that the paper's 4.4 expects to be taken for cars: 188 of the 588."""
 N_FOLDS = 4
 UPS = ("z", "-z")
-"""Which direction of the files is up; `sydney_frame.find_frame` finds out."""
+"""Which direction of the files is up; `find_frame` finds out."""
 SOURCE = "https://www.acfr.usyd.edu.au/papers/SydneyUrbanObjectsDataset.shtml"
 ARCHIVE = "sydney-urban-objects-dataset"
 """Folder that the archive unpacks into."""
 
 RECORD = np.dtype(
-    [
-        ("t", "<i8"),
-        ("intensity", "u1"),
-        ("id", "u1"),
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("azimuth", "<f4"),
-        ("range", "<f4"),
-        ("pid", "<i4"),
-    ]
-)
+    [("t", "<i8"), ("intensity", "u1"), ("id", "u1"), *((name, "<f4") for name in ("x", "y", "z", "azimuth", "range")),
+     ("pid", "<i4")]
+)  # fmt: skip
 """A point of a binary file, 34 bytes without gaps; a CSV file has the same columns, its time as text."""
 _XYZ = (3, 4, 5)  # columns of a CSV file
+
+TOP_HEAVY = ("tree", "traffic_sign", "traffic_lights")
+"""Classes that are wider above than below: a crown on a trunk, a plate or lights on a pole."""
+ASSUMED = "-z"
+"""Taken where the scans do not say: x forward, y right, z down, as vehicles' frames of that group are."""
+LEAST_POINTS, LEAST_HEIGHT = 30, 0.5
+"""A scan with fewer points, or lower (metres), does not vote."""
+SURE = 3.0
+"""Standard deviations that the votes must be away from a coin's."""
+SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 
 
 @dataclass(frozen=True)
@@ -194,10 +197,8 @@ def read_scan(path: Path, up: str) -> FloatArray:
     return points if up == "z" else np.asarray(points * [1.0, -1.0, -1.0])
 
 
-def read_clouds(
-    root: Path, n_points: int, up: str, *, seed: int = 0, folds: Sequence[int] = range(N_FOLDS)
-) -> CloudSet:
-    """Read the scans of some folds as clouds of equal size.
+def read_clouds(root: Path, n_points: int, up: str) -> CloudSet:
+    """Read the scans of the four folds as clouds of equal size.
 
     Parameters
     ----------
@@ -207,8 +208,6 @@ def read_clouds(
         Points of each cloud; those of a scan repeat only when it has fewer (half of them have fewer than 180).
     up : str
         As for `read_scan`.
-    seed : int
-    folds : sequence of int
 
     Returns
     -------
@@ -220,13 +219,124 @@ def read_clouds(
     DatasetError
         As `find_scans` and `read_scan`.
     """
-    scans = [scan for scan in find_scans(root) if scan.fold in folds]
-    positions = np.empty((len(scans), n_points, 3), dtype=np.float32)
-    for cloud, scan in zip(positions, scans, strict=True):
-        points = read_scan(scan.path, up)
-        rng = np.random.default_rng(seed_of(seed, f"sydney/{scan.name}"))
-        chosen = points[draw(np.arange(len(points)), n_points, rng)]
-        centre, factor = fit(chosen)
-        cloud[:] = (chosen - centre) * factor
+    scans = find_scans(root)
+    clouds = [resampled(read_scan(scan.path, up), n_points, f"sydney/{scan.name}") for scan in scans]
     labels = np.array([CLASSES.index(scan.label) for scan in scans])
-    return CloudSet(positions, labels, CLASSES, np.arange(len(scans)), np.full(len(scans), np.nan))
+    return CloudSet(np.stack(clouds), labels, CLASSES, np.arange(len(scans)), np.full(len(scans), np.nan))
+
+
+# ---- which direction is up ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Which way the scans' z axis points, and how that is known.
+
+    Parameters
+    ----------
+    up : str
+        One of `UPS`: the direction of the files that is up.
+    votes : dict of str to (int, int)
+        For "vehicles" and "tops" how many scans say z, and how many -z; empty when a person said it.
+    """
+
+    up: str
+    votes: dict[str, tuple[int, int]]
+
+    @property
+    def said(self) -> str:
+        """How it is known, in a sentence."""
+        if not self.votes:
+            return f"{self.up} of the files is up, as --sydney-up says."
+        (vehicles_z, vehicles_down), (tops_z, tops_down) = self.votes["vehicles"], self.votes["tops"]
+        how = (
+            f"wider below than above are {vehicles_down} vehicles if -z is up, {vehicles_z} if z is; wider above than "
+            f"below {tops_down} trees, signs and lights if -z is up, {tops_z} if z is."
+        )
+        known = decided(self.votes)
+        return f"{self.up} of the files is up, " + (f"found from the scans: {how}" if known else f"assumed: {how}")
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {"up": self.up, "said": self.said}
+
+
+def find_frame(root: Path) -> Frame:
+    """Find out which way is up, from all scans of the folds.
+
+    Parameters
+    ----------
+    root : Path
+        As for `find_scans`.
+
+    Returns
+    -------
+    Frame
+        `ASSUMED` where the scans do not say clearly.
+
+    Raises
+    ------
+    DatasetError
+        As `find_scans` and `read_scan`.
+
+    Notes
+    -----
+    A vehicle is longer below, where bonnet and boot are, than its cabin; what stands on a trunk or a pole is wider than
+    it. Neither needs to know where the scanner was. That there are more points below does not say it: of simulated
+    scans of cars only five of twelve have. Each scan is a vote, and the votes must be `SURE` standard deviations away
+    from those of a coin.
+    """
+    counts = Counter((kind_of(scan.label), vote(read_scan(scan.path, "z"), scan.label)) for scan in find_scans(root))
+    votes = {kind: (counts[kind, 1], counts[kind, -1]) for kind in ("vehicles", "tops")}
+    return Frame(decided(votes) or ASSUMED, votes)
+
+
+def decided(votes: dict[str, tuple[int, int]]) -> str:
+    """Return the direction that the votes are clear about, or nothing."""
+    for_z, for_down = np.sum(list(votes.values()), axis=0)
+    if abs(for_z - for_down) <= SURE * np.sqrt(for_z + for_down):
+        return ""
+    return UPS[0] if for_z > for_down else UPS[1]
+
+
+def kind_of(label: str) -> str:
+    """Return what a class's scans can say: vehicles, tops, or nothing."""
+    return "vehicles" if label in VEHICLES else "tops" if label in TOP_HEAVY else ""
+
+
+def vote(points: FloatArray, label: str) -> int:
+    """Say which way is up in a scan: 1 for z, -1 for -z, 0 where it does not say.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        As in the file, metres.
+    label : str
+        Its class.
+    """
+    heights = points[:, 2] - (points[:, 2].min() + points[:, 2].max()) / 2.0
+    if len(points) < LEAST_POINTS or np.ptp(heights) < LEAST_HEIGHT or not kind_of(label):
+        return 0
+    above, below = points[heights > 0.0], points[heights < 0.0]
+    wider_above = int(np.sign(width(above) - width(below)))
+    return -wider_above if label in VEHICLES else wider_above
+
+
+def width(points: FloatArray) -> float:
+    """Return how far points lie apart on the ground, root mean square; 0 without any."""
+    return float(np.sqrt(points[:, :2].var(axis=0).sum())) if len(points) else 0.0
+
+
+def picture_of_scans(root: Path, up: str) -> Figure:
+    """Draw the largest scan of some classes from the side, up as taken: wheels and trunks belong below."""
+    figure, panels = new_figure(1, len(SHOWN), panel=1.85)
+    for axes, label in zip(panels[0], SHOWN, strict=True):
+        axes.set_aspect("equal", "datalim")
+        if any(scan.label == label for scan in find_scans(root)):
+            points = read_scan(largest_scan(root, label).path, up)
+            ground = points[:, :2] - points[:, :2].mean(axis=0)
+            along = np.linalg.svd(ground, full_matrices=False)[2][0]  # its longest direction lies across the picture
+            axes.plot(ground @ along, points[:, 2], linestyle="none", marker=".", markersize=1.5, color="#0072b2")
+        axes.set_title(label, fontsize=10)
+    return figure

@@ -1,10 +1,21 @@
-"""The paper's Table 1: its objects and numbers, and what was measured here beside them."""
+"""The paper's Table 1: its objects and numbers, the cases that repeat it, and what was measured beside them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
+from zbuf_occlude import shapes
+from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
 from zbuf_occlude.compare.summary import Row, milliseconds, seconds_for_all_points, share
-from zbuf_occlude.compare.tables import Table
+from zbuf_occlude.drawing.pages import Table
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.views import paper100
+
+TABLE_SECONDS = 30.0
+"""Budget of a row: enough for the paper's methods to be asked from all of the 5 views, every 20th of its 100."""
+MODIFIED = "vertex_hsr_culled:suggestion=2"
 
 
 @dataclass(frozen=True)
@@ -51,8 +62,74 @@ TABLE_1B: dict[tuple[PaperObject, int], tuple[float, float, float, float, float]
 }
 """By object and number of points: seconds of exact HSR, grid 32, grid 64; reductions of the two grids in percent."""
 
-MODIFIED = "vertex_hsr_culled:suggestion=2"
-GRIDS = ("occupancy_grid:n=32", "occupancy_grid:n=64")
+
+# ---- cases -------------------------------------------------------------------------------------------------------
+
+
+def cases_1a(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
+    """Return the cases of Table 1A: vertices against faces.
+
+    The paper's methods keep or drop faces; methods in image space are asked about the vertices.
+
+    Parameters
+    ----------
+    root : Path, optional
+        ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes
+        of as many faces and vertices stand in for the others.
+    seed : int
+    budget : float, optional
+        Seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods, and the
+        comparison's for all else.
+    """
+    cases, views = [], paper100()
+
+    def sampled(find: Callable[[], Mesh], key: str) -> Question:
+        return ask(key, find(), views, n_points=2_000, seed=seed, most_views=PRESET_VIEWS)
+
+    def vertices(find: Callable[[], Mesh], key: str) -> Question:
+        return ask_vertices(key, find(), views, most_views=PRESET_VIEWS)
+
+    for paper in TABLE_1A:
+        find, what = mesh_of(paper, root)
+        facts = {"object": paper.label, "stand_in": what, "vertices": len(find().vertices)}
+        for question, labels, seconds in (
+            (sampled, ("vertex_hsr", MODIFIED), budget or TABLE_SECONDS),
+            (vertices, IMAGE_SPACE, budget),
+        ):
+            make = partial(question, find, paper.file)
+            cases.append(Case("table1a", paper.label, make, subjects_of(labels), facts=facts, budget=seconds))
+    return cases
+
+
+def cases_1b(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
+    """Return the cases of Table 1B, sampled points by exact HSR, grids and image space; arguments as of `cases_1a`."""
+    cases, views = [], paper100()
+
+    def question(find: Callable[[], Mesh], key: str, n_points: int) -> Question:
+        return ask(key, find(), views, n_points=n_points, seed=seed, most_views=PRESET_VIEWS)
+
+    subjects = subjects_of(["exact_hsr", *GRIDS, *IMAGE_SPACE])
+    for paper, n_points in TABLE_1B:
+        find, what = mesh_of(paper, root)
+        make, label = partial(question, find, paper.file, n_points), f"{paper.label}, {n_points:,}"
+        facts = {"object": paper.label, "stand_in": what}
+        cases.append(Case("table1b", label, make, subjects, facts=facts, budget=budget or TABLE_SECONDS))
+    return cases
+
+
+def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], str]:
+    """Return how to load an object of the paper, and what it is: the file, or what stands in for it."""
+    found = [] if root is None else sorted(root.rglob(f"{paper.file}.off"))
+    if found:
+        return partial(load_mesh, found[0]), f"{paper.file}.off"
+    mesh = shapes.benchmark_mesh(paper.faces, paper.kind)
+    mesh = shapes.with_vertices(mesh, min(paper.vertices, 3 * len(mesh.faces)))
+    return (lambda: mesh), f"built-in {paper.kind}, {len(mesh.faces):,} faces, {len(mesh.vertices):,} vertices"
+
+
+CASES = {"table1a": cases_1a, "table1b": cases_1b}
+
+# ---- tables ------------------------------------------------------------------------------------------------------
 
 
 def paper_tables(rows: Sequence[Row]) -> list[Table]:
@@ -74,24 +151,22 @@ def table_1a(rows: Sequence[Row]) -> Table:
             continue
         size = f"{paper.faces:,} · {paper.vertices:,}"
         body.append([paper.label, "**paper**", size, f"{original} s", f"{modified} s", f"{reduction} %", "–", "–", "–"])
-        slow, fast = here.get("vertex_hsr"), here.get(MODIFIED)
+        slow, fast = here.pop("vertex_hsr", None), here.pop(MODIFIED, None)
         if slow and fast:
+            columns = ("seconds_per_view", "cpu_seconds_per_view", "tests_per_view")
             body.append(
                 [
                     "",
                     f"here: {slow['facts']['stand_in']}",
                     _size(slow),
-                    f"{milliseconds(slow['timed']['seconds_per_view'])} ms",
-                    f"{milliseconds(fast['timed']['seconds_per_view'])} ms",
-                    _reduction(slow["timed"]["seconds_per_view"], fast["timed"]["seconds_per_view"]),
-                    _reduction(slow["timed"]["cpu_seconds_per_view"], fast["timed"]["cpu_seconds_per_view"]),
-                    _reduction(slow["timed"]["tests_per_view"], fast["timed"]["tests_per_view"]),
+                    *(f"{milliseconds(row['timed']['seconds_per_view'])} ms" for row in (slow, fast)),
+                    *(_reduction(slow["timed"][column], fast["timed"][column]) for column in columns),
                     f"{_wrong(slow)} · {_wrong(fast)}",
                 ]
             )
-        body += _others(
-            here, {"vertex_hsr", MODIFIED}, slow, lambda row, time, less: [_size(row), "", time, less, "–", "–"]
-        )
+        for subject, row in here.items():
+            time, less = _time_and_reduction(row, slow)
+            body.append(["", f"`{subject}`", _size(row), "", time, less, "–", "–", _wrong(row)])
     return Table(
         "Table 1A of the paper: HSR by vertices, and with far faces excluded (second suggestion)",
         ["object", "", "faces · points", "original", "modified", "reduction", "of CPU time", "of tests", "wrong"],
@@ -101,7 +176,7 @@ def table_1a(rows: Sequence[Row]) -> Table:
         "face were tested; making and comparing the distances costs the rest. Wrong: outside the boundary band, of "
         "points sampled on the faces that are kept or dropped; of the vertices themselves in the rows of other "
         "methods, which were asked about exactly the vertices.",
-        texts=2,
+        texts=range(2),
     )
 
 
@@ -112,33 +187,25 @@ def table_1b(rows: Sequence[Row]) -> Table:
         here = _of_object([row for row in rows if row["n_points"] == n_points], paper.label)
         if not here:
             continue
-        body.append(
-            [
-                f"{paper.label}, {n_points:,}",
-                "**paper**",
-                f"{exact} s",
-                f"{g32} s",
-                f"{g64} s",
-                f"{r32} %",
-                f"{r64} %",
-                "–",
-            ]
-        )
-        slow, grids = here.get("exact_hsr"), [here.get(name) for name in GRIDS]
-        if slow and all(grids):
-            seconds = seconds_for_all_points(slow)
-            two = [(grid, seconds_for_all_points(grid)) for grid in grids if grid]
+        label = f"{paper.label}, {n_points:,}"
+        seconds = [f"{number} s" for number in (exact, g32, g64)]
+        body.append([label, "**paper**", *seconds, f"{r32} %", f"{r64} %", "–"])
+        slow = here.pop("exact_hsr", None)
+        grids = [row for name in GRIDS if (row := here.pop(name, None))]
+        if slow and len(grids) == len(GRIDS):
+            times = [seconds_for_all_points(row) for row in (slow, *grids)]
             body.append(
                 [
                     "",
                     f"here: {slow['facts']['stand_in']}",
-                    f"{milliseconds(seconds)} ms",
-                    *(f"{milliseconds(s)} ms" for _, s in two),
-                    *(_reduction(seconds, s) for _, s in two),
-                    " · ".join(_wrong(grid) for grid, _ in two),
+                    *(f"{milliseconds(time)} ms" for time in times),
+                    *(_reduction(times[0], time) for time in times[1:]),
+                    " · ".join(map(_wrong, grids)),
                 ]
             )
-        body += _others(here, {"exact_hsr", *GRIDS}, slow, lambda row, time, less: [time, "", "", less, ""])
+        for subject, row in here.items():
+            time, less = _time_and_reduction(row, slow)
+            body.append(["", f"`{subject}`", time, "", "", less, "", _wrong(row)])
     return Table(
         "Table 1B of the paper: exact HSR, and occupancy grids",
         ["object, points", "", "exact HSR", "32³", "64³", "reduction 32³", "64³", "wrong (grids: 32³ · 64³)"],
@@ -146,7 +213,7 @@ def table_1b(rows: Sequence[Row]) -> Table:
         "Seconds of the paper are MATLAB's, for one view; what compares are the reductions. Here: time of one view, "
         "preparing (for grids: filling them, once a mesh) not counted, all cores. Wrong: outside the boundary band, "
         "against `oracle`; the paper gives no error.",
-        texts=2,
+        texts=range(2),
     )
 
 
@@ -154,17 +221,9 @@ def _of_object(rows: Sequence[Row], label: str) -> dict[str, Row]:
     return {row["subject"]: row for row in rows if row["facts"]["object"] == label}
 
 
-def _others(
-    here: dict[str, Row], known: set[str], slow: Row | None, cells: Callable[[Row, str, str], list[str]]
-) -> list[list[str]]:
-    """Lines of the subjects that the paper does not have."""
-    lines = []
-    for subject, row in here.items():
-        if subject not in known:
-            seconds = seconds_for_all_points(row)
-            less = _reduction(seconds_for_all_points(slow), seconds) if slow else "–"
-            lines.append(["", f"`{subject}`", *cells(row, f"{milliseconds(seconds)} ms", less), _wrong(row)])
-    return lines
+def _time_and_reduction(row: Row, slow: Row | None) -> tuple[str, str]:
+    seconds = seconds_for_all_points(row)
+    return f"{milliseconds(seconds)} ms", _reduction(seconds_for_all_points(slow), seconds) if slow else "–"
 
 
 def _size(row: Row) -> str:

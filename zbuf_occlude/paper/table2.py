@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_finished, sorted_out
+from zbuf_occlude.drawing.pages import Table
 
 
 class Row(NamedTuple):
@@ -31,7 +32,6 @@ PAPER = (
     Row("The paper's dataset", 200_000, 40, "Synthesized", "Point Cloud", 6_940),
 )
 """The rows of the paper, as printed there; its last column is the quotient of two others."""
-HEADINGS = ("Dataset name", "#Samples", "#Classes", "Type", "Representation", "Size (MB)", "#Samples / 1 MB")
 
 
 def row_of(folder: Path) -> Row:
@@ -45,36 +45,17 @@ def row_of(folder: Path) -> Row:
     plan, manifest = read_finished(folder)
     own, _ = sorted_out(folder, plan)
     files = [folder / name for name in own if name not in (CONTACT_SHEET, GALLERY) and not name.startswith(GROUPS)]
-    return Row(
-        f"This one ({plan.format})",
-        manifest["counts"]["clouds"],
-        len(plan.classes),
-        "Synthesized",
-        "Point Cloud",
-        sum(path.stat().st_size for path in files) / 1e6,
-    )
+    megabytes = sum(path.stat().st_size for path in files) / 1e6
+    n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
+    return Row(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)
 
 
-def cells(row: Row) -> list[str]:
-    """Return a row as text, under `HEADINGS`."""
-    megabytes = f"{row.megabytes:,.2f}" if row.megabytes < 100 else f"{row.megabytes:,.0f}"
-    name, samples, classes = row.name, f"{row.n_samples:,}", str(row.n_classes)
-    return [name, samples, classes, row.type, row.representation, megabytes, f"{row.samples_per_megabyte:,.2f}"]
-
-
-def as_markdown(rows: list[Row]) -> str:
-    """Return the table in Markdown, in columns that also line up as plain text."""
-    table = [list(HEADINGS), *map(cells, rows)]
-    widths = [max(len(line[column]) for line in table) for column in range(len(HEADINGS))]
-    numbers = {1, 2, 5, 6}
-    lines = [
-        "| "
-        + " | ".join(
-            text.rjust(width) if column in numbers else text.ljust(width)
-            for column, (text, width) in enumerate(zip(line, widths, strict=True))
-        )
-        + " |"
-        for line in table
-    ]
-    rule = ["-" * (width - 1) + (":" if column in numbers else "-") for column, width in enumerate(widths)]
-    return "\n".join([lines[0], "| " + " | ".join(rule) + " |", *lines[1:]])
+def table_2(folder: Path) -> Table:
+    """Return the table with the row of a dataset; raises as `row_of`."""
+    body = []
+    for row in (*PAPER, row_of(folder)):
+        megabytes = f"{row.megabytes:,.2f}" if row.megabytes < 100 else f"{row.megabytes:,.0f}"
+        counts, share = (f"{row.n_samples:,}", f"{row.n_classes}"), f"{row.samples_per_megabyte:,.2f}"
+        body.append([row.name, *counts, row.type, row.representation, megabytes, share])
+    header = ["Dataset name", "#Samples", "#Classes", "Type", "Representation", "Size (MB)", "#Samples / 1 MB"]
+    return Table("", header, body, texts=(0, 3, 4))

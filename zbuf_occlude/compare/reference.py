@@ -1,4 +1,4 @@
-"""The judge's answers to a question: truth, boundary band, distance from the silhouette; computed once, then stored."""
+"""The reference's answers to a question: truth, boundary band, distance from the silhouette; computed once, stored."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,26 +6,26 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.compare.cases import Question
 from zbuf_occlude.compare.metrics import FOOTPRINTS, SILHOUETTE_EDGES, incidence_degrees
-from zbuf_occlude.compare.question import Question
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 FOLDER = "judge"
-"""Of a comparison's folder: where its verdicts are kept."""
+"""In a comparison's folder: the stored answers."""
 MOST_TESTS = 3e9
-"""The judge may test this many pairs of line and face on a mesh: about half a minute on two cores."""
+"""Pairs of line and face tested on a mesh at most: about half a minute on two cores."""
 FEWEST_POINTS = 50
-"""It judges this many points however long that takes: from 15 views on meshes of 80,000 faces and more."""
+"""Points judged however long that takes: from 15 views on meshes of 80,000 faces and more."""
 SHOWN_TESTS = 3e8
-"""And this many pairs for the picture of a row's worst view."""
+"""Pairs tested for the picture of a row's worst view at most."""
 PASSES = 1 + 2 + 8 * (1 + len(SILHOUETTE_EDGES))
-"""Lines of sight that a verdict asks about for each pair of view and point."""
+"""Lines of sight that are tested for each pair of view and point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What the judge says about the first j points of a question, from all its k eyes.
+    """The reference's answer for the first j points of a question, from all its k eyes.
 
     Parameters
     ----------
@@ -45,33 +45,26 @@ class Verdict:
     incidence: FloatArray
 
 
-class Judge:
-    """Puts questions to the oracle and keeps its answers in a folder.
+class Reference:
+    """Asks the oracle, and keeps its answers in a folder, one file for each question.
 
     Parameters
     ----------
     folder : Path
-        Made by the first verdict. One file for each question.
+        Made when missing.
     n_points : int, optional
-        How many points of a question are judged; by default as many as `MOST_TESTS` allows.
+        Points of a question that are judged; by default as many as `MOST_TESTS` allows.
     """
 
     def __init__(self, folder: Path, n_points: int | None = None) -> None:
         self._folder = folder
         self._n_points = n_points
 
-    def n_judged(self, question: Question) -> int:
-        """How many of the question's points are judged, from every eye."""
-        affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
-        return min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
-
-    def _path(self, question: Question) -> Path:
-        return self._folder / f"{question.fingerprint}-{self.n_judged(question)}.npz"
-
     def judge(self, question: Question) -> Verdict:
-        """Answer the question, from the folder when it was answered before."""
-        n = self.n_judged(question)
-        path = self._path(question)
+        """Answer the question, from the folder where it is stored."""
+        affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
+        n = min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
+        path = self._folder / f"{question.fingerprint}-{n}.npz"
         if path.exists():
             with np.load(path) as stored:
                 return Verdict(**{name: stored[name] for name in stored.files})
