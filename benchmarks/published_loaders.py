@@ -42,10 +42,11 @@ SPLITS = ("train", "train", "val", "test", "test")
 Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 DISTANCE = 2.0
 """Of the cameras from the object's centre, in longest sides."""
-ON_SURFACE, IN_FRONT, SEEN = 5e-4, 2e-3, 0.995
-"""Longest sides that a point may be from the mesh; that a face in front of it must be nearer; least share seen."""
-FITTED = 4e-3
-"""Longest sides that a point may be from the mesh where the cloud's place and scale had to be fitted."""
+PLACED, FITTED = 5e-4, 4e-3
+"""Longest sides that a point may be from the mesh, or behind the face that the camera sees: where the layout says place
+and scale, and where they had to be fitted."""
+SEEN = 0.995
+"""Least share of points that the camera sees."""
 CHECKED = 6
 """Items of a split that are checked."""
 
@@ -197,12 +198,14 @@ class Surface:
         turned = about_z @ Z_UP_TO_Y_UP.T if self.made.up == "y" else about_z
         return self.made.centre + DISTANCE * self.made.longest * turned
 
-    def seen(self, points: Array, eye: Array) -> Array:
-        """Say which points no face hides, by rays from the eye."""
+    def seen(self, points: Array, eye: Array, tolerance: float) -> Array:
+        """Say which points are not behind the plane of the first face that their ray from the eye meets."""
         away = points - eye
         rays = np.concatenate([np.broadcast_to(eye, away.shape), away], axis=1).astype(np.float32)
-        first = self._scene.cast_rays(self._tensor(rays))["t_hit"].numpy()  # in lengths of `away`
-        return np.asarray(first >= 1 - IN_FRONT * self.made.longest / np.linalg.norm(away, axis=1))
+        first = self._scene.cast_rays(self._tensor(rays))
+        left = np.maximum(1 - first["t_hit"].numpy(), 0)  # of the ray, behind the face
+        behind = left * np.abs((first["primitive_normals"].numpy() * away).sum(axis=1))
+        return np.asarray(behind <= tolerance * self.made.longest)
 
 
 def fit(points: Array, surface: Surface, like: Array) -> Array:
@@ -220,6 +223,7 @@ def fit(points: Array, surface: Surface, like: Array) -> Array:
 
 def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     """Return what is wrong with an item, or nothing."""
+    limit = FITTED if loader.fitted else PLACED
     signs = list(product([1, -1], repeat=2)) if loader.mirrored and item.split == "train" else [(1, 1)]
     best = (np.inf, None, 0.0)
     for surface, (first, second) in product(surfaces, signs):
@@ -237,18 +241,18 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
         eyes = surface.eyes(loader.n_views) if item.partial is not None else [None]
         for eye in eyes:
             if loader.fitted:
-                like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye)]
+                like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye, PLACED)]
                 placed = [fit(clouds[0], surface, like)]
             else:
                 placed = [cloud * made.longest + made.centre for cloud in clouds]
             off = max(surface.distance(cloud) for cloud in placed)
-            share = 1.0 if eye is None else float(surface.seen(placed[0], eye).mean())
-            if (off > limit_of(loader), -share, off) < (best[0] > limit_of(loader), -best[2], best[0]):
+            share = 1.0 if eye is None else float(surface.seen(placed[0], eye, limit).mean())
+            if (off > limit, -share, off) < (best[0] > limit, -best[2], best[0]):
                 best = (off, made, share)
-            if not loader.fitted and off > limit_of(loader):
+            if not loader.fitted and off > limit:
                 break  # from every eye alike
     off, found, share = best
-    if found is None or off > limit_of(loader):
+    if found is None or off > limit:
         return f"lies on no mesh: {off:.4f} longest sides away from the nearest"
     if share < SEEN:
         return f"{1 - share:.1%} of its points are hidden from every camera"
@@ -257,10 +261,6 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     if item.object is not None and item.object != found.key:
         return f"is called {item.object}; it lies on {found.key}"
     return ""
-
-
-def limit_of(loader: Loader) -> float:
-    return FITTED if loader.fitted else ON_SURFACE
 
 
 def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
