@@ -11,7 +11,6 @@ from zbuf_occlude.cli.engine import engine_options, pop_engine
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS
-from zbuf_occlude.dataset.plan import FRAMES
 from zbuf_occlude.limits import Limits
 
 
@@ -25,14 +24,9 @@ from zbuf_occlude.limits import Limits
     help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
 )
 @click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
-@click.option(
-    "--frame",
-    type=click.Choice(FRAMES),
-    help="From packed: axes of the clouds, as `generate --frame`.  [default: those of the layout's original]",
-)
 @engine_options
 @click.pass_context
-def command(context: click.Context, /, folder: Path, format: str, out: Path, frame: str | None, **options: Any) -> None:
+def command(context: click.Context, /, folder: Path, format: str, out: Path, **options: Any) -> None:
     """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
 
     From `packed` they are drawn as `generate` would have drawn them, rounded to the packed step. Nothing converts to
@@ -43,7 +37,7 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, fra
     total = sum(open_dataset(folder).n_clouds.values())
     # drawn when the first clouds are told of, which is after all that refuses; never before
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
-        document = convert(folder, out, format, frame=frame, run=run, progress=bar.update)
+        document = convert(folder, out, format, run=run, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
     n_clouds = document["counts"]["clouds"]
     echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

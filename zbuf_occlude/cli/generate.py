@@ -133,8 +133,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice(FRAMES),
     default="object",
     show_default=True,
-    help="object: the mesh's axes, z up; y-up: those turned so that y is up, the default of layouts made of ShapeNet; "
-    "camera: x right, y up, looking along -z. The pose (of z up) is stored always.",
+    help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
 )
 @with_option(
     "What points have besides their positions: normals of their faces, turned towards the camera; base colours of OBJ, "

@@ -121,15 +121,6 @@ def point_columns(recipe: Recipe) -> dict[str, tuple[str, tuple[int, ...]]]:
     return of_scans | of_attributes
 
 
-Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""World space turned so that y is up."""
-
-
-def axes_of(frame: str, pose: FloatArray) -> FloatArray:
-    """Return the matrix (4, 4) from world space to the axes of a cloud with this frame (`Recipe.frame`) and pose."""
-    return {"object": np.eye(4), "y-up": Y_UP, "camera": pose}[frame]
-
-
 def gather_clouds(
     points: SurfacePoints,
     mask: BoolArray,
@@ -165,7 +156,7 @@ def gather_clouds(
     """
     seeing = np.flatnonzero(mask.any(axis=1)) if which is None else np.asarray(which)
     records = np.zeros(len(seeing), dtype=record_type(recipe))
-    poses = views.poses
+    poses, in_camera_frame, upright = views.poses, recipe.frame == "camera", np.eye(4)
     whole, factor = _whole(points) if recipe.scale == "object" else (np.zeros(3), 1.0)
     fitted = recipe.scale == "cloud"
     size = ALL if recipe.sample_size is None else recipe.sample_size
@@ -175,10 +166,9 @@ def gather_clouds(
     data, face_ids = records["data"], records["face_ids"]
     centres, factors, n_visible = np.empty((len(records), 3)), np.empty(len(records)), np.empty(len(records), int)
     for row, view in enumerate(seeing.tolist()):
-        axes = axes_of(recipe.frame, poses[view])
-        centres[row] = axes[:3, :3] @ whole
-        if recipe.scale == "object":
-            centres[row] += axes[:3, 3]
+        frame, centres[row] = (poses[view], poses[view, :3, :3] @ whole) if in_camera_frame else (upright, whole)
+        if in_camera_frame and recipe.scale == "object":
+            centres[row] += poses[view, :3, 3]
         chosen, n_visible[row] = draw_visible(mask[view], size, seed, view)
         if recipe.subset == "fps" and 0 < size < n_visible[row]:
             visible, rng = np.flatnonzero(mask[view]), np.random.default_rng([int(seed), view])
@@ -186,11 +176,11 @@ def gather_clouds(
         if size == ALL:
             data[row], face_ids[row] = np.empty((len(chosen), 3), np.float32), np.empty(len(chosen), np.int32)
         filled = np.empty((len(chosen), 3)), data[row], face_ids[row]
-        factors[row] = place(points.positions, points.face_ids, chosen, axes, fitted, centres[row], factor, *filled)
+        factors[row] = place(points.positions, points.face_ids, chosen, frame, fitted, centres[row], factor, *filled)
         if isinstance(points, ScanPoints) and not recipe.complete:
-            _fill_scan(records[row], points, chosen, recipe, view, axes[:3, :3])
+            _fill_scan(records[row], points, chosen, recipe, view, poses[view] if in_camera_frame else None)
         elif recipe.attributes:
-            _fill_attributes(records[row], points.select(chosen), recipe, views.eyes[view], axes[:3, :3])
+            _fill_attributes(records[row], points.select(chosen), recipe, views, view)
     records["centre"], records["factor"], records["n_visible"] = centres, factors, n_visible
     in_scans = isinstance(points, ScanPoints) and not recipe.complete
     records["visible_fraction"] = 1.0 - records["hidden"] if in_scans else n_visible / len(points)
@@ -204,20 +194,21 @@ def _whole(points: SurfacePoints) -> tuple[FloatArray, float]:
     return fit(points.positions)
 
 
-def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, eye: FloatArray, rotation: FloatArray) -> None:
+def _fill_attributes(record: Any, points: SurfacePoints, recipe: Recipe, views: Views, view: int) -> None:
     if "normals" in recipe.attributes:
-        normals = points.normals if recipe.complete else points.normals_towards(eye)
-        record["normal"] = (normals @ rotation.T).astype(np.float32)
+        normals = points.normals if recipe.complete else points.normals_towards(views.eyes[view])
+        turned = normals @ views.poses[view, :3, :3].T if recipe.frame == "camera" else normals
+        record["normal"] = turned.astype(np.float32)
     if "colors" in recipe.attributes:
         record["color"] = np.full((len(points), 3), GREY, np.uint8) if points.colors is None else points.colors
 
 
 def _fill_scan(
-    record: Any, points: ScanPoints, chosen: IntArray, recipe: Recipe, view: int, rotation: FloatArray
+    record: Any, points: ScanPoints, chosen: IntArray, recipe: Recipe, view: int, pose: FloatArray | None
 ) -> None:
     for name, (kind, _) in point_columns(recipe).items():
         values = points.columns[name][chosen]
-        record[name] = (values @ rotation.T if name == "normal" else values).astype(kind)
+        record[name] = (values @ pose[:3, :3].T if name == "normal" and pose is not None else values).astype(kind)
     for name, values in points.facts.items():
         record[name] = values[view]
 

@@ -149,7 +149,6 @@ def convert(
     out: Path,
     format: str,
     *,
-    frame: str | None = None,
     run: Run | None = None,
     progress: Callable[[int], None] = lambda clouds: None,
 ) -> dict[str, Any]:
@@ -163,8 +162,6 @@ def convert(
         Made when missing; otherwise empty, or of this same conversion, which goes on.
     format : str
         Name in the table of formats.
-    frame : str, optional
-        Axes of clouds that are drawn from `packed`; by default those of the layout's original, or the dataset's own.
     run : callable, optional
         The engine; `run_here`, in this process, by default. The same bytes come of all.
     progress : callable
@@ -187,7 +184,7 @@ def convert(
     order, rounded to the packed step.
     """
     old, manifest = read_finished(folder)
-    source, plan = open_dataset(folder), _plan_of(old, format, frame)
+    source, plan = open_dataset(folder), _plan_of(old, format)
     claim(plan, out)
     portions = portions_of(source, plan)
     about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
@@ -225,7 +222,7 @@ def convert(
     return finished
 
 
-def _plan_of(old: Plan, format: str, frame: str | None) -> Plan:
+def _plan_of(old: Plan, format: str) -> Plan:
     """Return the plan of a dataset's clouds in another format, once that can hold them."""
     row, kept_points = find_format(format), find_format(old.format).all_points
     if row.all_points:
@@ -239,14 +236,8 @@ def _plan_of(old: Plan, format: str, frame: str | None) -> Plan:
             f"only those drawn. Make it with `zbuf-occlude generate --format {format}`, or convert a packed dataset."
         )
     plan: Plan = replace(old, format=format)
-    if frame is not None and not kept_points:
-        raise DatasetError(
-            f"a frame can be chosen where clouds are drawn anew; {old.format} keeps them as they were drawn. Leave it "
-            "out, or convert a packed dataset."
-        )
     if kept_points:
-        recipe = row.redrawn(plan.recipe)
-        plan = replace(plan, recipe=recipe if frame is None else replace(recipe, frame=frame))
+        plan = replace(plan, recipe=row.redrawn(plan.recipe))
     row.check(plan)
     own_names(plan)  # a format that cannot write them says so
     return plan

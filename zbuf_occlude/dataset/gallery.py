@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic, table2
-from zbuf_occlude.dataset.clouds import axes_of
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import printable
@@ -96,11 +95,11 @@ def choose(records: NDArray[Any]) -> NDArray[Any]:
 
 
 def _packed(record: Any, source: Source, colour: tuple[int, int, int]) -> dict[str, Any]:
-    frame = source.plan.recipe.frame
-    positions, _, _ = upright(record, frame)
+    in_camera_frame = source.plan.recipe.frame == "camera"
+    positions, _, _ = upright(record, in_camera_frame)
     normals = None
     if "normals" in source.plan.recipe.attributes:
-        normals = record["normal"][:POINTS] @ axes_of(frame, record["pose"])[:3, :3]
+        normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if in_camera_frame else np.eye(3))
     azimuth, elevation = np.degrees(record["view"][:2])
     return {
         **pack_cloud(positions[:POINTS], centre=np.zeros(3), longest=1.0, palette=[colour], normals=normals),

@@ -24,7 +24,7 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
-FRAMES = ("object", "y-up", "camera")
+FRAMES = ("object", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
@@ -79,8 +79,7 @@ class Recipe:
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
         object's own coordinates.
     frame : str
-        "object": the mesh's axes, z up; "y-up": those turned so that y is up; "camera": eye space (x right, y up, the
-        camera looks along -z).
+        "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool

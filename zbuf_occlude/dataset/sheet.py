@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import axes_of
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.marks import area_of_mark, frame_of, marks_of, paint
 from zbuf_occlude.views import Views
@@ -55,13 +54,13 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
         return False
     from PIL import Image, ImageDraw  # late: Pillow is an extra
 
-    classes, frame = source.plan.classes, source.plan.recipe.frame
+    classes, in_camera_frame = source.plan.classes, source.plan.recipe.frame == "camera"
     clouds = _clouds_of_all_classes(source)
     labels = clouds["label"][:, 0]
     shown = choose(labels, clouds["pose"])
     picture = Image.new("RGB", (len(shown) * PANEL, 2 * (TITLE + PANEL)), "white")
     for column, index in enumerate(shown):
-        positions, camera, up = upright(clouds[index], frame)
+        positions, camera, up = upright(clouds[index], in_camera_frame)
         values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
         for row, (eye, above) in enumerate(((FIXED, None), (camera, up))):
             panel = _drawn(positions, eye, above, values)
@@ -138,12 +137,12 @@ def choose(labels: NDArray[Any], poses: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def upright(cloud: Any, frame: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def upright(cloud: Any, in_camera_frame: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a cloud in the object's axes, centred, longest side 1, with its camera's position and up there."""
     pose, positions = cloud["pose"], cloud["data"] / cloud["factor"] + cloud["centre"]
     rotation, translation = pose[:3, :3], pose[:3, 3]
-    axes = axes_of(frame, pose)
-    positions = (positions - axes[:3, 3]) @ axes[:3, :3]
+    if in_camera_frame:
+        positions = (positions - translation) @ rotation
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
     eye = -rotation.T @ translation

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.dataset.clouds import axes_of
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.records import RecordStore
 from zbuf_occlude.dataset.scans import scan_views
@@ -81,8 +80,8 @@ def ask_oracle(
         rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
         some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
         positions = record["data"][some] / record["factor"] + record["centre"]
-        axes = axes_of(plan.recipe.frame, record["pose"])
-        positions = (positions - axes[:3, 3]) @ axes[:3, :3]
+        if plan.recipe.frame == "camera":
+            positions = (positions - translation) @ rotation
         points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
         eye = (-rotation.T @ translation)[None]
         with prepare_oracle(mesh) as oracle:

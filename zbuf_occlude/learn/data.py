@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import describe
-from zbuf_occlude.dataset.clouds import Y_UP
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.generate import generate
@@ -280,7 +279,5 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]
         if not source.plan.recipe.complete:
             elevations[rows] = records["view"][:, 1]
-    if source.plan.recipe.frame == "y-up":
-        positions = positions @ Y_UP[:3, :3].astype(np.float32)  # networks are trained with turns about z
     with reading(folder):  # CloudSet looks for NaN
         return CloudSet(positions, labels, tuple(source.plan.classes), object_ids, elevations)

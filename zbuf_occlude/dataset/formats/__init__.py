@@ -129,10 +129,9 @@ class Format:
 
     def redrawn(self, recipe: Recipe) -> Recipe:
         """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
-        drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale", "frame")}
-        for name, default in (("scale", "cloud"), ("frame", "object")):
-            if getattr(recipe, name) != default:
-                drawn.pop(name, None)
+        drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale")}
+        if recipe.scale != "cloud":
+            drawn.pop("scale", None)
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
@@ -158,7 +157,7 @@ FORMATS: tuple[Format, ...] = (
         whole_objects=True,
         fewer_views={"val": 1, "test": 1},
         least_tested=10,
-        options={"views": "fibonacci:8", "scale": "object", "frame": "y-up"},
+        options={"views": "fibonacci:8", "scale": "object"},
     ),
     Format(
         "completion3d",
@@ -166,7 +165,7 @@ FORMATS: tuple[Format, ...] = (
         pairs=True,
         whole_objects=True,
         least_tested=10,
-        options={"views": "random:1", "scale": "object", "frame": "y-up", "sample_size": 2_048},
+        options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "mvp",
@@ -174,14 +173,14 @@ FORMATS: tuple[Format, ...] = (
         pairs=True,
         whole_objects=True,
         one_file=True,
-        options={"views": "fibonacci:26", "scale": "object", "frame": "y-up", "sample_size": 2_048},
+        options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
         pairs=True,
         whole_objects=True,
-        options={"views": "fibonacci:16", "scale": "object", "frame": "y-up"},
+        options={"views": "fibonacci:16", "scale": "object"},
     ),
     Format(
         "shapenet55",
@@ -190,7 +189,7 @@ FORMATS: tuple[Format, ...] = (
         whole_objects=True,
         fewer_views=dict.fromkeys(SPLITS, 1),
         least_tested=10,
-        options={"views": "ring:1@0", "scale": "object", "frame": "y-up", "sample_size": 8_192},
+        options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),
 )
 

@@ -97,10 +97,10 @@ def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None =
         raise OptionError(
             f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
         )
-    if recipe.scale == "cloud" or recipe.frame == "camera":
+    if recipe.scale == "cloud" or recipe.frame != "object":
         raise OptionError(
             f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
-            f"{recipe.frame}. Give --scale object --frame y-up."
+            f"{recipe.frame}. Give --scale object --frame object."
         )
 
 
