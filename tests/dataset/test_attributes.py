@@ -44,7 +44,8 @@ def plan(format: str, load: Callable[[], Mesh] = painted, **recipe: object) -> P
     drawn = {name: value for name, value in row.options.items() if name in ("views", "sample_size", "scale")}
     settings = {"views": "fibonacci:5", "sample_size": 200, **drawn, "n_points": N_POINTS.get(format, 1_000), **recipe}
     made = Recipe(method="oracle", attributes=("colors", "normals"), complete=row.complete, **settings)
-    entries = [MeshEntry(f"cube/{split}/cube_{split}", "cube", split, load) for split in ("train", "test")]
+    label = "table" if row.classes else "cube"
+    entries = [MeshEntry(f"cube/{split}/cube_{split}", label, split, load) for split in ("train", "test")]
     return Plan(MeshCollection(entries), made, format)
 
 

@@ -46,7 +46,9 @@ def plan(row: Format, monkeypatch: pytest.MonkeyPatch) -> Plan:
         method="exact", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
     )
     entries = [
-        MeshEntry(f"class{i % 2}/m{i}", f"class{i % 2}", "test" if i % 3 == 0 else "train", partial(tetrahedron, i))
+        MeshEntry(
+            f"class{i % 2}/m{i}", ("chair", "table")[i % 2], "test" if i % 3 == 0 else "train", partial(tetrahedron, i)
+        )
         for i in range(10)
     ]
     entries[4] = replace(entries[4], load=broken)

@@ -35,7 +35,7 @@ def tetrahedron(number: int) -> Mesh:
 
 def collection(n_meshes: int) -> MeshCollection:
     return MeshCollection(
-        MeshEntry(f"m{i}", "odd" if i % 2 else "even", "test" if i % 5 == 0 else "train", partial(tetrahedron, i))
+        MeshEntry(f"m{i}", "table" if i % 2 else "chair", "test" if i % 5 == 0 else "train", partial(tetrahedron, i))
         for i in range(n_meshes)
     )
 

@@ -10,7 +10,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, pop_engine
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.limits import Limits
 
 
@@ -34,7 +34,10 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     on with what is missing.
     """
     run = pop_engine(context, options, Limits())
-    total = sum(open_dataset(folder).n_clouds.values())
+    source = open_dataset(folder)
+    for remark in find_format(format).select(source.plan.meshes).remarks:
+        echo(remark, err=True)
+    total = sum(source.n_clouds.values())
     # drawn when the first clouds are told of, which is after all that refuses; never before
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
         document = convert(folder, out, format, run=run, progress=bar.update)

@@ -225,7 +225,7 @@ def command(
         up,
         limit,
         out=out,
-        choose=choose,
+        choose=lambda meshes: choose(row.select(meshes)),
         labels=labels,
         classes=classes,
         splits=splits,

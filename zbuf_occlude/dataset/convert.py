@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.claim import claim, own_names, remove_shards
@@ -82,14 +83,28 @@ class Copying:
     def do(self, job: int, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> int:
         """Write a part; return how many clouds were read."""
         if not self._source:
-            self._source.append(find_format(self.format).load().read(self.folder, self.plan, self.files))
+            plan = replace(self.plan, format=self.format) if self.renumbers else self.plan
+            self._source.append(find_format(self.format).load().read(self.folder, plan, self.files))
         (source,) = self._source
         contents = [
-            Content(self.plan, split, number, source.take(numbers), source.complete)
+            Content(self.plan, split, number, self._labelled(source.take(numbers)), source.complete)
             for split, number, numbers in self.portions[job]
         ]
         write_contents(self.plan, self.out, job, contents, self.places, self.fingerprint)
         return sum(len(content.records) for content in contents)
+
+    @property
+    def renumbers(self) -> bool:
+        """Whether labels change: one of the formats counts the classes of a published list."""
+        return bool(find_format(self.format).classes or find_format(self.plan.format).classes)
+
+    def _labelled(self, records: NDArray[Any]) -> NDArray[Any]:
+        """Return records with the new plan's labels."""
+        if not self.renumbers:
+            return records
+        labels = [self.plan.classes.index(self.plan.meshes[mesh_id].label) for mesh_id in records["mesh_id"].tolist()]
+        records["label"][:, 0] = labels
+        return records
 
 
 def portions_of(source: Source, plan: Plan) -> Portions:
@@ -185,6 +200,7 @@ def convert(
     """
     old, manifest = read_finished(folder)
     source, plan = open_dataset(folder), _plan_of(old, format)
+    source = _of_classes(source, plan)
     claim(plan, out)
     portions = portions_of(source, plan)
     about = {**manifest, "converted_from": {"format": old.format, "fingerprint": old.fingerprint}}
@@ -238,9 +254,25 @@ def _plan_of(old: Plan, format: str) -> Plan:
     plan: Plan = replace(old, format=format)
     if kept_points:
         plan = replace(plan, recipe=row.redrawn(plan.recipe))
-    row.check(plan)
+    row.check(replace(plan, meshes=row.select(plan.meshes)))
     own_names(plan)  # a format that cannot write them says so
     return plan
+
+
+def _of_classes(source: Source, plan: Plan) -> Source:
+    """Return the clouds whose classes the plan's format has, cut into files as they were."""
+    classes = find_format(plan.format).classes
+    if not classes:
+        return source
+    has_class = np.array([entry.label in classes for entry in plan.meshes])
+    order, sizes = dict[str, Numbers](), dict[str, list[int]]()
+    for split, numbers in source.order.items():
+        held = has_class[_ids_of(source, numbers)["mesh_id"]]
+        if held.any():
+            order[split] = numbers[held]
+        if cut := source.sizes.get(split):
+            sizes[split] = [int(some.sum()) for some in np.split(held, np.cumsum(cut)[:-1])]
+    return replace(source, order=order, sizes=sizes)
 
 
 def _finish(plan: Plan, out: Path, portions: Portions, about: Mapping[str, Any]) -> dict[str, Any]:
@@ -250,6 +282,8 @@ def _finish(plan: Plan, out: Path, portions: Portions, about: Mapping[str, Any])
     write_contact_sheet(out / CONTACT_SHEET, find_format(plan.format).load().read(out, plan, files.shown))
     document = {
         **about,
+        "classes": plan.classes,
+        "axes": list(find_format(plan.format).axes),
         "fingerprint": plan.fingerprint,
         "format": plan.format,
         "options": plan.document["recipe"],

@@ -43,6 +43,7 @@ def summed_up(
     """
     counts = sum((sidecar.counts for sidecar in sidecars), Counts())
     failures = {key: reason for sidecar in sidecars for key, reason in sidecar.failures.items()}
+    row = find_format(plan.format)
     renderers = sorted({sidecar.renderer for sidecar in sidecars} - {"none"})
     return {
         "fingerprint": plan.fingerprint,
@@ -53,6 +54,7 @@ def summed_up(
         "renderer": ", ".join(renderers) or "none",
         "renderer_remark": next(filter(None, map(fallen_to_software, renderers)), ""),
         "classes": plan.classes,
+        "axes": list(row.axes),
         "counts": {
             "meshes": len(plan.meshes),
             "meshes_failed": len(failures),
@@ -70,7 +72,7 @@ def summed_up(
         "origins": {key: origin.document for sidecar in sidecars for key, origin in origins_of_made(sidecar).items()},
         "files": files,
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
-        "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
+        "rounding": 0.5 / STEPS if row.keeps_points else 0.0,
         "error": error_of(counts),
         "stacked": stacked_of(counts),
         "seconds": {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.dealing import MeshIds, Parts, Shards, dealt
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.mesh import Mesh
@@ -30,7 +31,7 @@ ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 7
+DATA_VERSION = 8
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
@@ -202,8 +203,8 @@ class Plan:
 
     @cached_property
     def classes(self) -> list[str]:
-        """Names of the classes; the index in here is the label of a cloud."""
-        return self.meshes.classes
+        """Names of the classes, a published list where the format has one; the index in here is a cloud's label."""
+        return list(CLASSES_OF.get(self.format, ())) or self.meshes.classes
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
@@ -310,6 +311,7 @@ class Plan:
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
         plan.__dict__["document"] = stored  # by which it is known, whatever a later version would write
         plan.__dict__["clouds_per_shard"] = stored["clouds_per_shard"]
+        plan.__dict__["classes"] = stored["classes"]
         return plan
 
     def differences(self, document: Mapping[str, Any]) -> list[str]:

@@ -48,7 +48,7 @@ def row_of(folder: Path) -> Row:
     return Row(
         f"This one ({plan.format})",
         manifest["counts"]["clouds"],
-        len(plan.classes),
+        len(plan.meshes.classes),
         "Synthesized",
         "Point Cloud",
         sum(path.stat().st_size for path in files) / 1e6,

@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.checks import find_row
+from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Content, Source
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes.collection import SPLITS
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 
 
 class Module(Protocol):
@@ -73,6 +74,10 @@ class Format:
         Views that it keeps of each object, the first; all of splits that are not named.
     least_tested : int
         Test clouds below which the loaders' own test ends in an error.
+    axes : (str, str, str)
+        The axes of its frame, by those of the recipe's frame "object", where z points up.
+    longest_side : float
+        In its frame, of what the recipe scales to 1.
     options : mapping
         What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     """
@@ -87,7 +92,14 @@ class Format:
     one_file: bool = False
     fewer_views: Mapping[str, int] = field(default_factory=dict)
     least_tested: int = 0
+    axes: tuple[str, str, str] = ("x", "y", "z")
+    longest_side: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names that its labels count; () where they count the classes at hand."""
+        return CLASSES_OF.get(self.name, ())
 
     @property
     def keeps_points(self) -> bool:
@@ -111,6 +123,38 @@ class Format:
         whole = records[n_seeing[objects] == n_views]
         return whole.reshape(-1, n_views)[:, : self.n_kept(split, n_views)].reshape(-1)
 
+    def select(self, meshes: MeshCollection) -> MeshCollection:
+        """Return the meshes of its classes; a remark names the classes that are left out.
+
+        Raises
+        ------
+        OptionError
+            None is left.
+        """
+        outside = self._outside(meshes)
+        if not outside:
+            return meshes
+        found = [entry for entry in meshes if entry.label in self.classes]
+        if not found:
+            raise OptionError(
+                f"{self.name} must have meshes of its {len(self.classes)} classes, {', '.join(self.classes)}; got "
+                f"{outside}. Name them so by --labels FILE."
+            )
+        left_out = f"{len(meshes) - len(found):,} of {len(meshes):,} meshes are left out"
+        return MeshCollection(found, (*meshes.remarks, f"{self.name} has no class {outside}: {left_out}"))
+
+    def _outside(self, meshes: MeshCollection) -> str:
+        """Name the classes that its labels do not count, or nothing."""
+        outside = [label for label in meshes.classes if label not in self.classes] if self.classes else []
+        return ", ".join(outside[:10]) + (f" and {len(outside) - 10} more" if len(outside) > 10 else "")
+
+    def to_frame(self, recipe: Recipe) -> NDArray[np.float32]:
+        """Return the matrix (3, 3) from a recipe's frame to its own; a camera's frame and a mesh's scale stay."""
+        turned = np.eye(3)
+        if recipe.frame == "object":
+            turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in self.axes])
+        return (turned * (1.0 if recipe.scale == "mesh" else self.longest_side)).astype(np.float32)
+
     def finish(
         self, out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]
     ) -> dict[str, list[str]]:
@@ -125,6 +169,8 @@ class Format:
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
                 f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
             )
+        if outside := self._outside(plan.meshes):
+            raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
 
     def redrawn(self, recipe: Recipe) -> Recipe:
@@ -147,9 +193,16 @@ FORMATS: tuple[Format, ...] = (
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
     Format("ply", "a file for each cloud, to look at", ragged=True),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ragged=True),
-    Format("scanobjectnn", "data, label, mask", one_file=True),
-    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy", whole_objects=True, one_file=True),
-    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz"),
+    Format("scanobjectnn", "data, label, mask; 15 classes", one_file=True, axes=("x", "z", "-y")),
+    Format(
+        "modelnet40-c",
+        "data_occlusion_VIEW.npy, label.npy; 40 classes",
+        whole_objects=True,
+        one_file=True,
+        axes=("-x", "z", "y"),
+        longest_side=2.0,
+    ),
+    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz; 40 classes", options={"scale": "object"}),
     Format(
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",

@@ -1,9 +1,16 @@
-"""ModelNet40-C's layout: one array per view, its corruption called "occlusion" and its level the view's number from 1.
+"""ModelNet40-C's layout: one array per view, its corruption occlusion or lidar, its level the view's number from 1.
 
-    data_occlusion_1.npy, data_occlusion_2.npy ...    (n, size, 3) float32, an object per row
+    data_occlusion_1.npy, data_occlusion_2.npy ...    (n, size, 3) float32, an object per row; y up
     label.npy                                         (n, 1) int64, for all of them
 
-That is the split test, the only one that the benchmark has; others lie in a folder of their name.
+With a spinning sensor the corruption is lidar. That is the split test, the only one that the benchmark has; others lie
+in a folder of their name.
+
+References
+----------
+jiachens/ModelNet40-C, data/generate_c.py, occlusion() and lidar(): both turn (x, y, z) to (-x, z, y); occlusion() ends
+with normalize(), which centres each cloud and makes its longest side 2; lidar() leaves the cloud in the frame in which
+data/occlusion.py, occlusion_1(), has centred the mesh, its longest side 2 (recipe's scale "object").
 """
 
 from collections.abc import Iterator
@@ -14,14 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.formats.published import Records, read_published, rest_name, rows_of_rest
+from zbuf_occlude.dataset.formats.published import (
+    Records,
+    check_version,
+    from_theirs,
+    read_published,
+    rest_name,
+    rows_of_rest,
+    to_theirs,
+)
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shared import Rows, contiguous, write_npy
 from zbuf_occlude.dataset.source import Content, Numbers, Source
 from zbuf_occlude.errors import OptionError
 
-CORRUPTION = "occlusion"
-LABELS = "label.npy"
+NAME, LABELS = "modelnet40-c", "label.npy"
 
 
 def check(plan: Plan) -> None:
@@ -36,7 +50,7 @@ def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
     for split in plan.splits:
         yield from (rest_name(split), f"{_folder(split)}{LABELS}")
-        yield from (_name(split, view) for view in range(len(plan.views)))
+        yield from (_name(plan, split, view) for view in range(len(plan.views)))
 
 
 def write_part(content: Content, out: Path) -> list[str]:
@@ -47,25 +61,24 @@ def write_part(content: Content, out: Path) -> list[str]:
     labels = contiguous(records["label"][::n_views], "<i8")
     files.append(write_npy(out, f"{_folder(split)}{LABELS}", Rows(first, total, labels)))
     for view in range(n_views):
-        points = contiguous(records["data"][view::n_views], "<f4")
-        files.append(write_npy(out, _name(split, view), Rows(first, total, points)))
+        points = to_theirs(records["data"][view::n_views], content.plan.recipe, NAME)
+        files.append(write_npy(out, _name(content.plan, split, view), Rows(first, total, points)))
     return files
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds."""
-    by_view = {split for split in files if _goes_by_view(out / rest_name(split))}
+    check_version(plan, since=8)
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
         clouds = np.empty((len(rest), plan.recipe.equal_size, 3), np.float32)
         for view in np.unique(rest["view_id"]):
-            path = out / _name(split, int(view))
+            path = out / _name(plan, split, int(view))
             with reading(path):
                 array = np.load(path, mmap_mode="r")
                 mine = rest["view_id"] == view
-                before = int(view) * len(array)
-                clouds[mine] = array[rows[mine] - before if split in by_view else rows[mine] // len(plan.views)]
-        return clouds
+                clouds[mine] = array[rows[mine] // len(plan.views)]
+        return from_theirs(clouds, plan.recipe, NAME)
 
     for split in files:
         path = out / f"{_folder(split)}{LABELS}"
@@ -76,16 +89,11 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     return read_published(out, plan, files, points)
 
 
-def _goes_by_view(path: Path) -> bool:
-    """Whether records stand view by view, as they did before data version 6, and not object by object."""
-    with reading(path):
-        views = np.load(path, mmap_mode="r")["view_id"][:2]
-        return len(views) == 2 and views[0] == views[1]
-
-
 def _folder(split: str) -> str:
     return "" if split == "test" else f"{split}/"
 
 
-def _name(split: str, view: int) -> str:
-    return f"{_folder(split)}data_{CORRUPTION}_{view + 1}.npy"
+def _name(plan: Plan, split: str, view: int) -> str:
+    setup = plan.recipe.setup
+    corruption = "lidar" if setup is not None and setup.made_sensor.kind == "spinning" else "occlusion"
+    return f"{_folder(split)}data_{corruption}_{view + 1}.npy"

@@ -1,4 +1,4 @@
-"""ModelNet-O's layout: CLASS/{train,test}/OBJECT_000.xyz ..., a text file per cloud, x y z per line."""
+"""ModelNet-O's layout: CLASS/{train,test}/OBJECT_001.xyz ..., a text file per cloud, x y z per line."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Names,
+    check_version,
     listed,
     names_of,
     read_cloud_files,
@@ -44,6 +45,7 @@ def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[st
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds; as text holds nine digits, they are the very numbers that were written."""
+    check_version(plan, since=8)
 
     def name_of(split: str, names: Names, record: Any) -> str:
         return _name_of(split, names, record, plan)
@@ -52,7 +54,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
 
 
 def _name(split: str, names: Names, mesh_id: int, number: int) -> str:
-    return f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number:03d}.xyz"
+    return f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number + 1:03d}.xyz"
 
 
 def _name_of(split: str, names: Names, record: Any, plan: Plan) -> str:

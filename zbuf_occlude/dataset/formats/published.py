@@ -20,10 +20,11 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.damage import reading
 from zbuf_occlude.dataset.folder import list_of
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shared import Rows
+from zbuf_occlude.dataset.shared import Rows, contiguous
 from zbuf_occlude.dataset.source import Content, Numbers, Source, check_indices
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.meshes.files import SUFFIXES
 
 Records = NDArray[Any]
@@ -58,7 +59,7 @@ def names_of(plan: Plan) -> Names:
     """Return what the meshes of a plan are called; the same plan gives the same names."""
     taxonomies, objects = [], []
     free = _Free()
-    words = {label: free("", label) for label in plan.classes}
+    words = {label: free("", label) for label in plan.meshes.classes}
     for entry in plan.meshes:
         path = PurePosixPath(entry.key)
         synset = path.parts[0]
@@ -101,6 +102,25 @@ def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None =
         raise OptionError(
             f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
             f"{recipe.frame}. Give --scale object --frame object."
+        )
+
+
+def to_theirs(points: NDArray[Any], recipe: Recipe, name: str) -> NDArray[np.float32]:
+    """Return points (..., 3) of a recipe's frame in that of the layout of this name."""
+    return contiguous(points @ find_format(name).to_frame(recipe).T, "<f4")
+
+
+def from_theirs(points: NDArray[Any], recipe: Recipe, name: str) -> NDArray[np.float32]:
+    """Return points (..., 3) of a layout's frame in that of a recipe: the very numbers that were written."""
+    return contiguous(points @ np.linalg.inv(find_format(name).to_frame(recipe)).T, "<f4")
+
+
+def check_version(plan: Plan, since: int) -> None:
+    """Raise DatasetError for a dataset of a data version whose files had other names, labels or axes."""
+    if (found := plan.document["data_version"]) < since:
+        raise DatasetError(
+            f"a {plan.format} dataset must be of data version {since} or later; this is of {found}, which named and "
+            "numbered its files otherwise. Generate it again."
         )
 
 

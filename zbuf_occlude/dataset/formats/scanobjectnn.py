@@ -1,8 +1,8 @@
-"""ScanObjectNN's layout: training_objectdataset.h5 and test_objectdataset.h5 (and val_objectdataset.h5).
+"""ScanObjectNN's layout, its variant PB_T50_RS: {training,test,val}_objectdataset_augmentedrot_scale75.h5.
 
-data   (n, size, 3) float32
-label  (n,) int64
-mask   (n, size) int64; -1 marks points that are not the object's, and there are none: all are 0
+data   (n, size, 3) float32, y up
+label  (n,) int64, by its list of 15 names
+mask   (n, size) int64: -1 of points that are not the object's (`--keep box` or `all`), else 0
 """
 
 from collections.abc import Iterator
@@ -11,10 +11,21 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.formats.published import Records, read_published, read_rows, rest_name, rows_of_rest
+from zbuf_occlude.dataset.formats.published import (
+    Records,
+    check_version,
+    from_theirs,
+    read_published,
+    read_rows,
+    rest_name,
+    rows_of_rest,
+    to_theirs,
+)
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shared import Rows, contiguous, write_hdf5, write_npy
 from zbuf_occlude.dataset.source import Content, Numbers, Source
+
+NAME = "scanobjectnn"
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -26,22 +37,26 @@ def write_part(content: Content, out: Path) -> list[str]:
     """Write rows of a split's file."""
     first, total, records = content.first, content.total, content.records
     arrays = {
-        "data": Rows(first, total, contiguous(records["data"], "<f4")),
+        "data": Rows(first, total, to_theirs(records["data"], content.plan.recipe, NAME)),
         "label": Rows(first, total, contiguous(records["label"][:, 0], "<i8")),
     }
+    zeros = {"mask": (total, content.plan.recipe.equal_size)}
+    if "instance" in (records.dtype.names or ()):
+        arrays["mask"] = Rows(first, total, contiguous(-(records["instance"] != 0).astype("<i8"), "<i8"))
+        zeros = {}
     name, rest = _name(content.split), rest_name(content.split)
-    mask = {"mask": (total, content.plan.recipe.equal_size)}
-    return [write_npy(out, rest, rows_of_rest(content)), write_hdf5(out, name, arrays, mask)]
+    return [write_npy(out, rest, rows_of_rest(content)), write_hdf5(out, name, arrays, zeros)]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds."""
+    check_version(plan, since=8)
 
     def points(split: str, rest: Records, rows: Numbers) -> NDArray[Any]:
-        return read_rows(out / _name(split), "data", rows)
+        return from_theirs(read_rows(out / _name(split), "data", rows), plan.recipe, NAME)
 
     return read_published(out, plan, files, points)
 
 
 def _name(split: str) -> str:
-    return f"{'training' if split == 'train' else split}_objectdataset.h5"
+    return f"{'training' if split == 'train' else split}_objectdataset_augmentedrot_scale75.h5"

@@ -1,0 +1,18 @@
+"""The classes of published benchmarks, in the order in which their labels count them from 0."""
+
+MODELNET40 = (
+    "airplane", "bathtub", "bed", "bench", "bookshelf", "bottle", "bowl", "car", "chair", "cone", "cup", "curtain",
+    "desk", "door", "dresser", "flower_pot", "glass_box", "guitar", "keyboard", "lamp", "laptop", "mantel", "monitor",
+    "night_stand", "person", "piano", "plant", "radio", "range_hood", "sink", "sofa", "stairs", "stool", "table",
+    "tent", "toilet", "tv_stand", "vase", "wardrobe", "xbox",
+)  # fmt: skip
+"""Alphabetical; `shape_names.txt` of modelnet40_ply_hdf5_2048."""
+
+SCANOBJECTNN = (
+    "bag", "bin", "box", "cabinet", "chair", "desk", "display", "door", "shelf", "table", "bed", "pillow", "sink",
+    "sofa", "toilet",
+)  # fmt: skip
+"""`training_data/shape_names_ext.txt` of hkust-vgd/scanobjectnn."""
+
+CLASSES_OF = {"modelnet40-c": MODELNET40, "modelnet-o": MODELNET40, "scanobjectnn": SCANOBJECTNN}
+"""Formats whose labels are numbers in a published list; others number the classes at hand."""
