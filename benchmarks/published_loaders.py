@@ -45,9 +45,11 @@ DISTANCE = 2.0
 PLACED, FITTED = 5e-4, 4e-3
 """Longest sides that a point may be from the mesh, or behind the face that the camera sees: where the layout says place
 and scale, and where they had to be fitted."""
+FIT_BY = 300
+"""Points by which it is fitted."""
 SEEN = 0.995
 """Least share of points that the camera sees."""
-CHECKED = 6
+CHECKED = 4
 """Items of a split that are checked."""
 
 
@@ -99,6 +101,35 @@ _POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")
 LOADERS = (
     Loader(
         "yuxumin/PoinTr", "PCN", "pcn", readers.pointr_pcn, {"data/PCN": "."}, packages=_POINTR, mirrored=True,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "Completion3D", "completion3d", readers.pointr_completion3d, {"data/Completion3D": "."},
+        n_views=1, packages=_POINTR,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "Projected_ShapeNet", "projected-shapenet", readers.pointr_projected,
+        {
+            "data/ShapeNet55-34/Projected_ShapeNet-55_noise": ".",
+            "data/ShapeNet55-34/projected_partial_noise": "projected_partial_noise",
+            "data/ShapeNet55-34/shapenet_pc": "shapenet_pc",
+        },
+        n_views=16, packages=_POINTR, mirrored=True,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "ShapeNet", "shapenet55", readers.pointr_shapenet,
+        {"data/ShapeNet55-34/ShapeNet-55": ".", "data/ShapeNet55-34/shapenet_pc": "shapenet_pc"},
+        n_views=1, packages=_POINTR, fitted=True,
+    ),
+    Loader(
+        "paul007pl/MVP_Benchmark", "MVP_CP", "mvp", readers.mvp_cp, {"data": "."}, "modelnet", n_views=26,
+        packages=("h5py", "torch"),
+    ),
+    Loader(
+        "paul007pl/VRCNet", "ShapeNetH5", "mvp", readers.vrcnet, {"data": "."}, n_views=26, packages=("h5py", "torch"),
+    ),
+    Loader(
+        "lynetcha/completion3d", "ShapenetDataProcess", "completion3d", readers.completion3d, {"data/shapenet": "."},
+        n_views=1, packages=("h5py", "pandas", "six", "transforms3d"), stubs=("vis",),
     ),
 )  # fmt: skip
 
@@ -211,14 +242,14 @@ class Surface:
 def fit(points: Array, surface: Surface, like: Array) -> Array:
     """Place points on a mesh by a scale and a translation, beginning with the box of some points of it."""
     factor = np.ptp(like, axis=0).max() / np.ptp(points, axis=0).max()
-    placed = factor * (points - (points.max(axis=0) + points.min(axis=0)) / 2)
-    placed += (like.max(axis=0) + like.min(axis=0)) / 2
+    some = points[:FIT_BY]
+    centred, middle = some - some.mean(axis=0), (points.max(axis=0) + points.min(axis=0)) / 2
+    placed = factor * (some - middle) + (like.max(axis=0) + like.min(axis=0)) / 2
     for _ in range(40):
         closest = surface.closest(placed)
-        centred = points - points.mean(axis=0)
         factor = (centred * (closest - closest.mean(axis=0))).sum() / (centred**2).sum()
         placed = factor * centred + closest.mean(axis=0)
-    return placed
+    return factor * (points - some.mean(axis=0)) + closest.mean(axis=0)
 
 
 def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
