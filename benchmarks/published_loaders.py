@@ -1,0 +1,363 @@
+"""Published loaders, unmodified, on datasets in their layouts: what they read is compared with the meshes.
+
+    python benchmarks/published_loaders.py FOLDER [--only NAME] [--keep FOLDER]
+
+FOLDER holds checkouts: OWNER+NAME, OWNER/NAME or NAME. What is not there is skipped, and said. The script makes meshes
+(boxes at random, in ShapeNet's folders, y up, or ModelNet's, z up), generates a dataset in each layout, and runs each
+loader in a process of its own, where only imports that have nothing to do with data are stubs. Loaders need
+`pip install transforms3d easydict six "pandas<3"`.
+
+Of what a loader gives some items of each split are checked with trimesh and Open3D alone. The cloud must lie on one
+mesh, turned and placed as the layout says; that mesh must have the item's label and split; and Open3D's rays to all
+points must be free from one of the cameras, which stand about the true vertical. Exit status 1 if an item fails.
+"""
+
+import argparse
+import csv
+import importlib.util
+import json
+import pickle
+import subprocess
+import sys
+import tempfile
+import types
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import published_readers as readers
+import trimesh
+from numpy.typing import NDArray
+from published_readers import Item
+
+Array = NDArray[Any]
+
+CLASSES = {"02691156": "airplane", "03001627": "chair", "04379243": "table"}
+KINDS = ("shapenet", "modelnet")
+SPLITS = ("train", "train", "val", "test", "test")
+"""Of the objects of a class, in order."""
+Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+DISTANCE = 2.0
+"""Of the cameras from the object's centre, in longest sides."""
+ON_SURFACE, IN_FRONT, SEEN = 5e-4, 2e-3, 0.995
+"""Longest sides that a point may be from the mesh; that a face in front of it must be nearer; least share seen."""
+FITTED = 4e-3
+"""Longest sides that a point may be from the mesh where the cloud's place and scale had to be fitted."""
+CHECKED = 6
+"""Items of a split that are checked."""
+
+
+@dataclass(frozen=True)
+class Loader:
+    """A row of the table.
+
+    Parameters
+    ----------
+    repository, name : str
+        On GitHub; the class or function of it that reads.
+    layout : str
+        `--format`.
+    read : callable
+        Yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`.
+    links : dict of str to str
+        Names in the working folder, as the loader's own configuration has them, to places in the dataset.
+    meshes : str
+        In whose folders the meshes lie.
+    up : str
+        The layout's up axis.
+    n_views : int
+    options : tuple of str
+        Of `generate`.
+    packages, stubs : tuple of str
+        That the loader imports: what it needs; what has nothing to do with data.
+    fitted : bool
+        Whether each item has been centred and scaled by itself, by the layout or the loader.
+    mirrored : bool
+        Whether the loader mirrors horizontal axes at random.
+    """
+
+    repository: str
+    name: str
+    layout: str
+    read: Any
+    links: dict[str, str] = field(default_factory=dict)
+    meshes: str = "shapenet"
+    up: str = "y"
+    n_views: int = 8
+    options: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
+    stubs: tuple[str, ...] = ()
+    fitted: bool = False
+    mirrored: bool = False
+
+
+_POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")
+LOADERS = (
+    Loader(
+        "yuxumin/PoinTr", "PCN", "pcn", readers.pointr_pcn, {"data/PCN": "."}, packages=_POINTR, mirrored=True,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Object:
+    """A mesh that the script has made: vertices in the file's coordinates, about z or y."""
+
+    key: str
+    label: str
+    split: str
+    up: str
+    mesh: trimesh.Trimesh
+
+    @property
+    def longest(self) -> float:
+        return float(self.mesh.extents.max())
+
+    @property
+    def centre(self) -> Array:
+        return np.asarray(self.mesh.bounds.mean(axis=0))
+
+    def turned(self, vectors: Array, up: str) -> Array:
+        """Turn vectors of the file into a layout whose vertical is `up`."""
+        if self.up == up:
+            return vectors
+        return vectors @ (Z_UP_TO_Y_UP.T if up == "y" else Z_UP_TO_Y_UP)
+
+
+def make_meshes(kind: str, folder: Path) -> list[Object]:
+    """Write meshes in ShapeNet's or ModelNet's folders, splits in PCN.json or folders."""
+    rng = np.random.default_rng(36)
+    objects, index = [], []
+    for synset, label in CLASSES.items():
+        index.append({"taxonomy_id": synset, "taxonomy_name": label, "train": [], "val": [], "test": []})
+        for number, split in enumerate(SPLITS):
+            boxes = [
+                trimesh.creation.box(rng.uniform(0.1, 0.9, 3)).apply_translation(rng.uniform(-0.5, 0.5, 3))
+                for _ in range(6)
+            ]
+            mesh = trimesh.util.concatenate(boxes).apply_translation(rng.uniform(-3, 3, 3))
+            model = f"{int(synset):x}{number}".rjust(32, "0")
+            if kind == "shapenet":
+                key, path, up = model, folder / synset / model / "models/model_normalized.obj", "y"
+                index[-1][split].append(model)
+            else:
+                key, path, up = f"{label}_{number:04d}", folder / label / split / f"{label}_{number:04d}.off", "z"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            mesh.export(path)
+            objects.append(Object(key, label, split, up, mesh))
+    if kind == "shapenet":
+        (folder / "PCN.json").write_text(json.dumps(index))
+    return objects
+
+
+def directions(n_views: int) -> Array:
+    """Return directions (n, 3) to the cameras about z, most of them oblique."""
+    numbers = np.arange(n_views)
+    azimuths, elevations = 2.4 * numbers, np.arcsin(0.95 * (1 - (2 * numbers + 1) / n_views))
+    flat = np.cos(elevations)
+    return np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), np.sin(elevations)], axis=1)
+
+
+def write_views(path: Path, n_views: int) -> None:
+    """Write the cameras as a CSV for `--views`."""
+    with open(path, "w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["azimuth", "elevation", "distance"])
+        for x, y, z in directions(n_views):
+            rows.writerow([np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z)), DISTANCE])
+
+
+class Surface:
+    """A mesh for Open3D: distances to it, and what can be seen of it."""
+
+    def __init__(self, made: Object) -> None:
+        import open3d
+
+        self._tensor = open3d.core.Tensor
+        self._scene = open3d.t.geometry.RaycastingScene()
+        mesh = open3d.t.geometry.TriangleMesh(
+            self._tensor(made.mesh.vertices.astype(np.float32)), self._tensor(made.mesh.faces.astype(np.uint32))
+        )
+        self._scene.add_triangles(mesh)
+        self.made = made
+        self.samples = np.asarray(trimesh.sample.sample_surface(made.mesh, 20_000, seed=0)[0])
+
+    def closest(self, points: Array) -> Array:
+        return self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))["points"].numpy()
+
+    def distance(self, points: Array) -> float:
+        """Return the largest distance of points from the mesh, in longest sides."""
+        return float(np.linalg.norm(points - self.closest(points), axis=1).max() / self.made.longest)
+
+    def eyes(self, n_views: int) -> Array:
+        about_z = directions(n_views)
+        turned = about_z @ Z_UP_TO_Y_UP.T if self.made.up == "y" else about_z
+        return self.made.centre + DISTANCE * self.made.longest * turned
+
+    def seen(self, points: Array, eye: Array) -> Array:
+        """Say which points no face hides, by rays from the eye."""
+        away = points - eye
+        rays = np.concatenate([np.broadcast_to(eye, away.shape), away], axis=1).astype(np.float32)
+        first = self._scene.cast_rays(self._tensor(rays))["t_hit"].numpy()  # in lengths of `away`
+        return np.asarray(first >= 1 - IN_FRONT * self.made.longest / np.linalg.norm(away, axis=1))
+
+
+def fit(points: Array, surface: Surface, like: Array) -> Array:
+    """Place points on a mesh by a scale and a translation, beginning with the box of some points of it."""
+    factor = np.ptp(like, axis=0).max() / np.ptp(points, axis=0).max()
+    placed = factor * (points - (points.max(axis=0) + points.min(axis=0)) / 2)
+    placed += (like.max(axis=0) + like.min(axis=0)) / 2
+    for _ in range(40):
+        closest = surface.closest(placed)
+        centred = points - points.mean(axis=0)
+        factor = (centred * (closest - closest.mean(axis=0))).sum() / (centred**2).sum()
+        placed = factor * centred + closest.mean(axis=0)
+    return placed
+
+
+def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
+    """Return what is wrong with an item, or nothing."""
+    signs = list(product([1, -1], repeat=2)) if loader.mirrored and item.split == "train" else [(1, 1)]
+    best = (np.inf, None, 0.0)
+    for surface, (first, second) in product(surfaces, signs):
+        made = surface.made
+        mirror = np.array([first, 1, second] if loader.up == "y" else [first, second, 1])
+
+        def back(cloud: Array, made: Object = made, mirror: Array = mirror) -> Array:
+            """Turn a cloud into the file's axes."""
+            turned = cloud.astype(float) * mirror
+            if made.up == loader.up:
+                return turned
+            return turned @ (Z_UP_TO_Y_UP if loader.up == "y" else Z_UP_TO_Y_UP.T)
+
+        clouds = [back(cloud) for cloud in (item.partial, item.complete) if cloud is not None]
+        eyes = surface.eyes(loader.n_views) if item.partial is not None else [None]
+        for eye in eyes:
+            if loader.fitted:
+                like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye)]
+                placed = [fit(clouds[0], surface, like)]
+            else:
+                placed = [cloud * made.longest + made.centre for cloud in clouds]
+            off = max(surface.distance(cloud) for cloud in placed)
+            share = 1.0 if eye is None else float(surface.seen(placed[0], eye).mean())
+            if (off > limit_of(loader), -share, off) < (best[0] > limit_of(loader), -best[2], best[0]):
+                best = (off, made, share)
+            if not loader.fitted and off > limit_of(loader):
+                break  # from every eye alike
+    off, found, share = best
+    if found is None or off > limit_of(loader):
+        return f"lies on no mesh: {off:.4f} longest sides away from the nearest"
+    if share < SEEN:
+        return f"{1 - share:.1%} of its points are hidden from every camera"
+    if (found.label, found.split) != (item.label, item.split):
+        return f"is {item.label} in {item.split}; its mesh {found.key} is {found.label} in {found.split}"
+    if item.object is not None and item.object != found.key:
+        return f"is called {item.object}; it lies on {found.key}"
+    return ""
+
+
+def limit_of(loader: Loader) -> float:
+    return FITTED if loader.fitted else ON_SURFACE
+
+
+def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
+    """In a child, whose working folder has the loader's links: run the loader and keep its items."""
+    loader = LOADERS[row]
+    for name in loader.stubs:
+        sys.modules[name] = types.ModuleType(name)
+    sys.path.insert(0, str(checkout))
+    items = list(loader.read(checkout, data))
+    out.write_bytes(pickle.dumps(items))
+
+
+def items_of(row: int, checkout: Path, data: Path, work: Path) -> list[Item]:
+    """Run a loader in a process of its own."""
+    for name, place in LOADERS[row].links.items():
+        link = work / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to((data / place).resolve(), target_is_directory=True)
+    out = work / "items.pickle"
+    command = [sys.executable, Path(__file__).resolve(), "--child", row, checkout.resolve(), data.resolve(), out]
+    done = subprocess.run([*map(str, command)], cwd=work, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip().splitlines() or ["no word"])[-1])
+    return list(pickle.loads(out.read_bytes()))
+
+
+def find_checkout(folder: Path, repository: str) -> tuple[Path, str] | None:
+    """Return a repository's checkout and its commit."""
+    names = (repository.replace("/", "+"), repository, repository.split("/")[1])
+    path = next((folder / name for name in names if (folder / name).is_dir()), None)
+    if path is None:
+        return None
+    done = subprocess.run(["git", "-C", path, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True)
+    return path.resolve(), done.stdout.strip() or "?"
+
+
+def some_of(items: Iterable[Item]) -> list[Item]:
+    """Return items spread evenly over each split."""
+    by_split: dict[str, list[Item]] = {}
+    for item in items:
+        by_split.setdefault(item.split, []).append(item)
+    return [of[i] for of in by_split.values() for i in np.unique(np.linspace(0, len(of) - 1, CHECKED).astype(int))]
+
+
+def check_loader(row: int, checkout: Path, folder: Path, surfaces: dict[str, list[Surface]]) -> tuple[int, str, bool]:
+    """Generate the loader's layout, run it, check its items; return how many it read, what came of it, if right."""
+    loader = LOADERS[row]
+    views, data = folder / "views.csv", folder / "dataset"
+    write_views(views, loader.n_views)
+    command = [sys.executable, "-m", "zbuf_occlude", "generate", folder.parent / loader.meshes, "--out", data]
+    command += ["--format", loader.layout, "--views", views, "--method", "exact", *loader.options]
+    made = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    if made.returncode:
+        return 0, f"generate: {made.stderr.strip().splitlines()[-1]}", False
+    (folder / "work").mkdir()
+    try:
+        items = items_of(row, checkout, data, folder / "work")
+    except RuntimeError as error:
+        return 0, f"the loader stopped: {error}", False
+    chosen = some_of(items)
+    faults = [fault for item in chosen if (fault := check_item(item, loader, surfaces[loader.meshes]))]
+    if faults or not items:
+        return len(items), f"{len(faults)} of {len(chosen)} wrong: {faults[0] if faults else 'nothing read'}", False
+    return len(items), f"{len(chosen)} of {len(chosen)} right", True
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("folder", type=Path, help="of checkouts")
+    parser.add_argument("--only", default="", help="rows whose repository, class or layout has this in it")
+    parser.add_argument("--keep", type=Path, help="make the datasets here, and leave them")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name) if arguments.keep is None else arguments.keep
+        surfaces = {
+            kind: [Surface(made) for made in make_meshes(kind, root / kind)] for kind in ("shapenet", "modelnet")
+        }
+        print("| repository | commit | class | layout | items read | checks | stubs |\n|" + " --- |" * 7)
+        right = True
+        for row, loader in enumerate(LOADERS):
+            if arguments.only not in f"{loader.repository} {loader.name} {loader.layout}":
+                continue
+            found = find_checkout(arguments.folder, loader.repository)
+            missing = [package for package in loader.packages if importlib.util.find_spec(package) is None]
+            if found is None or missing:
+                commit, n_items, said = "", 0, f"skipped: no {', '.join(missing) or 'checkout'}"
+            else:
+                (root / str(row)).mkdir()
+                n_items, said, fine = check_loader(row, found[0], root / str(row), surfaces)
+                commit, right = found[1], right and fine
+            cells = (loader.repository, commit, loader.name, loader.layout, n_items, said, ", ".join(loader.stubs))
+            print("|", " | ".join(map(str, cells)), "|", flush=True)
+    return 0 if right else 1
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--child":
+        read_in_child(int(sys.argv[2]), *map(Path, sys.argv[3:]))
+    else:
+        sys.exit(main())
