@@ -14,5 +14,10 @@ SCANOBJECTNN = (
 )  # fmt: skip
 """`training_data/shape_names_ext.txt` of hkust-vgd/scanobjectnn."""
 
-CLASSES_OF = {"modelnet40-c": MODELNET40, "modelnet-o": MODELNET40, "scanobjectnn": SCANOBJECTNN}
+CLASSES_OF = {
+    "modelnet40-c": MODELNET40,
+    "modelnet-o": MODELNET40,
+    "modelnet40-normal": MODELNET40,
+    "scanobjectnn": SCANOBJECTNN,
+}
 """Formats whose labels are numbers in a published list; others number the classes at hand."""
