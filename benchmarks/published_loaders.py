@@ -43,12 +43,15 @@ SPLITS = ("train", "train", "val", "test", "test")
 Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 DISTANCE = 2.0
 """Of the cameras from the object's centre, in longest sides."""
-ON_SURFACE, IN_FRONT, SEEN = 5e-4, 2e-3, 0.995
-"""Longest sides that a point may be from the mesh; that a face in front of it must be nearer; least share seen."""
-FITTED = 4e-3
-"""Longest sides that a point may be from the mesh where the cloud's place and scale had to be fitted."""
+PLACED, FITTED = 5e-4, 4e-3
+"""Longest sides that a point may be from the mesh, or behind the face that the camera sees: where the layout says place
+and scale, and where they had to be fitted."""
+SEEN = 0.995
+"""Least share of points that the camera sees."""
 REAL = ("openpoints", "scipy")
 """Packages of which only a part is a stub."""
+FITTING = 300
+"""Points of a cloud by which it is placed."""
 CHECKED = 6
 """Items of a split that are checked."""
 
@@ -262,30 +265,35 @@ class Surface:
         turned = about_z @ Z_UP_TO_Y_UP.T if self.made.up == "y" else about_z
         return self.made.centre + DISTANCE * self.made.longest * turned
 
-    def seen(self, points: Array, eye: Array) -> Array:
-        """Say which points no face hides, by rays from the eye."""
+    def seen(self, points: Array, eye: Array, tolerance: float) -> Array:
+        """Say which points are not behind the plane of the first face that their ray from the eye meets."""
         away = points - eye
         rays = np.concatenate([np.broadcast_to(eye, away.shape), away], axis=1).astype(np.float32)
-        first = self._scene.cast_rays(self._tensor(rays))["t_hit"].numpy()  # in lengths of `away`
-        return np.asarray(first >= 1 - IN_FRONT * self.made.longest / np.linalg.norm(away, axis=1))
+        first = self._scene.cast_rays(self._tensor(rays))
+        left = np.maximum(1 - first["t_hit"].numpy(), 0)  # of the ray, behind the face
+        behind = left * np.abs((first["primitive_normals"].numpy() * away).sum(axis=1))
+        return np.asarray(behind <= tolerance * self.made.longest)
 
 
 def fit(points: Array, surface: Surface, like: Array, stretched: bool) -> Array:
     """Place points on a mesh by a scale (or three) and a translation, beginning with the box of some points of it."""
-    sides, axis = (np.ptp(points, axis=0), 0) if stretched else (np.ptp(points, axis=0).max(), None)
-    factor = (np.ptp(like, axis=0) if stretched else np.ptp(like, axis=0).max()) / sides
-    placed = factor * (points - (points.max(axis=0) + points.min(axis=0)) / 2)
-    placed += (like.max(axis=0) + like.min(axis=0)) / 2
+    axis = 0 if stretched else None
+    factor = np.ptp(like, axis=0) / np.ptp(points, axis=0)
+    factor = factor if stretched else np.ptp(like, axis=0).max() / np.ptp(points, axis=0).max()
+    middles = [(each.min(axis=0) + each.max(axis=0)) / 2 for each in (like, points)]
+    shift = middles[0] - factor * middles[1]
+    some = points[:: max(1, len(points) // FITTING)]
+    centred = some - some.mean(axis=0)
     for _ in range(40):
-        closest = surface.closest(placed)
-        centred = points - points.mean(axis=0)
+        closest = surface.closest(factor * some + shift)
         factor = (centred * (closest - closest.mean(axis=0))).sum(axis=axis) / (centred**2).sum(axis=axis)
-        placed = factor * centred + closest.mean(axis=0)
-    return placed
+        shift = closest.mean(axis=0) - factor * some.mean(axis=0)
+    return factor * points + shift
 
 
 def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     """Return what is wrong with an item, or nothing."""
+    limit = FITTED if loader.fitted else PLACED
     signs = list(product([1, -1], repeat=2)) if loader.mirrored and item.split == "train" else [(1, 1)]
     signs = [(-1, -1)] if loader.half_turn else signs
     stretched = loader.stretched and item.split == "train"
@@ -305,18 +313,18 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
         eyes = surface.eyes(loader.n_views) if item.partial is not None and loader.n_views else [None]
         for eye in eyes:
             if loader.fitted:
-                like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye)]
+                like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye, PLACED)]
                 placed = [fit(clouds[0], surface, like, stretched)]
             else:
                 placed = [cloud * made.longest / loader.longest + made.centre for cloud in clouds]
             off = max(surface.distance(cloud) for cloud in placed)
-            share = 1.0 if eye is None else float(surface.seen(placed[0], eye).mean())
-            if (off > limit_of(loader), -share, off) < (best[0] > limit_of(loader), -best[2], best[0]):
+            share = 1.0 if eye is None else float(surface.seen(placed[0], eye, limit).mean())
+            if (off > limit, -share, off) < (best[0] > limit, -best[2], best[0]):
                 best = (off, made, share)
-            if not loader.fitted and off > limit_of(loader):
+            if not loader.fitted and off > limit:
                 break  # from every eye alike
     off, found, share = best
-    if found is None or off > limit_of(loader):
+    if found is None or off > limit:
         return f"lies on no mesh: {off:.4f} longest sides away from the nearest"
     if share < SEEN:
         return f"{1 - share:.1%} of its points are hidden from every camera"
@@ -325,10 +333,6 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     if item.object is not None and item.object != found.key:
         return f"is called {item.object}; it lies on {found.key}"
     return ""
-
-
-def limit_of(loader: Loader) -> float:
-    return FITTED if loader.fitted else ON_SURFACE
 
 
 class Stub(types.ModuleType):
