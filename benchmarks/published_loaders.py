@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import published_classifiers as classifiers
 import published_readers as readers
 import trimesh
 from numpy.typing import NDArray
@@ -45,10 +46,12 @@ DISTANCE = 2.0
 PLACED, FITTED = 5e-4, 4e-3
 """Longest sides that a point may be from the mesh, or behind the face that the camera sees: where the layout says place
 and scale, and where they had to be fitted."""
-FIT_BY = 300
-"""Points by which it is fitted."""
 SEEN = 0.995
 """Least share of points that the camera sees."""
+REAL = ("openpoints", "scipy")
+"""Packages of which only a part is a stub."""
+FITTING = 300
+"""Points of a cloud by which it is placed."""
 CHECKED = 4
 """Items of a split that are checked."""
 
@@ -80,6 +83,12 @@ class Loader:
         Whether each item has been centred and scaled by itself, by the layout or the loader.
     mirrored : bool
         Whether the loader mirrors horizontal axes at random.
+    half_turn : bool
+        Whether the layout is turned by half a turn about the vertical.
+    stretched : bool
+        Whether the loader stretches and moves each cloud of train at random, along each axis.
+    longest : float
+        Longest side of an object in the layout.
     """
 
     repository: str
@@ -95,9 +104,18 @@ class Loader:
     stubs: tuple[str, ...] = ()
     fitted: bool = False
     mirrored: bool = False
+    half_turn: bool = False
+    stretched: bool = False
+    longest: float = 1.0
 
 
 _POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")
+_C = {"data/modelnet40_c": ".", "data/modelnet40_ply_hdf5_2048": "."}
+_C_STUBS = ("torchvision.transforms", "PCT_Pytorch.pointnet2_ops_lib.pointnet2_ops.pointnet2_utils")
+_OPENPOINTS = (
+    "openpoints.models.layers", "torchvision.datasets.utils", "sklearn.metrics", "sklearn.neighbors", "multimethod",
+    "termcolor", "shortuuid",
+)  # fmt: skip
 LOADERS = (
     Loader(
         "yuxumin/PoinTr", "PCN", "pcn", readers.pointr_pcn, {"data/PCN": "."}, packages=_POINTR, mirrored=True,
@@ -130,6 +148,53 @@ LOADERS = (
     Loader(
         "lynetcha/completion3d", "ShapenetDataProcess", "completion3d", readers.completion3d, {"data/shapenet": "."},
         n_views=1, packages=("h5py", "pandas", "six", "transforms3d"), stubs=("vis",),
+    ),
+    Loader(
+        "jiachens/ModelNet40-C", "ModelNet40C", "modelnet40-c", classifiers.modelnet40_c, _C, "modelnet", n_views=5,
+        packages=("torch",), stubs=_C_STUBS, fitted=True, half_turn=True, longest=2.0,
+    ),
+    Loader(
+        "jiachens/ModelNet40-C", "ModelNet40C (lidar)", "modelnet40-c", classifiers.modelnet40_c_lidar, _C, "modelnet",
+        n_views=5, options=("--sensor", "modelnet40-c-lidar", "--size", "1", "--scale", "object"),
+        packages=("torch",), stubs=_C_STUBS, half_turn=True, longest=2.0,
+    ),
+    Loader(
+        "fanglaosi/ModelNet-O_PointMLS", "ModelNet_O", "modelnet-o", classifiers.pointmls_modelnet_o,
+        {"data/ModelNet_O": "."}, "modelnet", "z", packages=("torch",),
+    ),
+    Loader(
+        "fanglaosi/ModelNet-O_PointMLS", "ModelNet40", "hdf5", classifiers.pointmls_modelnet40,
+        {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", packages=("torch",), fitted=True, stretched=True,
+    ),
+    Loader(
+        "fanglaosi/ModelNet-O_PointMLS", "ScanObjectNN", "scanobjectnn", classifiers.pointmls_scanobjectnn,
+        {"data/h5_files/main_split": "."}, "modelnet", packages=("torch",), fitted=True, stretched=True,
+    ),
+    Loader(
+        "guochengqian/openpoints", "ScanObjectNNHardest", "scanobjectnn", classifiers.openpoints_scanobjectnn, {},
+        "modelnet", packages=("torch", "easydict"), stubs=_OPENPOINTS, fitted=True,
+    ),
+    Loader(
+        "hkust-vgd/scanobjectnn", "convert_to_binary_mask", "scanobjectnn", classifiers.scanobjectnn_masks, {},
+        "modelnet", n_views=0, stubs=("pc_util", "plyfile", "scipy.misc"),
+        options=(
+            "--sensor", "pinhole:width=320,height=240,fov=40", "--scene", "ground", "--keep", "box", "--size", "1",
+            "--scale", "mesh", "--views", "ring:4@30", "--range", "3",
+        ),
+    ),
+    Loader(
+        "guochengqian/openpoints", "ModelNet", "modelnet40-normal", classifiers.openpoints_modelnet,
+        {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch", "easydict"), stubs=_OPENPOINTS,
+        options=("--with", "normals"), fitted=True,
+    ),
+    Loader(
+        "yanx27/Pointnet_Pointnet2_pytorch", "ModelNetDataLoader", "modelnet40-normal", classifiers.pointnet2_modelnet,
+        {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch",), options=("--with", "normals"),
+        fitted=True,
+    ),
+    Loader(
+        "charlesq34/pointnet", "provider", "hdf5", classifiers.pointnet_provider,
+        {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", fitted=True,
     ),
 )  # fmt: skip
 
@@ -239,23 +304,28 @@ class Surface:
         return np.asarray(behind <= tolerance * self.made.longest)
 
 
-def fit(points: Array, surface: Surface, like: Array) -> Array:
-    """Place points on a mesh by a scale and a translation, beginning with the box of some points of it."""
-    factor = np.ptp(like, axis=0).max() / np.ptp(points, axis=0).max()
-    some = points[:FIT_BY]
-    centred, middle = some - some.mean(axis=0), (points.max(axis=0) + points.min(axis=0)) / 2
-    placed = factor * (some - middle) + (like.max(axis=0) + like.min(axis=0)) / 2
+def fit(points: Array, surface: Surface, like: Array, stretched: bool) -> Array:
+    """Place points on a mesh by a scale (or three) and a translation, beginning with the box of some points of it."""
+    axis = 0 if stretched else None
+    factor = np.ptp(like, axis=0) / np.ptp(points, axis=0)
+    factor = factor if stretched else np.ptp(like, axis=0).max() / np.ptp(points, axis=0).max()
+    middles = [(each.min(axis=0) + each.max(axis=0)) / 2 for each in (like, points)]
+    shift = middles[0] - factor * middles[1]
+    some = points[:: max(1, len(points) // FITTING)]
+    centred = some - some.mean(axis=0)
     for _ in range(40):
-        closest = surface.closest(placed)
-        factor = (centred * (closest - closest.mean(axis=0))).sum() / (centred**2).sum()
-        placed = factor * centred + closest.mean(axis=0)
-    return factor * (points - some.mean(axis=0)) + closest.mean(axis=0)
+        closest = surface.closest(factor * some + shift)
+        factor = (centred * (closest - closest.mean(axis=0))).sum(axis=axis) / (centred**2).sum(axis=axis)
+        shift = closest.mean(axis=0) - factor * some.mean(axis=0)
+    return factor * points + shift
 
 
 def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     """Return what is wrong with an item, or nothing."""
     limit = FITTED if loader.fitted else PLACED
     signs = list(product([1, -1], repeat=2)) if loader.mirrored and item.split == "train" else [(1, 1)]
+    signs = [(-1, -1)] if loader.half_turn else signs
+    stretched = loader.stretched and item.split == "train"
     best = (np.inf, None, 0.0)
     for surface, (first, second) in product(surfaces, signs):
         made = surface.made
@@ -269,13 +339,13 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
             return turned @ (Z_UP_TO_Y_UP if loader.up == "y" else Z_UP_TO_Y_UP.T)
 
         clouds = [back(cloud) for cloud in (item.partial, item.complete) if cloud is not None]
-        eyes = surface.eyes(loader.n_views) if item.partial is not None else [None]
+        eyes = surface.eyes(loader.n_views) if item.partial is not None and loader.n_views else [None]
         for eye in eyes:
             if loader.fitted:
                 like = surface.samples if eye is None else surface.samples[surface.seen(surface.samples, eye, PLACED)]
-                placed = [fit(clouds[0], surface, like)]
+                placed = [fit(clouds[0], surface, like, stretched)]
             else:
-                placed = [cloud * made.longest + made.centre for cloud in clouds]
+                placed = [cloud * made.longest / loader.longest + made.centre for cloud in clouds]
             off = max(surface.distance(cloud) for cloud in placed)
             share = 1.0 if eye is None else float(surface.seen(placed[0], eye, limit).mean())
             if (off > limit, -share, off) < (best[0] > limit, -best[2], best[0]):
@@ -294,11 +364,25 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
     return ""
 
 
+class Stub(types.ModuleType):
+    """Stands for a module that has nothing to do with data: has every name, none of which is used."""
+
+    __path__: list[str] = []  # noqa: RUF012  # a package, if need be
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return type(name, (), {})
+
+
 def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
     """In a child, whose working folder has the loader's links: run the loader and keep its items."""
     loader = LOADERS[row]
     for name in loader.stubs:
-        sys.modules[name] = types.ModuleType(name)
+        parts = name.split(".")
+        for n in range(1, len(parts) + 1):
+            if n == len(parts) or parts[0] not in REAL:
+                sys.modules.setdefault(".".join(parts[:n]), Stub(".".join(parts[:n])))
     sys.path.insert(0, str(checkout))
     items = list(loader.read(checkout, data))
     out.write_bytes(pickle.dumps(items))

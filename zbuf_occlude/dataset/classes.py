@@ -20,5 +20,11 @@ MVP = (
 )  # fmt: skip
 """`cat_name` in test.py of paul007pl/VRCNet."""
 
-CLASSES_OF = {"modelnet40-c": MODELNET40, "modelnet-o": MODELNET40, "scanobjectnn": SCANOBJECTNN, "mvp": MVP}
+CLASSES_OF = {
+    "modelnet40-c": MODELNET40,
+    "modelnet-o": MODELNET40,
+    "modelnet40-normal": MODELNET40,
+    "scanobjectnn": SCANOBJECTNN,
+    "mvp": MVP,
+}
 """Formats whose labels are numbers in a published list; others number the classes at hand."""
