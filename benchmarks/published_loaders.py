@@ -52,7 +52,7 @@ REAL = ("openpoints", "scipy")
 """Packages of which only a part is a stub."""
 FITTING = 300
 """Points of a cloud by which it is placed."""
-CHECKED = 6
+CHECKED = 4
 """Items of a split that are checked."""
 
 
@@ -121,6 +121,35 @@ _OPENPOINTS = (
 LOADERS = (
     Loader(
         "yuxumin/PoinTr", "PCN", "pcn", readers.pointr_pcn, {"data/PCN": "."}, packages=_POINTR, mirrored=True,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "Completion3D", "completion3d", readers.pointr_completion3d, {"data/Completion3D": "."},
+        n_views=1, packages=_POINTR,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "Projected_ShapeNet", "projected-shapenet", readers.pointr_projected,
+        {
+            "data/ShapeNet55-34/Projected_ShapeNet-55_noise": ".",
+            "data/ShapeNet55-34/projected_partial_noise": "projected_partial_noise",
+            "data/ShapeNet55-34/shapenet_pc": "shapenet_pc",
+        },
+        n_views=16, packages=_POINTR, mirrored=True,
+    ),
+    Loader(
+        "yuxumin/PoinTr", "ShapeNet", "shapenet55", readers.pointr_shapenet,
+        {"data/ShapeNet55-34/ShapeNet-55": ".", "data/ShapeNet55-34/shapenet_pc": "shapenet_pc"},
+        n_views=1, packages=_POINTR, fitted=True,
+    ),
+    Loader(
+        "paul007pl/MVP_Benchmark", "MVP_CP", "mvp", readers.mvp_cp, {"data": "."}, "modelnet", n_views=26,
+        packages=("h5py", "torch"),
+    ),
+    Loader(
+        "paul007pl/VRCNet", "ShapeNetH5", "mvp", readers.vrcnet, {"data": "."}, n_views=26, packages=("h5py", "torch"),
+    ),
+    Loader(
+        "lynetcha/completion3d", "ShapenetDataProcess", "completion3d", readers.completion3d, {"data/shapenet": "."},
+        n_views=1, packages=("h5py", "pandas", "six", "transforms3d"), stubs=("vis",),
     ),
     Loader(
         "jiachens/ModelNet40-C", "ModelNet40C", "modelnet40-c", classifiers.modelnet40_c, _C, "modelnet", n_views=5,

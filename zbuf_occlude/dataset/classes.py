@@ -14,10 +14,17 @@ SCANOBJECTNN = (
 )  # fmt: skip
 """`training_data/shape_names_ext.txt` of hkust-vgd/scanobjectnn."""
 
+MVP = (
+    "airplane", "cabinet", "car", "chair", "lamp", "sofa", "table", "watercraft", "bed", "bench", "bookshelf", "bus",
+    "guitar", "motorbike", "pistol", "skateboard",
+)  # fmt: skip
+"""`cat_name` in test.py of paul007pl/VRCNet."""
+
 CLASSES_OF = {
     "modelnet40-c": MODELNET40,
     "modelnet-o": MODELNET40,
     "modelnet40-normal": MODELNET40,
     "scanobjectnn": SCANOBJECTNN,
+    "mvp": MVP,
 }
 """Formats whose labels are numbers in a published list; others number the classes at hand."""

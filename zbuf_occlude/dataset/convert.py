@@ -16,6 +16,7 @@ from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, SHARDS, checksu
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import finished_by_another, run_here
 from zbuf_occlude.dataset.jobs import Run
+from zbuf_occlude.dataset.manifest import frame_of
 from zbuf_occlude.dataset.parts import Places, find_written, placed, write_contents
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.shard import sidecar_path
@@ -283,7 +284,7 @@ def _finish(plan: Plan, out: Path, portions: Portions, about: Mapping[str, Any])
     document = {
         **about,
         "classes": plan.classes,
-        "axes": list(find_format(plan.format).axes),
+        **frame_of(plan),
         "fingerprint": plan.fingerprint,
         "format": plan.format,
         "options": plan.document["recipe"],

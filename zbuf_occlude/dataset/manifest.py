@@ -54,7 +54,7 @@ def summed_up(
         "renderer": ", ".join(renderers) or "none",
         "renderer_remark": next(filter(None, map(fallen_to_software, renderers)), ""),
         "classes": plan.classes,
-        "axes": list(row.axes),
+        **frame_of(plan),
         "counts": {
             "meshes": len(plan.meshes),
             "meshes_failed": len(failures),
@@ -80,6 +80,14 @@ def summed_up(
             "shards": round(sum(sidecar.seconds for sidecar in sidecars), 3),
         },
     }
+
+
+def frame_of(plan: Plan) -> dict[str, Any]:
+    """Say the axes of the clouds in the files, by those of the mesh with z up, and which is up; or the eye's."""
+    if plan.recipe.frame == "camera":
+        return {"axes": ["right", "up", "backwards"], "up": None}
+    axes = find_format(plan.format).axes_in(plan.recipe.frame)
+    return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
 
 
 def error_of(counts: Counts) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
-FRAMES = ("object", "camera")
+FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
@@ -80,7 +80,8 @@ class Recipe:
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
         object's own coordinates.
     frame : str
-        "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+        "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
+        layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool

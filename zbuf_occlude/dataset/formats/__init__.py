@@ -148,11 +148,14 @@ class Format:
         outside = [label for label in meshes.classes if label not in self.classes] if self.classes else []
         return ", ".join(outside[:10]) + (f" and {len(outside) - 10} more" if len(outside) > 10 else "")
 
+    def axes_in(self, frame: str) -> tuple[str, str, str]:
+        """Return the axes of its clouds, by those of the recipe's frame: its own, or those where these were chosen."""
+        return self.axes if frame == "object" else ("x", "y", "z")
+
     def to_frame(self, recipe: Recipe) -> NDArray[np.float32]:
-        """Return the matrix (3, 3) from a recipe's frame to its own; a camera's frame and a mesh's scale stay."""
-        turned = np.eye(3)
-        if recipe.frame == "object":
-            turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in self.axes])
+        """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
+        axes = self.axes_in(recipe.frame)
+        turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
         return (turned * (1.0 if recipe.scale == "mesh" else self.longest_side)).astype(np.float32)
 
     def finish(
@@ -181,6 +184,7 @@ class Format:
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
+Y_UP = ("x", "z", "-y")
 FORMATS: tuple[Format, ...] = (
     Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file", ragged=True),
     Format(
@@ -193,7 +197,7 @@ FORMATS: tuple[Format, ...] = (
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
     Format("ply", "a file for each cloud, to look at", ragged=True),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", ragged=True),
-    Format("scanobjectnn", "data, label, mask; 15 classes", one_file=True, axes=("x", "z", "-y")),
+    Format("scanobjectnn", "data, label, mask; 15 classes", one_file=True, axes=Y_UP),
     Format(
         "modelnet40-c",
         "data_occlusion_VIEW.npy, label.npy; 40 classes",
@@ -211,6 +215,7 @@ FORMATS: tuple[Format, ...] = (
         whole_objects=True,
         fewer_views={"val": 1, "test": 1},
         least_tested=10,
+        axes=Y_UP,
         options={"views": "fibonacci:8", "scale": "object"},
     ),
     Format(
@@ -219,14 +224,16 @@ FORMATS: tuple[Format, ...] = (
         pairs=True,
         whole_objects=True,
         least_tested=10,
+        axes=Y_UP,
         options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "mvp",
-        "pairs in HDF5, 2,048 points, 26 views",
+        "pairs in HDF5, 2,048 points, 26 views; 16 classes",
         pairs=True,
         whole_objects=True,
         one_file=True,
+        axes=Y_UP,
         options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
     ),
     Format(
@@ -234,6 +241,7 @@ FORMATS: tuple[Format, ...] = (
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
         pairs=True,
         whole_objects=True,
+        axes=Y_UP,
         options={"views": "fibonacci:16", "scale": "object"},
     ),
     Format(
@@ -243,6 +251,7 @@ FORMATS: tuple[Format, ...] = (
         whole_objects=True,
         fewer_views=dict.fromkeys(SPLITS, 1),
         least_tested=10,
+        axes=Y_UP,
         options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),
 )

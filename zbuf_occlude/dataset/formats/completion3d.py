@@ -5,6 +5,7 @@ SPLIT/gt/TAXONOMY/OBJECT.h5         data (2048, 3) float32
 SPLIT.list                          TAXONOMY/OBJECT, one per line, as TopNet's loaders read it
 Completion3D.json                   the same as PCN.json, as those of GRNet and PoinTr do
 shapenet_synset_dict.json           what each taxonomy is called
+synsetoffset2category.txt           the same, NAME TAXONOMY per line, one word each, as lynetcha/completion3d reads it
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ from zbuf_occlude.dataset.formats.published import (
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Content, Source
 
-INDEX = "Completion3D.json"
+INDEX, CATEGORIES = "Completion3D.json", "synsetoffset2category.txt"
 SIZE = 2_048
 
 
@@ -40,7 +41,7 @@ def check(plan: Plan) -> None:
 
 def names(plan: Plan) -> Iterator[str]:
     """Yield the names of all files."""
-    yield from (INDEX, SYNSETS, *(f"{split}.list" for split in plan.splits))
+    yield from (INDEX, CATEGORIES, SYNSETS, *(f"{split}.list" for split in plan.splits))
     yield from PAIRS.names(plan)
 
 
@@ -55,7 +56,9 @@ def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[st
     for split, of_split in mesh_ids.items():
         atomic.write_lines(out / f"{split}.list", [_place(names_of(plan), mesh_id) for mesh_id in of_split])
     write_index(out / INDEX, plan, mesh_ids)
-    files = listed(out, names, INDEX, write_synsets(out, plan))
+    words = dict(zip(names_of(plan).taxonomies, names_of(plan).classes, strict=True))
+    atomic.write_lines(out / CATEGORIES, [f"{words[taxonomy]}\t{taxonomy}" for taxonomy in sorted(words)])
+    files = listed(out, names, INDEX, CATEGORIES, write_synsets(out, plan))
     return {split: [*of_split, f"{split}.list"] for split, of_split in files.items()}
 
 
@@ -89,4 +92,4 @@ def _read_h5(path: Path) -> NDArray[Any]:
         return np.asarray(h5["data"][:])
 
 
-PAIRS = Pairs(SIZE, _complete, _partial, _write_h5, _write_h5, _read_h5)
+PAIRS = Pairs("completion3d", SIZE, _complete, _partial, _write_h5, _write_h5, _read_h5)

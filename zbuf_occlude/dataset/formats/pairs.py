@@ -11,8 +11,11 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     Names,
     by_object,
+    check_version,
+    from_theirs,
     names_of,
     read_cloud_files,
+    record_as_theirs,
     rest_names,
     write_rest,
 )
@@ -27,6 +30,8 @@ class Pairs:
 
     Parameters
     ----------
+    name : str
+        In the table of formats.
     n_complete : int
         Points of a complete cloud.
     complete, partial : callable
@@ -37,6 +42,7 @@ class Pairs:
         Reads them back, (size, 3).
     """
 
+    name: str
     n_complete: int
     complete: Callable[[str, Names, int], str]
     partial: Callable[[str, Names, int, int], str]
@@ -73,17 +79,22 @@ class Pairs:
             ]
             for name, write, record in pair:
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
-                write(out / name, record)
+                write(out / name, record_as_theirs(record, content.plan, self.name))
                 written.append(name)
         return [write_rest(out, content), *written]
 
     def read(self, out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
         """Return the partial clouds."""
 
+        check_version(plan, since=8)
+
         def name_of(split: str, names: Names, record: Any) -> str:
             return self.partial(split, names, int(record["mesh_id"]), int(record["view_id"]))
 
-        return read_cloud_files(out, plan, files, self.read_partial, name_of)
+        def load(path: Path) -> NDArray[Any]:
+            return from_theirs(self.read_partial(path), plan.recipe, self.name)
+
+        return read_cloud_files(out, plan, files, load, name_of)
 
 
 def write_index(path: Path, plan: Plan, mesh_ids: dict[str, list[int]]) -> None:

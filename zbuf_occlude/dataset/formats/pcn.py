@@ -55,4 +55,4 @@ def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
     return f"{split}/partial/{names.taxonomies[mesh_id]}/{names.objects[mesh_id]}/{view:02d}.pcd"
 
 
-PAIRS = Pairs(N_COMPLETE, _complete, _partial, write_pcd, write_pcd, read_pcd)
+PAIRS = Pairs("pcn", N_COMPLETE, _complete, _partial, write_pcd, write_pcd, read_pcd)

@@ -2,7 +2,7 @@
 
 projected_partial_noise/TAXONOMY/OBJECT/models/0.pcd ... 15.pcd    partial clouds
 shapenet_pc/TAXONOMY-OBJECT.npy                                    complete clouds, (8192, 3) float32
-train.txt, test.txt (and val.txt)                                  names of the latter, one per line
+train.txt, test.txt (and val.txt)                                  shapenet_pc/TAXONOMY-OBJECT.npy, one per line
 shapenet_synset_dict.json                                          what each taxonomy is called
 """
 
@@ -37,7 +37,7 @@ def write_part(content: Content, out: Path) -> list[str]:
 
 def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
     """Write the lists of objects."""
-    return listed_complete(out, plan, names)
+    return listed_complete(out, plan, names, below=".")
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
@@ -54,4 +54,4 @@ def _partial(split: str, names: Names, mesh_id: int, view: int) -> str:
     return f"projected_partial_noise/{where}/models/{view}.pcd"
 
 
-PAIRS = Pairs(N_COMPLETE, _complete, _partial, write_npy, write_pcd, read_pcd)
+PAIRS = Pairs("projected-shapenet", N_COMPLETE, _complete, _partial, write_npy, write_pcd, read_pcd)

@@ -98,7 +98,7 @@ def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None =
         raise OptionError(
             f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
         )
-    if recipe.scale == "cloud" or recipe.frame != "object":
+    if recipe.scale == "cloud" or recipe.frame == "camera":
         raise OptionError(
             f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
             f"{recipe.frame}. Give --scale object --frame object."
@@ -113,6 +113,14 @@ def to_theirs(points: NDArray[Any], recipe: Recipe, name: str) -> NDArray[np.flo
 def from_theirs(points: NDArray[Any], recipe: Recipe, name: str) -> NDArray[np.float32]:
     """Return points (..., 3) of a layout's frame in that of a recipe: the very numbers that were written."""
     return contiguous(points @ np.linalg.inv(find_format(name).to_frame(recipe)).T, "<f4")
+
+
+def record_as_theirs(record: Any, plan: Plan, name: str) -> Any:
+    """Return a record, positions and normals in the frame of the layout of this name."""
+    turned = record.copy()
+    for field in {"data", "normal"} & {*record.dtype.names}:
+        turned[field] = to_theirs(record[field], plan.recipe, name)
+    return turned
 
 
 def check_version(plan: Plan, since: int) -> None:

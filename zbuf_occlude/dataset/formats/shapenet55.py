@@ -6,20 +6,24 @@ shapenet_synset_dict.json            what each taxonomy is called
 """
 
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.formats.published import (
     SYNSETS,
     Names,
     check_pairs,
+    check_version,
+    from_theirs,
     listed,
     mesh_ids_of,
     names_of,
     read_cloud_files,
+    record_as_theirs,
     rest_names,
     write_rest,
     write_synsets,
@@ -51,19 +55,20 @@ def write_part(content: Content, out: Path) -> list[str]:
     (out / FOLDER).mkdir(exist_ok=True)
     for record in content.records:
         written.append(f"{FOLDER}/{complete_name(names, int(record['mesh_id']))}")
-        write_npy(out / written[-1], record)
+        write_npy(out / written[-1], record_as_theirs(record, content.plan, "shapenet55"))
     return [write_rest(out, content), *written]
 
 
 def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
     """Write the lists of objects."""
-    return listed_complete(out, plan, names)
+    return listed_complete(out, plan, names, below=FOLDER)
 
 
-def listed_complete(out: Path, plan: Plan, names: dict[str, list[str]]) -> dict[str, list[str]]:
-    """Write for each split the names of its complete clouds, as loaders read them, and the other lists."""
+def listed_complete(out: Path, plan: Plan, names: dict[str, list[str]], below: str) -> dict[str, list[str]]:
+    """Write for each split the places of its complete clouds below a folder, as loaders read them; the other lists."""
+    folder = PurePosixPath(FOLDER).relative_to(below)
     for split, of_split in names.items():
-        complete = [complete_name(names_of(plan), mesh_id) for mesh_id in mesh_ids_of(out, of_split)]
+        complete = [str(folder / complete_name(names_of(plan), mesh_id)) for mesh_id in mesh_ids_of(out, of_split)]
         atomic.write_lines(out / f"{split}.txt", complete)
     files = listed(out, names, write_synsets(out, plan))
     return {split: [*of_split, f"{split}.txt"] for split, of_split in files.items()}
@@ -71,11 +76,15 @@ def listed_complete(out: Path, plan: Plan, names: dict[str, list[str]]) -> dict[
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the complete clouds."""
+    check_version(plan, since=8)
 
     def name_of(split: str, names: Names, record: Any) -> str:
         return f"{FOLDER}/{complete_name(names, int(record['mesh_id']))}"
 
-    return read_cloud_files(out, plan, files, np.load, name_of)
+    def load(path: Path) -> NDArray[Any]:
+        return from_theirs(np.load(path), plan.recipe, "shapenet55")
+
+    return read_cloud_files(out, plan, files, load, name_of)
 
 
 def complete_name(names: Names, mesh_id: int) -> str:
