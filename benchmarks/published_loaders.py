@@ -111,7 +111,9 @@ class Loader:
 
 _POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")
 _C = {"data/modelnet40_c": ".", "data/modelnet40_ply_hdf5_2048": "."}
-_C_STUBS = ("torchvision.transforms", "PCT_Pytorch.pointnet2_ops_lib.pointnet2_ops.pointnet2_utils")
+_C_STUBS = (
+    "progressbar", "torchvision.transforms", "PCT_Pytorch.pointnet2_ops_lib.pointnet2_ops.pointnet2_utils",
+)  # fmt: skip
 _OPENPOINTS = (
     "openpoints.models.layers", "torchvision.datasets.utils", "sklearn.metrics", "sklearn.neighbors", "multimethod",
     "termcolor", "shortuuid",
@@ -372,7 +374,7 @@ class Stub(types.ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        return type(name, (), {})
+        return sys.modules.get(f"{self.__name__}.{name}") or type(name, (), {"__init__": lambda *_, **__: None})
 
 
 def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
