@@ -30,7 +30,7 @@ ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 7
+DATA_VERSION = 8
 """Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
 CLOUDS_PER_FILE = 2048
 """Clouds of a file in the formats that put many into one."""
