@@ -156,14 +156,14 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
             placed += placed_of([dict(each) for each in setup.objects], floor)
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
-            shares = np.zeros(len(poses))
+            shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
                 if setup.objects:
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
                     capture = _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
-                    yield replace(capture, hidden=float(hidden))
+                    yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
