@@ -233,7 +233,7 @@ def command(
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"],
     )
-    echo(overview(collection, row, wanted), err=True)
+    echo(overview(collection, row, wanted, limited=limit is not None), err=True)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,

@@ -63,6 +63,7 @@ def summed_up(
             "clouds": counts.n_clouds,
             "clouds_by_split": n_clouds,
             "views_that_see_nothing": counts.n_blind_views,
+            "views_inside_the_bounding_box": counts.n_inside,
             "clouds_with_repeated_points": counts.n_with_repeats,
             "faces_dropped": dict(counts.faces_dropped),
             "meshes_without_colors": counts.n_without_colors,

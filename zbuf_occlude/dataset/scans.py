@@ -101,6 +101,7 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         counts += Counts(
             n_clouds=int((lengths > 0).sum()),
             n_blind_views=int((lengths == 0).sum()),
+            n_inside=int(standing.in_box(places.eyes).sum()),
             n_with_repeats=int(((lengths > 0) & (lengths < (recipe.sample_size or 0))).sum()),
         )
         kept.append(keep(points, mask, places, key, variation))

@@ -64,10 +64,11 @@ def read_labels(path: Path) -> list[Label]:
 def parse_csv(data: bytes, name: str) -> list[Label]:
     """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
     try:
-        rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig")), skipinitialspace=True))
+        reader = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), skipinitialspace=True)
+        rows = [(reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
         raise OptionError(f"{name} must be {FORMS}; it cannot be read: {error}.") from None
-    columns = {str(column).strip().lower(): column for column in (rows[0] if rows else {})}
+    columns = {str(column).strip().lower(): column for column in (rows[0][1] if rows else {})}
     key, label, split = (
         next((columns[c] for c in known if c in columns), None) for known in (_KEYS, _CLASSES, _SPLITS)
     )
@@ -76,11 +77,13 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
         raise OptionError(f"{name} must be {FORMS}; found: {found}.")
     synset = columns.get("synsetid")
     labels = []
-    for row in rows:
+    for line, row in rows:
         whole = f"{row[synset].zfill(8)}/{row[key]}" if synset and row[synset] else row[key]
         if row[key]:
             own = (row[label] or None) if label is not None and label != synset else None
-            labels.append(Label(whole.strip(), own, _split(row[split] or None, name) if split else None))
+            labels.append(
+                Label(whole.strip(), own, _split(row[split] or None, f"{name}, line {line}") if split else None)
+            )
     return labels
 
 
@@ -156,5 +159,5 @@ def _split(word: str | None, name: str) -> str | None:
     if word is None:
         return None
     if (split := SPLIT_WORDS.get(word.strip().lower())) is None:
-        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r}.")
+        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r}. Correct it.")
     return split
