@@ -25,7 +25,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
         "vectors": set(),
         "versions": set(),
     },
-    {"cleaning": set(), "colors": set(), "extents": set()},
+    {"cleaning": set(), "colors": set(), "documents": set(), "extents": set()},
     {"mesh": set()},
     {"camera": set(), "hilbert": set(), "predicates": set(), "rational": set()},
     {"sampling": set(), "views": set(), "meshes": set()},
