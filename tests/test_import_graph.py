@@ -23,6 +23,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
         "shelf": set(),
         "versions": set(),
     },
+    {"documents": set()},
     {"geometry": set()},
     {"views": set(), "meshes": set()},
     {"shapes": set()},

@@ -19,15 +19,15 @@ SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 300, "--sampl
         ("packed", "packed-000000.zip"),
         ("webdataset", "train-000000.tar"),
         ("npz", "test-000000.npz"),
-        ("ply", "ply/test/brick/*.ply"),
+        ("ply", "ply/test/table/*.ply"),
         ("huggingface", "data/test-000000.parquet"),
-        ("scanobjectnn", "training_objectdataset.h5"),
+        ("scanobjectnn", "training_objectdataset_augmentedrot_scale75.h5"),
         ("modelnet40-c", "data_occlusion_4.npy"),
-        ("modelnet-o", "brick/test/brick_1_003.xyz"),
+        ("modelnet-o", "table/test/brick_1_004.xyz"),
     ],
 )
-def test_every_format_from_the_command_line(run: Run, modelnet: Path, tmp_path: Path, format: str, file: str) -> None:
-    out = tmp_path / "out"
+def test_every_format_from_the_command_line(run: Run, furniture: Path, tmp_path: Path, format: str, file: str) -> None:
+    out, modelnet = tmp_path / "out", furniture
     outcome = run("generate", modelnet, "--out", out, *SMALL, "--format", format)
     assert outcome.code == 0, outcome.err
     assert list(out.glob(file))
@@ -150,10 +150,10 @@ def test_a_conversion_into_what_generate_has_begun(run: Run, modelnet: Path, tmp
 
 @pytest.mark.parametrize("format", ["npz", "scanobjectnn"])
 def test_generate_into_what_a_conversion_has_begun(
-    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+    run: Run, furniture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
 ) -> None:
     """From `packed` its clouds are rounded: they are not those that `generate` would have made."""
-    out = tmp_path / "b"
+    out, modelnet = tmp_path / "b", furniture
     run("generate", modelnet, "--out", tmp_path / "a", *SMALL, "--format", "packed")
     with monkeypatch.context() as patched:
         patched.setattr("zbuf_occlude.dataset.convert._finish", Mock(side_effect=KeyboardInterrupt))

@@ -32,7 +32,7 @@ def test_wrong_words(run: Run, tmp_path: Path) -> None:
         (("vlp-17",), "error: sensor must be one of vlp-16,"),
         (("--picture", tmp_path / "a.png"), "--picture shows one sensor's rays; name the sensor."),
         (("vlp-16", "--picture", tmp_path / "a.gif"), "must end in .png; got 'a.gif'"),
-        ((tmp_path / "none.yaml",), "a sensor's file must be readable"),
+        ((tmp_path / "none.yaml",), "a file must be readable"),
     ):
         outcome = run("sensors", *arguments)
         assert outcome.code == 2

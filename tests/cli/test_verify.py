@@ -141,11 +141,11 @@ def test_a_damaged_or_missing_cloud_of_the_many_of_a_list(run: Run, modelnet: Pa
 
 @pytest.mark.parametrize("format", ["scanobjectnn", "modelnet40-c"])
 def test_clouds_of_files_that_hold_a_split_whole_are_read_by_all(
-    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+    run: Run, furniture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
 ) -> None:
     """Each cloud once, in runs; what one of them finds is told, and the checksums are made besides."""
     out = tmp_path / "out"
-    assert run("generate", modelnet, "--out", out, *SMALL, "--format", format).code == 0
+    assert run("generate", furniture, "--out", out, *SMALL, "--format", format).code == 0
     monkeypatch.setattr("zbuf_occlude.dataset.verify.CLOUDS_PER_FILE", 5)
     plan, manifest = read_finished(out)
     task = Verifying(plan, out, manifest["files"], manifest["counts"]["clouds_by_split"], manifest["sha256"])

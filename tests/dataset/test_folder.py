@@ -11,7 +11,7 @@ from tests.dataset.test_generate import files
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset import folder as claiming
 from zbuf_occlude.dataset.folder import State, claim, look, remove, sorted_out
-from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
@@ -39,7 +39,7 @@ def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: st
 
 @pytest.mark.parametrize("format", [row.name for row in FORMATS if not row.options])
 def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_path: Path, format: str) -> None:
-    out, plan = tmp_path / "out", replace(PLAN, format=format)
+    out, plan = tmp_path / "out", replace(PLAN, format=format, meshes=find_format(format).select(PLAN.meshes))
     generate(plan, out)
     assert look(out).state is State.FINISHED
     assert sorted_out(out, plan)[1] == []

@@ -29,7 +29,7 @@ WRITTEN = [row for row in RAGGED if not (row.keeps_points or row.exported_from)]
 SIZES = (3, 1, 40, 7)
 SCANNING = asdict(Setup(document_of(make("vlp-16"))))
 ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "test")) for n, m in
-           (("ball", lambda: sphere(8)), ("brick", box))]  # fmt: skip
+           (("chair", lambda: sphere(8)), ("table", box))]  # fmt: skip
 
 
 def equal(a: np.ndarray, b: np.ndarray) -> bool:

@@ -10,7 +10,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import ENGINE, engine_options
 from zbuf_occlude.cli.options import OutFolder, given
 from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.formats import FORMATS
+from zbuf_occlude.dataset.formats import FORMATS, find_format
 
 
 @click.command()
@@ -34,7 +34,10 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     """
     if idle := given(context, ENGINE):
         echo(f"{idle[0]} is not needed: one process converts", err=True)
-    total = sum(open_dataset(folder).n_clouds.values())
+    source = open_dataset(folder)
+    for remark in find_format(format).select(source.plan.meshes).remarks:
+        echo(remark, err=True)
+    total = sum(source.n_clouds.values())
     # shown with the first clouds, after all that may refuse
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
         document = convert(folder, out, format, progress=bar.update)

@@ -126,7 +126,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice(FRAMES),
     default="object",
     show_default=True,
-    help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
+    help="object: the mesh's axes, z up; in a published layout those of its original, y up in most; z-up: z up there "
+    "too; camera: x right, y up, looking along -z. The pose (z up) is stored always.",
 )
 @with_option(
     "What points have besides their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
@@ -218,14 +219,14 @@ def command(
         up,
         limit,
         out=out,
-        choose=choose,
+        choose=lambda meshes: choose(row.select(meshes)),
         labels=labels,
         classes=classes,
         splits=splits,
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"],
     )
-    echo(overview(collection, row, wanted), err=True)
+    echo(overview(collection, row, wanted, limited=limit is not None), err=True)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,

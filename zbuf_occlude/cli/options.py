@@ -229,7 +229,7 @@ up_option = click.option(
     "--up",
     type=click.Choice(["z", "y"]),
     default=None,
-    help="The axis that points up in the files. [default: y for glTF, else z]",
+    help="The axis that points up in the files. [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
 )
 
 

@@ -106,7 +106,7 @@ def command(
         header = ",".join(names)
         atomic.write(out, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g"))
     hidden = ""
-    if setup.share is not None:
+    if setup.share is not None or setup.objects:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"

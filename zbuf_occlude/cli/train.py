@@ -80,6 +80,11 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
+    meshes = [entry for folder in folders for entry in open_dataset(folder).plan.meshes]
+    tested = {"val": validation.labelled, "test": sorted({e.label for e in meshes if e.split == "test"})}
+    for split, labels in tested.items():
+        if unknown := [label for label in labels if label not in training.labelled]:
+            echo(f"warning: {split} has classes that are not trained on: {', '.join(unknown)}", err=True)
     with tqdm(total=config.epochs, unit=" epochs", desc="train", smoothing=0.1) as bar:
 
         def progress(epoch: Any) -> None:

@@ -70,6 +70,7 @@ class Reference:
                 return Verdict(**{name: stored[name] for name in stored.files})
         points, eyes = question.points.select(np.arange(n)), question.views.eyes
         with prepare_oracle(question.mesh) as oracle:
+            oracle.warns_of_eyes_inside = False  # the method asked does
             verdict = Verdict(
                 oracle.visible(points, eyes),
                 oracle.decided(points, eyes),
@@ -84,4 +85,5 @@ class Reference:
         """Answer for the question's first points from one eye, as many as `SHOWN_TESTS` allows; (n,) bool."""
         n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
+            oracle.warns_of_eyes_inside = False  # the method asked does
             return oracle.visible(question.points.select(np.arange(n)), question.views.eyes[view : view + 1])[0]

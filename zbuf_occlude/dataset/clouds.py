@@ -75,7 +75,8 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     there are (unless complete) `SCAN_COLUMNS`, a row per point, and
 
     size : float64, metres of the object's longest side
-    hidden : float32, share of the object that others hide; hidden_reached : int32, whether it is as was asked for
+    hidden : float32, share of the object that others hide; hidden_reached : int32, 1 where it is as was asked for, or
+        nothing was asked for, else 0
 
     With `Recipe.sample_size` None, fields that have a row per point are of objects, an array for each cloud
     (`zbuf_occlude.dataset.ragged`).

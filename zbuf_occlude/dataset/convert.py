@@ -139,5 +139,5 @@ def _plan_of(old: Plan, format: str) -> Plan:
     plan: Plan = replace(old, format=format)
     if is_packed:
         plan = replace(plan, recipe=row.redrawn(plan.recipe))
-    row.check(plan)
+    row.check(replace(plan, meshes=row.select(plan.meshes)))
     return plan

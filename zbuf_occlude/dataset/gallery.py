@@ -58,7 +58,7 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
     counts, error = manifest["counts"], manifest["error"]
     n_meshes = counts["meshes"] - counts["meshes_failed"]
     facts = [
-        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(classes)} classes",
+        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(source.plan.meshes.classes)} classes",
         f"{counts['views']} views x {counts['variations']} variations",
         f"method {manifest['options']['method']}, renderer {manifest['renderer']}",
         f"seed {manifest['seed']}",

@@ -106,7 +106,7 @@ def summed_up(plan: Plan, groups: list[Group], seconds: Mapping[str, float]) -> 
         was made of, ``stacked`` how much of the surface has another sheet nearer than the method's tolerance, ``tries``
         what was there of those that failed, and the limits they had.
     """
-    counts = sum((group.counts for group in groups), Counts())
+    counts, row = sum((group.counts for group in groups), Counts()), find_format(plan.format)
     failures = {key: reason for group in groups for key, reason in group.failures.items()}
     renderers = sorted({renderer for group in groups for renderer in group.renderers})
     return {
@@ -118,6 +118,7 @@ def summed_up(plan: Plan, groups: list[Group], seconds: Mapping[str, float]) -> 
         "renderer": ", ".join(renderers) or "none",
         "renderer_remark": next(filter(None, map(fallen_to_software, renderers)), ""),
         "classes": plan.classes,
+        **frame_of(plan),
         "counts": {
             "meshes": len(plan.meshes),
             "meshes_failed": len(failures),
@@ -125,6 +126,7 @@ def summed_up(plan: Plan, groups: list[Group], seconds: Mapping[str, float]) -> 
             "variations": plan.recipe.variations,
             "clouds": counts.n_clouds,
             "views_that_see_nothing": counts.n_blind_views,
+            "views_inside_the_bounding_box": counts.n_inside,
             "clouds_with_repeated_points": counts.n_with_repeats,
             "faces_dropped": dict(counts.faces_dropped),
             "meshes_without_colors": counts.n_without_colors,
@@ -140,7 +142,7 @@ def summed_up(plan: Plan, groups: list[Group], seconds: Mapping[str, float]) -> 
         },
         "origins": {key: origin.document for group in groups for key, origin in group.made.items()},
         # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
-        "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
+        "rounding": 0.5 / STEPS if row.keeps_points else 0.0,
         "error": error_of(counts),
         "stacked": stacked_of(counts),
         "seconds": {
@@ -148,6 +150,14 @@ def summed_up(plan: Plan, groups: list[Group], seconds: Mapping[str, float]) -> 
             "workers": round(sum(group.seconds for group in groups), 3),
         },
     }
+
+
+def frame_of(plan: Plan) -> dict[str, Any]:
+    """Say the axes of the clouds in the files, by those of the mesh with z up, and which is up; or the eye's."""
+    if plan.recipe.frame == "camera":
+        return {"axes": ["right", "up", "backwards"], "up": None}
+    axes = find_format(plan.format).axes_in(plan.recipe.frame)
+    return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
 
 
 def error_of(counts: Counts) -> dict[str, Any]:

@@ -73,6 +73,7 @@ def occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_check
         if not recipe.complete:
             options = dict(recipe.method_options or {})
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **options))
+            occluder.warns_of_eyes_inside = False  # the manifest counts them
             renderer = occluder.renderer
         for variation in range(recipe.variations):
             points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), Counts()
@@ -84,6 +85,7 @@ def occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_check
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
                     counts += count_stacked(mesh, points, occluder.tolerance, key)
+                    counts += Counts(n_inside=int(mesh.in_box(views.eyes).sum()))
             if views.windows is not None:
                 mask = mask & views.shows(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
@@ -140,6 +142,7 @@ def check(
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
+        oracle.warns_of_eyes_inside = False
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.checks import check_word
+from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE, Batches, Files, MeshIds, Placement, deal
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.geometry.mesh import Mesh
@@ -24,7 +25,7 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
-FRAMES = ("object", "camera")
+FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
@@ -76,7 +77,8 @@ class Recipe:
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
         object's own coordinates.
     frame : str
-        "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+        "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
+        layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool
@@ -198,8 +200,8 @@ class Plan:
 
     @cached_property
     def classes(self) -> list[str]:
-        """Names of the classes; the index in here is the label of a cloud."""
-        return self.meshes.classes
+        """Names of the classes, a published list where the format has one; the index in here is a cloud's label."""
+        return list(CLASSES_OF.get(self.format, ())) or self.meshes.classes
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
@@ -297,6 +299,7 @@ class Plan:
         plan.__dict__["document"] = stored  # its identity, whatever a later version would write
         plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]
         plan.__dict__["clouds_per_group"] = stored["clouds_per_group"]
+        plan.__dict__["classes"] = stored["classes"]
         return plan
 
     def differences(self, document: Mapping[str, Any]) -> list[str]:

@@ -129,6 +129,25 @@ PRESETS: tuple[Preset, ...] = (
                 "splits": "test",
                 "sensor": "modelnet40-c",
                 "size": "1",
+                "sample_size": "1024",
+            }
+        ),
+        MeshCollection.interleaved,
+        2_468,
+    ),
+    Preset(
+        "modelnet40-c-lidar",
+        "ModelNet40-C's corruption lidar: the split test, 5 poses at distance 5, its bands of 1 degree",
+        MappingProxyType(
+            {
+                "views": "random:5@22.5..22.5",
+                "distance": "5",
+                "format": "modelnet40-c",
+                "splits": "test",
+                "sensor": "modelnet40-c-lidar",
+                "size": "1",
+                "sample_size": "768",
+                "scale": "object",
             }
         ),
         MeshCollection.interleaved,

@@ -88,7 +88,8 @@ def scan(mesh: Mesh, label: str, plan: Plan, key: str) -> Iterator[Sampling]:
         )
         lengths = np.array([len(scan) for scan in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
-        yield Sampling(points, mask, places, counts + count_clouds(lengths, recipe), renderer)
+        counts += count_clouds(lengths, recipe) + Counts(n_inside=int(standing.in_box(places.eyes).sum()))
+        yield Sampling(points, mask, places, counts, renderer)
 
 
 def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:

@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_array, as_indices, as_numbers, as_vectors, frozen, sealed
+from zbuf_occlude.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_array,
+    as_indices,
+    as_numbers,
+    as_vectors,
+    frozen,
+    sealed,
+)
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.geometry.cleaning import faulty_faces
 from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
@@ -159,6 +169,10 @@ class Mesh:
     def diagonal(self) -> float:
         """Diagonal of the bounding box; the length that the contact tolerance is relative to."""
         return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+
+    def in_box(self, positions: FloatArray) -> BoolArray:
+        """Return which positions (n, 3) lie inside the bounding box, (n,)."""
+        return np.asarray(((positions > self.bounds[0]) & (positions < self.bounds[1])).all(axis=1))
 
     def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
         """Return the mesh with every vertex v moved to ``scale * v + translation``."""

@@ -78,6 +78,11 @@ class CloudSet:
         """Points of each cloud."""
         return int(self.positions.shape[1])
 
+    @property
+    def labelled(self) -> list[str]:
+        """The classes that have clouds, in their order."""
+        return [self.classes[label] for label in np.unique(self.labels)]
+
     def subset(self, which: ArrayLike) -> "CloudSet":
         """Return the clouds that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)

@@ -1,6 +1,7 @@
 """What every method is: made ready for one mesh, then asked what eyes see, or what rays meet first."""
 
 import inspect
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,6 +33,13 @@ FAR = 1000.0
 """Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
 
 
+EYES_INSIDE = (
+    "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
+    "views.around(mesh.centre, mesh.longest_side)."
+)
+"""What `Occluder.visible` warns of."""
+
+
 class Closable(Protocol):
     """Anything with a `close`."""
 
@@ -59,6 +67,8 @@ class Occluder(ABC):
 
     _measures_directions = False
     """Whether `_first_hits` takes directions of any length, and calls `of_usual_length` where it must, itself."""
+    warns_of_eyes_inside = True
+    """Whether `visible` warns of eyes inside the bounding box."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
@@ -98,6 +108,11 @@ class Occluder(ABC):
         ------
         ArgumentError
             Arrays of the wrong shape or type, not finite, or face ids that the mesh does not have.
+
+        Warns
+        -----
+        UserWarning
+            Eyes lie inside the mesh's bounding box, and amid the points.
         """
         self._check_open()
         if not isinstance(points, SurfacePoints):
@@ -120,6 +135,10 @@ class Occluder(ABC):
             )
         if len(eyes) == 0 or len(points) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
+        if self.warns_of_eyes_inside and len(near := eyes[self.mesh.in_box(eyes)]):
+            low, high = points.positions.min(axis=0), points.positions.max(axis=0)  # of a scene its target, perhaps
+            if ((near > low) & (near < high)).all(axis=1).any():
+                warnings.warn(EYES_INSIDE, stacklevel=2)
         return self._visible(points, eyes)
 
     @abstractmethod

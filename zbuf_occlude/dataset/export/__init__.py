@@ -28,7 +28,7 @@ from zbuf_occlude.dataset.folder import (
     remove_work,
 )
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.manifest import write_names
+from zbuf_occlude.dataset.manifest import frame_of, write_names
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.sheet import write_contact_sheet
@@ -80,7 +80,7 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
     folder = out / WORK / "export"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    exported: Exported = find_format(plan.format).load().export(source, folder)
+    exported: Exported = find_format(plan.format).load().export(as_theirs(source, plan), folder)
     if not any(exported.n_clouds.values()):
         raise DatasetError(
             f"at least one object must be seen by all its views, for {plan.format} keeps whole objects; none is. "
@@ -98,6 +98,8 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = {
         **about,
+        "classes": plan.classes,
+        **frame_of(plan),
         "fingerprint": plan.fingerprint,
         "format": plan.format,
         "options": plan.document["recipe"],
@@ -112,6 +114,35 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
     atomic.write_json(out / MANIFEST, document)
     remove_work(out, plan)
     return document
+
+
+def as_theirs(source: Source, plan: Plan) -> Source:
+    """Return the clouds of a layout's classes, with its labels, positions and normals in its frame."""
+    row, recipe = find_format(plan.format), plan.recipe
+    axes, label_of = row.to_frame(recipe).T, [plan.classes.index(entry.label) if entry.label in plan.classes else -1
+                                              for entry in plan.meshes]  # fmt: skip
+    order = source.order
+    if row.classes:
+        known = np.array(label_of)[source.ids()["mesh_id"]] >= 0
+        order = {split: numbers[known[numbers]] for split, numbers in order.items() if known[numbers].any()}
+
+    def turned(records: Records) -> Records:
+        records["label"] = np.array(label_of)[records["mesh_id"]][..., None]
+        for name in {"data", "normal"}.intersection(records.dtype.names or ()):
+            if not records.dtype[name].hasobject:  # layouts that hold clouds of unequal size turn nothing
+                records[name] = records[name] @ axes
+        return records
+
+    whole = source.complete
+    complete = None if whole is None else lambda mesh_id, n_points: turned(np.array(whole(mesh_id, n_points)))
+    return replace(
+        source,
+        plan=plan,
+        order=order,
+        sizes=source.sizes if order is source.order else {},
+        take=lambda numbers: turned(np.array(source.take(numbers))),
+        complete=complete,
+    )
 
 
 def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Numbers]:
@@ -193,7 +224,7 @@ def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None =
         raise OptionError(
             f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
         )
-    if recipe.scale == "cloud" or recipe.frame != "object":
+    if recipe.scale == "cloud" or recipe.frame == "camera":
         raise OptionError(
             f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
             f"{recipe.frame}. Give --scale object --frame object."

@@ -4,6 +4,7 @@ SPLIT/partial/TAXONOMY/OBJECT.h5    data (2048, 3) float32
 SPLIT/gt/TAXONOMY/OBJECT.h5         data (2048, 3) float32
 SPLIT.list                          TAXONOMY/OBJECT, one per line, as TopNet's loaders read it
 Completion3D.json                   the same as PCN.json, as those of GRNet and PoinTr do
+synsetoffset2category.txt           the same, NAME TAXONOMY per line, one word each, as lynetcha/completion3d reads it
 shapenet_synset_dict.json           what each taxonomy is called
 """
 
@@ -34,6 +35,9 @@ def export(source: Source, out: Path) -> Exported:
     for split, of_split in mesh_ids.items():
         atomic.write_lines(out / f"{split}.list", [f"{names.taxonomies[i]}/{names.objects[i]}" for i in of_split])
     write_index(out / "Completion3D.json", source.plan, names, mesh_ids)
+    words = dict(zip(names.taxonomies, names.classes, strict=True))
+    lines = [f"{words[taxonomy]}\t{taxonomy}" for taxonomy in sorted(words)]
+    atomic.write_lines(out / "synsetoffset2category.txt", lines)
     write_synsets(out, source.plan, names)
     return exported
 

@@ -1,9 +1,16 @@
-"""ModelNet40-C's layout: one array per view, its corruption called "occlusion" and its level the view's number from 1.
+"""ModelNet40-C's layout: one array per view, its corruption occlusion or lidar, its level the view's number from 1.
 
-    data_occlusion_1.npy, data_occlusion_2.npy ...    (n, size, 3) float32, an object per row
+    data_occlusion_1.npy, data_occlusion_2.npy ...    (n, size, 3) float32, an object per row; y up
     label.npy                                         (n, 1) int64, for all of them
 
-That is the split test, the only one that the benchmark has; others lie in a folder of their name.
+With a spinning sensor the corruption is lidar. That is the split test, the only one that the benchmark has; others lie
+in a folder of their name.
+
+References
+----------
+jiachens/ModelNet40-C, data/generate_c.py, occlusion() and lidar(): both turn (x, y, z) to (-x, z, y); occlusion() ends
+with normalize(), which centres each cloud and makes its longest side 2; lidar() leaves the cloud in the frame in which
+data/occlusion.py, occlusion_1(), has centred the mesh, its longest side 2 (recipe's scale "object").
 """
 
 from pathlib import Path
@@ -14,8 +21,6 @@ from zbuf_occlude.dataset.export import Exported, Rest, whole_objects
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
-
-CORRUPTION = "occlusion"
 
 
 def check(plan: Plan) -> None:
@@ -29,11 +34,13 @@ def check(plan: Plan) -> None:
 def export(source: Source, out: Path) -> Exported:
     """Write an array per view, and the labels."""
     plan, files, n_clouds = source.plan, dict[str, list[str]](), dict[str, int]()
+    setup = plan.recipe.setup
+    corruption = "lidar" if setup is not None and setup.made_sensor.kind == "spinning" else "occlusion"
     for split, numbers in whole_objects(source).items():
         folder = "" if split == "test" else f"{split}/"
         (out / folder).mkdir(exist_ok=True)
         rest, n_views = Rest(out, split, plan, numbers.size), len(plan.views)
-        names = [f"{folder}data_{CORRUPTION}_{view + 1}.npy" for view in range(n_views)]
+        names = [f"{folder}data_{corruption}_{view + 1}.npy" for view in range(n_views)]
         shape = (len(numbers), plan.recipe.equal_size, 3)
         arrays = [np.lib.format.open_memmap(out / name, "w+", np.dtype("<f4"), shape) for name in names]
         labels = np.zeros((len(numbers), 1), np.int64)

@@ -1,4 +1,4 @@
-"""ModelNet-O's layout: CLASS/{train,test}/OBJECT_000.xyz ..., a text file per cloud, x y z per line."""
+"""ModelNet-O's layout: CLASS/{train,test}/OBJECT_001.xyz ..., a text file per cloud, x y z per line."""
 
 from pathlib import Path
 
@@ -15,8 +15,11 @@ def export(source: Source, out: Path) -> Exported:
         for records in source.batches(split):
             rest.write(slice(row, row := row + len(records)), records)
             for record in records:
-                mesh_id, number = int(record["mesh_id"]), int(record["variation"]) * len(plan.views) + record["view_id"]
-                name = f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number:03d}.xyz"
+                mesh_id, number = (
+                    int(record["mesh_id"]),
+                    int(record["variation"]) * len(plan.views) + int(record["view_id"]),
+                )
+                name = f"{names.classes[mesh_id]}/{split}/{names.objects[mesh_id]}_{number + 1:03d}.xyz"
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
                 values = tuple(record["data"].ravel().tolist())
                 # nine digits are the number itself; a third of np.savetxt's time

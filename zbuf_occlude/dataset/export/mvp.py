@@ -3,7 +3,14 @@
 MVP_Train_CP.h5, MVP_Test_CP.h5 (and MVP_Val_CP.h5)
     incomplete_pcds  (26 n, 2048, 3) float32, the 26 of an object one after the other
     complete_pcds    (n, 2048, 3) float32
-    labels           (26 n,) int64
+    labels           (26 n,) int64, by its list of 16 names
+mvp_train_input.h5, mvp_train_gt_2048pts.h5, mvp_test_input.h5, ...
+    the same under the names that VRCNet reads, as links to those files; novel_incomplete_pcds, novel_labels and
+    novel_complete_pcds are empty
+
+References
+----------
+paul007pl/MVP_Benchmark, completion/dataset.py, MVP_CP; paul007pl/VRCNet, dataset.py, ShapeNetH5.
 """
 
 from pathlib import Path
@@ -38,5 +45,17 @@ def export(source: Source, out: Path) -> Exported:
                 partial[rows], labels[rows] = records["data"], records["label"][:, 0]
                 complete[row] = source.complete(int(records["mesh_id"][0]), SIZE)["data"]
                 rest.write(rows, records)
-        files[split], n_clouds[split] = [name, rest.name], numbers.size
+        older = [f"mvp_{split}_input.h5", f"mvp_{split}_gt_{SIZE}pts.h5"]
+        _link(out / older[0], name, ("incomplete_pcds", "labels"))
+        _link(out / older[1], name, ("complete_pcds",))
+        files[split], n_clouds[split] = [name, rest.name, *older], numbers.size
     return Exported(files, n_clouds)
+
+
+def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
+    """Write an HDF5 file whose arrays are another's, and whose arrays of novel classes are empty."""
+    with h5py.File(path, "w") as h5:
+        for name in arrays:
+            h5[name] = h5py.ExternalLink(to, name)
+            shape, kind = ((0,), "<i8") if name == "labels" else ((0, SIZE, 3), "<f4")
+            h5.create_dataset(f"novel_{name}", shape, kind, track_times=False)

@@ -40,7 +40,7 @@ def names_of(plan: Plan) -> Names:
     """Return what the meshes of a plan are called; the same plan gives the same names."""
     taxonomies, objects = [], []
     free = _Free()
-    words = {label: free("", label) for label in plan.classes}
+    words = {label: free("", label) for label in plan.meshes.classes}
     for entry in plan.meshes:
         path = PurePosixPath(entry.key)
         synset = path.parts[0]

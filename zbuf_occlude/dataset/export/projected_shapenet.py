@@ -2,7 +2,7 @@
 
 projected_partial_noise/TAXONOMY/OBJECT/models/0.pcd ... 15.pcd    partial clouds
 shapenet_pc/TAXONOMY-OBJECT.npy                                    complete clouds, (8192, 3) float32
-train.txt, test.txt (and val.txt)                                  names of the latter, one per line
+train.txt, test.txt (and val.txt)                                  shapenet_pc/TAXONOMY-OBJECT.npy, one per line
 shapenet_synset_dict.json                                          what each taxonomy is called
 """
 
@@ -35,6 +35,6 @@ def export(source: Source, out: Path) -> Exported:
     """Write pairs, the lists of objects, and the names of taxonomies."""
     exported, names, mesh_ids = PAIRS.export(source, out)
     for split, of_split in mesh_ids.items():
-        atomic.write_lines(out / f"{split}.txt", [complete_name(names, i) for i in of_split])
+        atomic.write_lines(out / f"{split}.txt", [f"{FOLDER}/{complete_name(names, i)}" for i in of_split])
     write_synsets(out, source.plan, names)
     return exported

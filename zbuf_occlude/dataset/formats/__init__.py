@@ -20,9 +20,14 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from zbuf_occlude.checks import find_row
+from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import MeshCollection
 
 PACKED = "packed"
 
@@ -45,6 +50,10 @@ class Format:
         Whether its clouds may be of unequal size (`--sample-size all`).
     least_tested : int
         Test clouds below which the loaders' own test ends in an error.
+    axes : (str, str, str)
+        The axes of its frame, by those of the recipe's frame "object", where z points up.
+    longest_side : float
+        In its frame, of what the recipe scales to 1.
     options : mapping
         Defaults of `generate` for it, by the names of its command line's parameters.
     """
@@ -55,7 +64,14 @@ class Format:
     complete: bool = False
     ragged: bool = False
     least_tested: int = 0
+    axes: tuple[str, str, str] = ("x", "y", "z")
+    longest_side: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names that its labels count; () where they count the classes at hand."""
+        return CLASSES_OF.get(self.name, ())
 
     @property
     def keeps_points(self) -> bool:
@@ -77,6 +93,41 @@ class Format:
         else:
             yield from (module.file_name(file.split, file.number) for file in plan.files)
 
+    def select(self, meshes: MeshCollection) -> MeshCollection:
+        """Return the meshes of its classes; a remark names the classes that are left out.
+
+        Raises
+        ------
+        OptionError
+            None is left.
+        """
+        outside = self._outside(meshes)
+        if not outside:
+            return meshes
+        found = [entry for entry in meshes if entry.label in self.classes]
+        if not found:
+            raise OptionError(
+                f"{self.name} must have meshes of its {len(self.classes)} classes, {', '.join(self.classes)}; got "
+                f"{outside}. Name them so by --labels FILE."
+            )
+        left_out = f"{len(meshes) - len(found):,} of {len(meshes):,} meshes are left out"
+        return MeshCollection(found, (*meshes.remarks, f"{self.name} has no class {outside}: {left_out}"))
+
+    def _outside(self, meshes: MeshCollection) -> str:
+        """Name the classes that its labels do not count, or nothing."""
+        outside = [label for label in meshes.classes if label not in self.classes] if self.classes else []
+        return ", ".join(outside[:10]) + (f" and {len(outside) - 10} more" if len(outside) > 10 else "")
+
+    def axes_in(self, frame: str) -> tuple[str, str, str]:
+        """Return the axes of its clouds, by those of the recipe's frame: its own, or those where these were chosen."""
+        return self.axes if frame == "object" else ("x", "y", "z")
+
+    def to_frame(self, recipe: Recipe) -> NDArray[np.float32]:
+        """Return the matrix (3, 3) from a recipe's frame to its own; chosen axes and a mesh's scale stay."""
+        axes = self.axes_in(recipe.frame)
+        turned = np.array([np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in axes])
+        return (turned * (1.0 if recipe.scale == "mesh" else self.longest_side)).astype(np.float32)
+
     def check(self, plan: Plan) -> None:
         """Raise OptionError or UnavailableError unless a plan can be written so."""
         if plan.recipe.sample_size is None and not self.ragged:
@@ -84,6 +135,8 @@ class Format:
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
                 f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
             )
+        if outside := self._outside(plan.meshes):
+            raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
 
     def redrawn(self, recipe: Recipe) -> Recipe:
@@ -94,6 +147,7 @@ class Format:
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
+Y_UP = ("x", "z", "-y")
 FORMATS: tuple[Format, ...] = (
     Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file", ragged=True),
     Format(
@@ -105,14 +159,22 @@ FORMATS: tuple[Format, ...] = (
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
     Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
-    Format("scanobjectnn", "data, label, mask", "hdf5"),
-    Format("modelnet40-c", "data_occlusion_VIEW.npy, label.npy", "hdf5"),
-    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz", "hdf5"),
+    Format("scanobjectnn", "data, label, mask; 15 classes", "hdf5", axes=Y_UP),
+    Format(
+        "modelnet40-c",
+        "data_occlusion_VIEW.npy, label.npy; 40 classes",
+        "hdf5",
+        axes=("-x", "z", "y"),
+        longest_side=2.0,
+    ),
+    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz; 40 classes", "hdf5", options={"scale": "object"}),
+    Format("modelnet40-normal", "CLASS/CLASS_NUMBER.txt: x,y,z[,nx,ny,nz]; 40 classes", "hdf5"),
     Format(
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",
         PACKED,
         least_tested=10,
+        axes=Y_UP,
         options={"views": "fibonacci:8", "scale": "object"},
     ),
     Format(
@@ -120,18 +182,21 @@ FORMATS: tuple[Format, ...] = (
         "pairs as HDF5 files, 2,048 points, 1 view",
         PACKED,
         least_tested=10,
+        axes=Y_UP,
         options={"views": "random:1", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "mvp",
-        "pairs in HDF5, 2,048 points, 26 views",
+        "pairs in HDF5, 2,048 points, 26 views; 16 classes",
         PACKED,
+        axes=Y_UP,
         options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
     ),
     Format(
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
         PACKED,
+        axes=Y_UP,
         options={"views": "fibonacci:16", "scale": "object"},
     ),
     Format(
@@ -140,6 +205,7 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         complete=True,
         least_tested=10,
+        axes=Y_UP,
         options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
     ),
 )
