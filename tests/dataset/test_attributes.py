@@ -154,7 +154,8 @@ def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
         cloud = o3d.io.read_point_cloud(str(tmp_path / "train" / path))
         positions, colors, normals = (np.asarray(each) for each in (cloud.points, cloud.colors, cloud.normals))
         assert positions.shape == colors.shape == normals.shape == (n, 3)
-        np.testing.assert_allclose(colors, positions + 0.5, atol=0.004)  # the whole cube is centred, its side 1
+        own = positions[:, [0, 2, 1]] * [1, -1, 1]  # y is up there
+        np.testing.assert_allclose(colors, own + 0.5, atol=0.004)  # the whole cube is centred, its side 1
         np.testing.assert_allclose(np.abs(normals).max(axis=1), 1, atol=1e-6)
 
 
