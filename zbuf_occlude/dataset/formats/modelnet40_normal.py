@@ -1,8 +1,11 @@
 """The layout of modelnet40_normal_resampled, as PointNet++'s loaders read it; a cloud is a shape of its own there.
 
-CLASS/CLASS_0001.txt ...                     x,y,z per line, with `--with normals` x,y,z,nx,ny,nz
+CLASS/CLASS_0001.txt ...                     x,y,z per line, y up; with `--with normals` x,y,z,nx,ny,nz
 modelnet40_train.txt, modelnet40_test.txt    CLASS_0001 ... (and modelnet40_val.txt)
 modelnet40_shape_names.txt                   the 40 classes
+
+Loaders take the part of a shape's name before its last "_" for its class, and centre and scale each cloud themselves.
+The axes are those of modelnet40_ply_hdf5_2048, to which ModelNet40-C turns meshes; about the vertical that is assumed.
 """
 
 from collections.abc import Iterator
@@ -14,11 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.formats.published import Names, listed, read_cloud_files, rest_name, write_rest
+from zbuf_occlude.dataset.formats.published import (
+    Names,
+    from_theirs,
+    listed,
+    read_cloud_files,
+    rest_name,
+    to_theirs,
+    write_rest,
+)
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Content, Source
 
-SHAPES = "modelnet40_shape_names.txt"
+NAME, SHAPES = "modelnet40-normal", "modelnet40_shape_names.txt"
 
 
 def names(plan: Plan) -> Iterator[str]:
@@ -35,7 +46,7 @@ def write_part(content: Content, out: Path) -> list[str]:
     for record in content.records:
         written.append(_name_of(content.plan, record))
         columns = [record[name] for name in ("data", "normal") if name in (record.dtype.names or ())]
-        _write_text(out / written[-1], np.hstack(columns))
+        _write_text(out / written[-1], np.hstack([to_theirs(each, content.plan.recipe, NAME) for each in columns]))
     return [write_rest(out, content), *written]
 
 
@@ -55,7 +66,7 @@ def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     def name_of(split: str, names: Names, record: Any) -> str:
         return _name_of(plan, record)
 
-    return read_cloud_files(out, plan, files, _read_text, name_of)
+    return read_cloud_files(out, plan, files, lambda path: from_theirs(_read_text(path), plan.recipe, NAME), name_of)
 
 
 def _list_of(split: str) -> str:
