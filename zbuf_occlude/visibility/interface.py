@@ -8,7 +8,7 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self, final
+from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,13 +30,6 @@ FARTHEST = 1e15
 
 FAR = 1000.0
 """Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
-
-
-class Closable(Protocol):
-    """Anything with a `close`."""
-
-    def close(self) -> None:
-        """Release what it holds."""
 
 
 class FirstHits(NamedTuple):
@@ -63,11 +56,6 @@ class Occluder(ABC):
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._closed = False
-        self._owned: list[Closable] = []
-
-    def owns(self, resource: "Closable") -> None:
-        """Hand over a resource (a GL context, say) that is to be closed with the occluder, after its own."""
-        self._owned.append(resource)
 
     @property
     def renderer(self) -> str:
@@ -180,8 +168,6 @@ class Occluder(ABC):
         if not self._closed:
             self._closed = True
             self._release()
-            for resource in self._owned:
-                resource.close()
 
     def _release(self) -> None:  # noqa: B027  (a method without resources has nothing to release)
         """Release resources; called once."""
