@@ -187,12 +187,12 @@ LOADERS = (
     Loader(
         "guochengqian/openpoints", "ModelNet", "modelnet40-normal", classifiers.openpoints_modelnet,
         {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch", "easydict"), stubs=_OPENPOINTS,
-        options=("--with", "normals"), fitted=True,
+        options=("--with", "normals"), fitted=True, half_turn=True,
     ),
     Loader(
         "yanx27/Pointnet_Pointnet2_pytorch", "ModelNetDataLoader", "modelnet40-normal", classifiers.pointnet2_modelnet,
         {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch",), options=("--with", "normals"),
-        fitted=True,
+        fitted=True, half_turn=True,
     ),
     Loader(
         "charlesq34/pointnet", "provider", "hdf5", classifiers.pointnet_provider,
@@ -315,21 +315,30 @@ def fit(points: Array, surface: Surface, like: Array, stretched: bool) -> Array:
     shift = middles[0] - factor * middles[1]
     some = points[:: max(1, len(points) // FITTING)]
     centred = some - some.mean(axis=0)
-    for _ in range(40):
+    for _ in range(100):
         closest = surface.closest(factor * some + shift)
         factor = (centred * (closest - closest.mean(axis=0))).sum(axis=axis) / (centred**2).sum(axis=axis)
         shift = closest.mean(axis=0) - factor * some.mean(axis=0)
     return factor * points + shift
 
 
+def mistaken(item: Item, made: Object) -> str:
+    """Return what is wrong with what an item says of the mesh that it lies on, or nothing."""
+    if (made.label, made.split) != (item.label, item.split):
+        return f"is {item.label} in {item.split}; its mesh {made.key} is {made.label} in {made.split}"
+    if item.object is not None and item.object != made.key:
+        return f"is called {item.object}; it lies on {made.key}"
+    return ""
+
+
 def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
-    """Return what is wrong with an item, or nothing."""
+    """Return what is wrong with an item, or nothing; where it fits several meshes, the right one counts."""
     limit = FITTED if loader.fitted else PLACED
     signs = list(product([1, -1], repeat=2)) if loader.mirrored and item.split == "train" else [(1, 1)]
     signs = [(-1, -1)] if loader.half_turn else signs
     stretched = loader.stretched and item.split == "train"
-    best = (np.inf, None, 0.0)
-    for surface, (first, second) in product(surfaces, signs):
+    best: tuple[Any, ...] = (2,)
+    for surface, (first, second) in product(sorted(surfaces, key=lambda s: bool(mistaken(item, s.made))), signs):
         made = surface.made
         mirror = np.array([first, 1, second] if loader.up == "y" else [first, second, 1])
 
@@ -350,20 +359,15 @@ def check_item(item: Item, loader: Loader, surfaces: list[Surface]) -> str:
                 placed = [cloud * made.longest / loader.longest + made.centre for cloud in clouds]
             off = max(surface.distance(cloud) for cloud in placed)
             share = 1.0 if eye is None else float(surface.seen(placed[0], eye, limit).mean())
-            if (off > limit, -share, off) < (best[0] > limit, -best[2], best[0]):
-                best = (off, made, share)
+            best = min(best, (off > limit, share < SEEN, mistaken(item, made), off, share))
+            if best[:3] == (False, False, ""):
+                return ""
             if not loader.fitted and off > limit:
                 break  # from every eye alike
-    off, found, share = best
-    if found is None or off > limit:
+    is_off, is_hidden, mistake, off, share = best
+    if is_off:
         return f"lies on no mesh: {off:.4f} longest sides away from the nearest"
-    if share < SEEN:
-        return f"{1 - share:.1%} of its points are hidden from every camera"
-    if (found.label, found.split) != (item.label, item.split):
-        return f"is {item.label} in {item.split}; its mesh {found.key} is {found.label} in {found.split}"
-    if item.object is not None and item.object != found.key:
-        return f"is called {item.object}; it lies on {found.key}"
-    return ""
+    return f"{1 - share:.1%} of its points are hidden from every camera" if is_hidden else mistake
 
 
 class Stub(types.ModuleType):
@@ -474,7 +478,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--child":
+    if sys.argv[1:2] == ["--child"]:
         read_in_child(int(sys.argv[2]), *map(Path, sys.argv[3:]))
     else:
         sys.exit(main())

@@ -4,8 +4,8 @@
 
 A render is one view's visibility: a depth buffer of the mesh, and a thousand points tested against it.
 
-One process: calls of 100 renders, each with a mesh made, prepared and closed anew. A cycle of 24 calls has meshes of
-all classes, 64 to 256 pixels, both refinements, 500 to 2,000 points, eyes outside and inside the mesh; then the same
+One process: calls of 100 renders, each with a mesh made, prepared and closed anew, in a context that is passed on and,
+as in README, without one. A cycle of 24 calls has meshes of all classes, 64 to 256 pixels, both refinements, 500 to 2,000 points, eyes outside and inside the mesh; then the same
 again, and the answers must be those of the first cycle. With recycling: four plans of other options, made by the farm's
 local engine as `generate` uses it; each worker is replaced after 200 batches of 500 renders. The first and the last
 batches of each plan are then made again by a fresh process and must be the same bytes.
@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ PLANS: list[dict[str, Any]] = [
 ]
 
 
-def answer(gl: GlContext, call: dict[str, Any]) -> str:
+def answer(gl: GlContext | None, call: dict[str, Any]) -> str:
     """Make, prepare, ask and close; a digest of the mask."""
     mesh = shapes.make(call["label"], call["index"])
     points = zo.sample_surface(mesh, n_points=call["points"], seed=0)
@@ -77,20 +78,18 @@ def answer(gl: GlContext, call: dict[str, Any]) -> str:
         return hashlib.sha256(np.packbits(occluder.visible(points, eyes)).tobytes()).hexdigest()
 
 
-def one_process(n_renders: int) -> dict[str, Any]:
-    """Render in this process alone."""
+def one_process(n_renders: int, name: str, gl_of_ours: bool) -> dict[str, Any]:
+    """Render in this process alone, with a context that is passed on or with what `prepare` does without one."""
     memory, first, n_different = [], {}, 0
     began = time.perf_counter()
-    with GlContext.open() as gl:
-        for i in tqdm(range(n_renders // VIEWS), unit="00 renders", desc="one process", mininterval=10):
+    with GlContext.open() if gl_of_ours else nullcontext() as gl:
+        for i in tqdm(range(n_renders // VIEWS), unit="00 renders", desc=name, mininterval=10):
             number = i % len(CALLS)
             digest = answer(gl, CALLS[number])
             n_different += digest != first.setdefault(number, digest)
             memory.append(resident_gigabytes(os.getpid()))
-        renderer = gl.renderer
     seconds = time.perf_counter() - began
     return {
-        "renderer": renderer,
         "renders": len(memory) * VIEWS,
         "seconds": seconds,
         "different": n_different,
@@ -193,7 +192,8 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             report["recycled"] = recycled(arguments.recycled, arguments.workers, Path(folder))
     if arguments.one:
-        report["one process"] = one_process(arguments.one)
+        for name, gl_of_ours in (("one process", True), ("README's form", False)):
+            report[name] = one_process(arguments.one, name, gl_of_ours)
     print(as_table(report))
     growth = max((life["growth"] for found in report.values() for life in found["lives"]), default=0.0)
     n_different = sum(found["different"] for found in report.values())

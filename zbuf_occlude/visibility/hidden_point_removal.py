@@ -21,6 +21,10 @@ begins at a depth of about radius * spacing^2 / distance^2, so this keeps it the
 300, 1000 the best values on six ModelNet meshes were 100, 300 and 1000 at 2,000, 10,000 and 40,000 points (0.79, 0.85
 and 0.89 of the answers right); no one value suits all densities."""
 
+AT_THE_EYE = 1e-150
+"""Distance in diagonals within which a point is where the eye is. Its square is 0, and Open3D 0.20 divides by it: the
+process ends by a segmentation fault, or all points of the view are taken for visible."""
+
 
 def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     """Make ready to remove hidden points by spherical flipping and a convex hull.
@@ -61,7 +65,8 @@ class HiddenPointRemoval(Occluder):
     -----
     Not exact: the answer for a point depends on what other points are asked with it, and a thin cloud hides nothing.
     Fewer than three points, or points that all lie in one plane with the eye, have no hull in space; all of them are
-    then taken for visible. The sphere is never smaller than the farthest point's distance.
+    then taken for visible, as are points at the eye itself. The sphere is never smaller than the farthest point's
+    distance.
 
     O(n log n) a view, on one core.
 
@@ -82,12 +87,14 @@ class HiddenPointRemoval(Occluder):
         for row, eye in zip(answer, eyes, strict=True):
             # in diagonals and with the eye at the origin, neither scale nor place matters
             relative = (points.positions - eye) / self._unit
-            farthest = float(np.linalg.norm(relative, axis=1).max())
-            if farthest == 0.0:  # all points are where the eye is
-                row[:] = True
+            distances = np.linalg.norm(relative, axis=1)
+            apart = np.flatnonzero(distances > AT_THE_EYE)
+            row[distances <= AT_THE_EYE] = True
+            if len(apart) == 0:
                 continue
+            farthest = float(distances.max())
             radius = max(GROWTH * farthest**2 if self._radius is None else self._radius, farthest)
-            cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative))
+            cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative[apart]))
             try:
                 _, kept = cloud.hidden_point_removal(np.zeros(3), radius)
             except RuntimeError as error:
@@ -95,5 +102,5 @@ class HiddenPointRemoval(Occluder):
                     raise
                 row[:] = True  # Qhull found no hull in space
             else:
-                row[np.asarray(kept, dtype=np.intp)] = True
+                row[apart[np.asarray(kept, dtype=np.intp)]] = True
         return answer

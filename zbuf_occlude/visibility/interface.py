@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self, final
+from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,13 +40,6 @@ EYES_INSIDE = (
 """What `Occluder.visible` warns of."""
 
 
-class Closable(Protocol):
-    """Anything with a `close`."""
-
-    def close(self) -> None:
-        """Release what it holds."""
-
-
 class FirstHits(NamedTuple):
     """What n rays meet first.
 
@@ -73,11 +66,6 @@ class Occluder(ABC):
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._closed = False
-        self._owned: list[Closable] = []
-
-    def owns(self, resource: "Closable") -> None:
-        """Hand over a resource (a GL context, say) that is to be closed with the occluder, after its own."""
-        self._owned.append(resource)
 
     @property
     def renderer(self) -> str:
@@ -199,8 +187,6 @@ class Occluder(ABC):
         if not self._closed:
             self._closed = True
             self._release()
-            for resource in self._owned:
-                resource.close()
 
     def _release(self) -> None:  # noqa: B027  (a method without resources has nothing to release)
         """Release resources; called once."""

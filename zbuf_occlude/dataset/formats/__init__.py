@@ -168,7 +168,7 @@ FORMATS: tuple[Format, ...] = (
         longest_side=2.0,
     ),
     Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz; 40 classes", "hdf5", options={"scale": "object"}),
-    Format("modelnet40-normal", "CLASS/CLASS_NUMBER.txt: x,y,z[,nx,ny,nz]; 40 classes", "hdf5"),
+    Format("modelnet40-normal", "CLASS/CLASS_NUMBER.txt: x,y,z[,nx,ny,nz]; 40 classes", "hdf5", axes=("-x", "z", "y")),
     Format(
         "pcn",
         "pairs as PCD files, 16,384 complete points, 8 views",
