@@ -1,8 +1,11 @@
 """The layout of modelnet40_normal_resampled, as PointNet++'s loaders read it; a cloud is a shape of its own there.
 
-CLASS/CLASS_0001.txt ...                     x,y,z per line, with `--with normals` x,y,z,nx,ny,nz
+CLASS/CLASS_0001.txt ...                     x,y,z per line, y up; with `--with normals` x,y,z,nx,ny,nz
 modelnet40_train.txt, modelnet40_test.txt    CLASS_0001 ... (and modelnet40_val.txt)
 modelnet40_shape_names.txt                   the 40 classes
+
+Loaders take the part of a shape's name before its last "_" for its class, and centre and scale each cloud themselves.
+The axes are those of modelnet40_ply_hdf5_2048, to which ModelNet40-C turns meshes; about the vertical that is assumed.
 """
 
 from collections import Counter
