@@ -478,7 +478,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--child":
+    if sys.argv[1:2] == ["--child"]:
         read_in_child(int(sys.argv[2]), *map(Path, sys.argv[3:]))
     else:
         sys.exit(main())
