@@ -153,3 +153,27 @@ def test_modelnet40_c_of_a_spinning_sensor_is_its_corruption_lidar(run: Run, tmp
         cloud = np.load(tmp_path / "out" / f"data_lidar_{level}.npy")
         assert cloud.shape == (1, 768, 3)
         assert off_surface(cloud[0], turned) < 1e-5
+
+
+def test_modelnet40_normal_as_its_loaders_read_it(run: Run, meshes: Path, tmp_path: Path) -> None:
+    """A shape's class is its name before the last "_"; columns are x, y, z and the normal, both y up."""
+    out = tmp_path / "out"
+    made = ("--format", "modelnet40-normal", "--with", "normals", "--scale", "mesh")
+    assert run("generate", meshes, "--out", out, *SMALL, *made).code == 0
+    names = (out / "modelnet40_shape_names.txt").read_text().splitlines()
+    assert (len(names), names[8], names[39]) == (40, "chair", "xbox")
+    shapes = {split: (out / f"modelnet40_{split}.txt").read_text().split() for split in ("train", "test")}
+    assert {split: len(of) for split, of in shapes.items()} == {"train": 3 * 2 * 3, "test": 3 * 3}
+    assert not set(shapes["train"]) & set(shapes["test"])
+    turned = WEDGE[:, [0, 2, 1]] * [-1, 1, 1]
+    corners = turned[FACES]
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    for shape in shapes["test"]:
+        label = "_".join(shape.split("_")[:-1])
+        assert label in ("chair", "table", "xbox")
+        columns = np.loadtxt(out / label / f"{shape}.txt", delimiter=",")
+        assert off_surface(columns[:, :3] / 3, turned) < 1e-5
+        heights = np.einsum("pfc,fc->pf", columns[:, None, :3] / 3 - corners[:, 0], outwards)
+        assert np.allclose(columns[:, 3:], outwards[heights.argmax(axis=1)], atol=1e-5)
+    assert run("verify", out, meshes).code == 0
