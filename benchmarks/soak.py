@@ -5,10 +5,11 @@
 A render is one view's visibility: a depth buffer of the mesh, and a thousand points tested against it.
 
 One process: calls of 100 renders, each with a mesh made, prepared and closed anew, in a context that is passed on and,
-as in README, without one. A cycle of 24 calls has meshes of all classes, 64 to 256 pixels, both refinements, 500 to 2,000 points, eyes outside and inside the mesh; then the same
-again, and the answers must be those of the first cycle. With recycling: four plans of other options, made by the farm's
-local engine as `generate` uses it; each worker is replaced after 200 shards of 500 renders. The first and the last
-shards of each plan are then made again by a fresh process and must be the same bytes.
+as in README, without one. A cycle of 24 calls has meshes of all classes, 64 to 256 pixels, both refinements, 500 to
+2,000 points, eyes outside and inside the mesh; then the same again, and the answers must be those of the first cycle.
+With recycling: four plans of other options, made by the farm's local engine as `generate` uses it; each worker is
+replaced after 200 shards of 500 renders. The first and the last shards of each plan are then made again by a fresh
+process and must be the same bytes.
 
 Resident memory is taken after each call, and of each worker and of the parent after each shard. Warm-up is the first
 tenth of a process's life (shaders compile, the allocator's arenas grow to the largest mesh); the most after it may

@@ -10,6 +10,7 @@ from typing import Any
 
 from zbuf_occlude.dataset.jobs import Done, Task
 from zbuf_occlude.errors import GlError, UnavailableError
+from zbuf_occlude.extras import importing
 from zbuf_occlude.farm.supervisor import Message, Worker, supervise
 from zbuf_occlude.farm.worker import work
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
@@ -44,14 +45,10 @@ def run_jobs(
     Raises
     ------
     UnavailableError
-        Ray is not installed, or no cluster answers at the address.
+        Ray is not installed or cannot be imported, or no cluster answers at the address.
     """
-    try:
+    with importing("ray", "the Ray engine"):
         import ray
-    except ImportError:
-        raise UnavailableError(
-            "the Ray engine needs the package ray; install it: pip install 'zbuf-occlude[ray]'"
-        ) from None
     owned = not ray.is_initialized()
     if owned:
         try:

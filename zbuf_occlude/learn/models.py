@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from importlib.util import find_spec
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import importing
 
 if TYPE_CHECKING:
     from zbuf_occlude.learn.classifier import Classifier
@@ -86,6 +86,6 @@ def find_model(name: str) -> Model:
 
 
 def require_torch() -> None:
-    """Raise UnavailableError where PyTorch is not installed."""
-    if find_spec("torch") is None:
-        raise UnavailableError("classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'")
+    """Import PyTorch, or raise UnavailableError where it is not installed or broken."""
+    with importing("torch", "a classifier"):
+        import_module("torch")

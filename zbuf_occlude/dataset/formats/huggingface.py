@@ -18,14 +18,14 @@ from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
 from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
-from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.extras import importing
 
 CARD = "README.md"
 _ROWS_PER_GROUP = 128
 
 
 def check(plan: Plan) -> None:
-    """Raise UnavailableError where the package pyarrow is missing."""
+    """Raise UnavailableError where the package pyarrow is missing or broken."""
     _arrow()
 
 
@@ -60,12 +60,8 @@ def _name(split: str, number: int) -> str:
 
 
 def _arrow() -> Any:
-    try:
+    with importing("pyarrow", "format huggingface"):
         import pyarrow.parquet
-    except ImportError:
-        raise UnavailableError(
-            "format huggingface needs the package pyarrow; it is missing. Install it: pip install zbuf-occlude[parquet]"
-        ) from None
     return pyarrow
 
 
