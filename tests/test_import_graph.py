@@ -17,6 +17,7 @@ FLOORS: tuple[dict[str, set[str]], ...] = (
     {
         "arrays": set(),
         "checks": set(),
+        "extras": set(),
         "limits": set(),
         "origin": set(),
         "seeds": set(),

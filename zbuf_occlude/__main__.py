@@ -11,9 +11,8 @@ from zbuf_occlude import interrupts
 from zbuf_occlude.cli import group
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
+from zbuf_occlude.extras import culprit, reason
 
-EXTRAS = {"jinja2": "report", "matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
-"""Packages that commands draw and write pictures with, and the extras that bring them."""
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
@@ -46,11 +45,11 @@ def main() -> None:
     except OccludeError as error:
         echo(f"error: {error}", err=True)
         code = FAILED
-    except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
+    except ImportError as error:
+        package = culprit(error)
+        if not package:
             raise
-        echo(f"error: this needs the package {error.name}; install it: pip install 'zbuf-occlude[{extra}]'", err=True)
+        echo(f"error: this {reason(package, error)}", err=True)
         code = FAILED
     except MemoryError as error:
         echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)

@@ -184,7 +184,7 @@ def test_a_wrong_csv(tmp_path: Path, text: str, message: str) -> None:
         ("pinhole:width", {}, r"a sensor's numbers must be given name=value; got 'width'\."),
         ("pinhole:width=wide", {}, r"width of a sensor must be a whole number.*; got 'wide'\."),
         ("pinhole", {"fov": 200.0}, r"fov of a sensor must be .* degrees; got 200\.0\."),
-        ("vls-128", {"columns": 10**6}, r"a sensor must have 1 to 10,000,000 rays; this has 128,000,000\."),
+        ("vls-128", {"columns": 10**6}, r"a sensor must have 1 to 8,500,000 rays; this has 128,000,000\."),
     ],
 )
 def test_wrong_numbers(name: str, numbers: dict[str, object], message: str) -> None:

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import importing
 
 if TYPE_CHECKING:
     from zbuf_occlude.learn.networks import Classifier
@@ -81,6 +81,6 @@ def find_model(name: str) -> Model:
 
 
 def require_torch() -> None:
-    """Raise UnavailableError where PyTorch is not installed."""
-    if find_spec("torch") is None:
-        raise UnavailableError("classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'")
+    """Import PyTorch, or raise UnavailableError where it is not installed or broken."""
+    with importing("torch", "a classifier"):
+        import_module("torch")

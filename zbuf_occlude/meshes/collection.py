@@ -212,7 +212,7 @@ class MeshCollection(Sequence[MeshEntry]):
         if not found:
             raise OptionError(
                 f"{path} must label meshes that were found; none of its {len(labels):,} labels is of one, "
-                f"its first is {labels[0].key!r}, the first mesh {self[0].key!r}."
+                f"its first is {labels[0].key!r:.80}, the first mesh {self[0].key!r:.80}."
             )
         entries = [
             replace(e, label=printable(label.label or e.label), split=label.split or e.split) for e, label in found

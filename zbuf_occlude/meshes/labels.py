@@ -128,7 +128,7 @@ def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tupl
         keys = keys or _alone(label.key, items, short)
         if len(keys) > 1:
             raise OptionError(
-                f"a label must be of one mesh; {label.key!r} may be {', '.join(keys[:3])}. Write the whole key."
+                f"a label must be of one mesh; {label.key!r:.80} may be {', '.join(keys[:3])}. Write the whole key."
             )
         if keys:
             chosen[keys[0]] = label
@@ -152,5 +152,5 @@ def _split(word: str | None, name: str) -> str | None:
     if word is None:
         return None
     if (split := SPLIT_WORDS.get(word.strip().lower())) is None:
-        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r}. Correct it.")
+        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r:.80}. Correct it.")
     return split

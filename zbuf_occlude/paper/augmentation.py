@@ -10,7 +10,7 @@ import numpy as np
 from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import plan_of_originals, seventy_five_each
-from zbuf_occlude.errors import GlError
+from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.paper import sydney
@@ -103,7 +103,7 @@ class AugmentationClouds:
                 try:
                     failures |= make_clouds(self.plan(method), self._folder(method.label), progress)
                     continue
-                except GlError as error:
+                except (GlError, UnavailableError) as error:
                     reason = str(error)
             self.missing[method.label] = reason
             progress(self.plan(method).n_clouds)  # there will be none to wait for

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import DatasetError, UnavailableError
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.extras import importing
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.paper.objects import resampled
 
@@ -276,13 +277,8 @@ def _annotations(path: Path) -> dict[str, NDArray[Any]]:
 
 def _table(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Read some columns of a feather file."""
-    try:
+    with importing("pyarrow", "a feather file of Argoverse 2"):
         from pyarrow import ArrowException, feather
-    except ImportError:
-        raise UnavailableError(
-            "Argoverse 2's feather files need the package pyarrow; it is missing. "
-            "Install it: pip install zbuf-occlude[parquet]"
-        ) from None
     try:
         table = feather.read_table(path)
         columns = {name: table[name].to_numpy() for name in names}

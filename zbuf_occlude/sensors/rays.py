@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen, sealed
 from zbuf_occlude.errors import ArgumentError, OptionError
 
-MOST_RAYS = 10_000_000
+MOST_RAYS = 8_500_000
 """A mistyped number must not fill the memory."""
 
 RUN_RAYS = 64
@@ -50,7 +50,7 @@ class Rays:
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
         if not (lengths > 0).all():
             raise ArgumentError(f"directions must have a length; row {int(lengths.argmin())} is zero. Leave it out.")
-        object.__setattr__(self, "directions", frozen(directions / lengths))
+        object.__setattr__(self, "directions", sealed(directions / lengths))
         for name in ("rings", "columns"):
             values = as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max)
             if len(values) != len(directions):
@@ -162,16 +162,15 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
     """
     n_shots = round(rate * seconds)
     _not_too_many(n_shots)
-    times = np.arange(n_shots) / rate
     tilt = np.radians(wedge)
     if not index * np.sin(tilt) < 1.0:
         raise OptionError(f"risley must have prisms that let light through; got wedge {wedge:g}, index {index:g}.")
-    first, second = (_inclined(tilt, 2.0 * np.pi * frequency * times) for frequency in frequencies)
-    axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)
-    inside = axis  # the first prism's plane face stands across the beam
-    between = _refracted(inside, first, index)
-    within = _refracted(between, second, 1.0 / index)
-    return Rays(_refracted(within, axis, index), np.zeros(n_shots, dtype=np.int32), np.arange(n_shots, dtype=np.int32))
+    shots, directions = np.arange(n_shots, dtype=np.int32), np.empty((n_shots, 3))
+    for some in np.array_split(shots, 1 + n_shots // 100_000):  # few at a time, for their memory
+        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (some / rate)) for frequency in frequencies)
+        axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's plane face stands across the beam
+        directions[some] = _refracted(_refracted(_refracted(axis, first, index), second, 1.0 / index), axis, index)
+    return Rays(directions, np.zeros_like(shots), shots)
 
 
 def listed(*, directions: ArrayLike, rings: ArrayLike | None = None) -> Rays:

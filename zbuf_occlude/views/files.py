@@ -119,7 +119,7 @@ def from_colmap(path: Path) -> Views:
         A file is missing, damaged, or has a camera with distortion.
     """
     beside = path.with_name(f"cameras{path.suffix}")
-    models = {row[0]: row for row in _colmap_rows(beside)} if beside.exists() else {}
+    models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
     return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
 
 
@@ -198,7 +198,7 @@ def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) ->
     ]
     intrinsics = None
     if models:
-        _, model, width, height, *words = models[row[8]]
+        _, model, width, height, *words = models[f"camera {row[8]}"]
         parameters = [float(word) for word in words]
         n_focals = _FOCALS.get(model, 0)
         if not n_focals or any(parameters[n_focals + 2 :]):
@@ -224,7 +224,7 @@ def _colmap_rows(path: Path) -> list[list[Any]]:
         with path.open(encoding="utf-8-sig", errors="replace") as text:
             lines = [line.split(None, 20) for line in text if not line.startswith("#")]
         return list(filter(None, lines[:: 1 + images]))
-    except (OSError, ValueError, OverflowError, struct.error, KeyError) as error:
+    except (OSError, ValueError, OverflowError, struct.error) as error:
         said = "it ends too early" if isinstance(error, struct.error) else in_words(error)
         raise OptionError(f"a file of COLMAP's must be readable; {printable(str(path))}: {said}.") from None
 
@@ -233,7 +233,9 @@ def _binary_cameras(data: mmap.mmap) -> list[list[Any]]:
     rows, (n,), place = [], struct.unpack_from("<Q", data), 8
     for _ in range(n):
         camera, model, width, height = struct.unpack_from("<iiQQ", data, place)
-        name, n_parameters = dict(enumerate(_COLMAP_MODELS))[model]
+        if not 0 <= model < len(_COLMAP_MODELS):
+            raise ValueError(f"camera {camera} is of model {model}, which is not known")
+        name, n_parameters = _COLMAP_MODELS[model]
         rows.append([camera, name, width, height, *struct.unpack_from(f"<{n_parameters}d", data, place + 24)])
         place += 24 + 8 * n_parameters
     return rows

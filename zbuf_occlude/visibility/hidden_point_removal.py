@@ -8,11 +8,12 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import DEBIAN, importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
 
-LIBRARIES = {"libusb-1.0.so.0": "libusb-1.0-0", "libX11.so.6": "libx11-6", "libGL.so.1": "libgl1"}
+LIBRARIES = {name: DEBIAN[name] for name in ("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1")}
 """What Open3D's wheel links to and does not bring on Linux, and Debian's packages of them."""
 
 GROWTH = 200.0
@@ -42,6 +43,8 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     ------
     OptionError
         `radius` is out of range.
+    UnavailableError
+        Open3D cannot be imported.
     """
     if radius is not None and not (np.isfinite(radius) and radius > 0.0):
         raise OptionError(f"radius must be positive and finite, in diagonals of the mesh; got {radius}.")
@@ -80,7 +83,8 @@ class HiddenPointRemoval(Occluder):
         super().__init__(mesh)
         self._radius = radius
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
-        self._open3d = import_module("open3d")  # late: the table must be listed without it
+        with importing("open3d", "method 'hidden_point_removal'"):  # late: the table must be listed without it
+            self._open3d = import_module("open3d")
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)

@@ -4,10 +4,10 @@ import inspect
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
 from types import TracebackType
 from typing import Any, NamedTuple, Self, final
 
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
+from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
@@ -239,12 +240,10 @@ class Method:
     def missing(self) -> str:
         """Say in words why the method cannot run here; empty when nothing is known to be missing.
 
-        A method that needs GL is not tried here (that opens a context): ``zbuf-occlude doctor`` does it.
+        Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
-        if self.requires and find_spec(self.requires) is None:
-            package = f"zbuf-occlude[{self.extra}]" if self.extra else "zbuf-occlude"
-            return f"needs the package {self.requires}; install it: pip install '{package}'"
-        return str(_imported(self.check)()) if self.check else ""
+        lacking = missing(self.requires) if self.requires else ""
+        return lacking or (str(_imported(self.check)()) if self.check else "")
 
     def load(self) -> Callable[..., Occluder]:
         """Import the method's module and return its prepare function.
@@ -252,12 +251,13 @@ class Method:
         Raises
         ------
         UnavailableError
-            A package it needs is not installed.
+            A package it needs is not installed, or cannot be imported.
         """
         reason = self.missing()
         if reason:
             raise UnavailableError(f"method {self.name!r} {reason}")
-        prepare: Callable[..., Occluder] = _imported(self.factory)
+        with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
+            prepare: Callable[..., Occluder] = _imported(self.factory)
         return prepare
 
     def options(self) -> dict[str, Any]:

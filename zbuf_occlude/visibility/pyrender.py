@@ -20,7 +20,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.errors import GlError, OptionError, UnavailableError
 from zbuf_occlude.geometry.camera import (
     Frusta,
     cube_faces,
@@ -71,6 +71,8 @@ def prepare(
         A value is out of range.
     GlError
         pyrender could not open EGL, or did not start.
+    UnavailableError
+        pyrender cannot be imported.
     """
     if not isinstance(resolution, (int, np.integer)) or not 1 <= resolution <= LARGEST:
         raise OptionError(f"resolution must be an int in [1, {LARGEST}], pixels along a side; got {resolution!r}.")
@@ -239,6 +241,8 @@ class Worker:
             raise self._failure() from None
         if reply != kind:
             self.close()
+            if reply == "unavailable":
+                raise UnavailableError(content)
             advice = f"Is EGL installed ({EGL_FIX}), and EGL_DEVICE_ID right?" if kind == "ready" else "Try again."
             raise GlError(f"pyrender's process must answer with {kind}; it reports {content}. {advice}")
         return content

@@ -9,6 +9,7 @@ from multiprocessing import Pipe
 from typing import Any
 
 from zbuf_occlude.errors import GlError, UnavailableError
+from zbuf_occlude.extras import importing
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs
 from zbuf_occlude.workers.task import Done, Task
@@ -44,14 +45,10 @@ def run_jobs(
     Raises
     ------
     UnavailableError
-        Ray is not installed, or no cluster answers at the address.
+        Ray is not installed or cannot be imported, or no cluster answers at the address.
     """
-    try:
+    with importing("ray", "the Ray engine"):
         import ray
-    except ImportError:
-        raise UnavailableError(
-            "the Ray engine needs the package ray; install it: pip install 'zbuf-occlude[ray]'"
-        ) from None
     owned = not ray.is_initialized()
     if owned:
         try:

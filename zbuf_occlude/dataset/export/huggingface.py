@@ -18,13 +18,13 @@ from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import OFFSETS, laid_out
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.extras import importing
 
 _ROWS_PER_GROUP = 128
 
 
 def check(plan: Plan) -> None:
-    """Raise UnavailableError where the package pyarrow is missing."""
+    """Raise UnavailableError where the package pyarrow is missing or broken."""
     _arrow()
 
 
@@ -42,12 +42,8 @@ def export(source: Source, out: Path) -> Exported:
 
 
 def _arrow() -> Any:
-    try:
+    with importing("pyarrow", "format huggingface"):
         import pyarrow.parquet
-    except ImportError:
-        raise UnavailableError(
-            "format huggingface needs the package pyarrow; it is missing. Install it: pip install zbuf-occlude[parquet]"
-        ) from None
     return pyarrow
 
 
