@@ -194,7 +194,7 @@ def of_meshes(
 def scaling(seed: int, budget: float | None = None) -> list[Case]:
     """Return cases that time methods alone, against the number of points and against that of faces.
 
-    The mesh is a built-in chair whose edges are halved until it has so many faces; its surface stays.
+    The mesh is a built-in chair whose edges are halved until it has the number of faces; its surface stays.
     """
     subjects = subjects_of(SCALING_SUBJECTS)
 

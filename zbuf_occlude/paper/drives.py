@@ -18,7 +18,7 @@ CAR, OTHER = "car", "other"
 LEAST_POINTS = 16
 """A box with fewer is left out."""
 MOST_SWEEPS = 400
-"""Of a folder with more, this many are read, evenly spaced: some gigabytes of points, ten thousand objects."""
+"""Sweeps read of a folder, evenly spaced: some gigabytes of points, ten thousand objects."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,7 @@ class ElevationClouds:
         return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
 
     def epochs(self, n_clouds: int) -> int:
-        """Return how often each of so many training clouds is shown: as many in all as with objects held out."""
+        """Return how often each of `n_clouds` training clouds is shown: as many in all as with objects held out."""
         return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
     def validation(self, split_by: str) -> CloudSet:

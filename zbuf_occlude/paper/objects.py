@@ -123,7 +123,7 @@ def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lamb
 
 
 def loaded(folder: Path, split: str, n_points: int) -> CloudSet:
-    """Return a split of a finished dataset, with this many points of each cloud; read once a process."""
+    """Return a split of a finished dataset, with `n_points` of each cloud; read once a process."""
     return _loaded(folder, (folder / MANIFEST).stat().st_mtime_ns, split, n_points)
 
 

@@ -292,7 +292,7 @@ FINDINGS = (
 
 
 def verdict(differences: Sequence[float], least: float) -> str:
-    """Say whether differences are at least `least`: yes, no, or not decided by so many seeds.
+    """Say whether differences are at least `least`: yes, no, or not decided by the seeds.
 
     Decided is what lies farther from `least` than the standard error of the mean, estimated from two seeds or more.
     """
