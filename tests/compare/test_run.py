@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ class Hung:
 
 
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
-    with Bench(limit=60.0) as bench:
+    with closing(Bench(limit=60.0)) as bench:
         with pytest.raises(MeasurementFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
@@ -105,7 +106,10 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
 
 def test_a_method_that_never_warms_up_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure_module, "WARM_SECONDS", 0.0)
-    with Bench(limit=60.0) as bench, pytest.raises(MeasurementFailed, match="timed out after 0 s while warming up"):
+    with (
+        closing(Bench(limit=60.0)) as bench,
+        pytest.raises(MeasurementFailed, match="timed out after 0 s while warming up"),
+    ):
         bench.measure(plates(), "oracle", {}, 0.1)
 
 

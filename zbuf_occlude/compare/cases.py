@@ -50,24 +50,12 @@ SWEEP_FACES, SWEEP_POINTS = 3_000, 2_000
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Points of a mesh in random order, and the eyes that are to see them.
+    """Points of a mesh in random order, and the eyes that are to see them."""
 
-    Parameters
-    ----------
-    key : str
-        The mesh's, unique within a comparison.
-    mesh : Mesh
-        World space.
-    points : SurfacePoints
-        n points; the first few are as good a sample as any, so a shorter question takes those.
-    views : Views
-        k views about the mesh, world units.
-    """
-
-    key: str
-    mesh: Mesh
-    points: SurfacePoints
-    views: Views
+    key: str  # unique within a comparison
+    mesh: Mesh  # world space
+    points: SurfacePoints  # n points; a shorter question takes the first, as good a sample as any
+    views: Views  # k views about the mesh, world units
 
     @cached_property
     def fingerprint(self) -> str:
@@ -89,17 +77,8 @@ class Question:
 def ask(key: str, mesh: Mesh, views: Views, *, n_points: int, seed: int, most_views: int = MOST_VIEWS) -> Question:
     """Put the question: sample the mesh, place the views about it.
 
-    Parameters
-    ----------
-    key : str
-        Decides the sampling together with `seed`.
-    mesh : Mesh
-        Any size.
-    views : Views
-        Distances in longest sides, about the origin. At most `most_views` of them are asked, evenly spread.
-    n_points : int
-    seed : int
-    most_views : int
+    `key` and `seed` decide the sampling. `views` are about the origin, distances in longest sides; at most
+    `most_views` of them are asked, evenly spread.
     """
     rng = np.random.default_rng(seed_of(seed, key))
     points = sample_surface(mesh, n_points=n_points, seed=rng)
@@ -131,18 +110,8 @@ def row_key(question: Question, method: str, options: dict[str, Any], suite: str
 class Subject:
     """A method and its options.
 
-    Parameters
-    ----------
-    method : str
-        A name of the table of methods.
-    options : mapping
-
-    Raises
-    ------
-    OptionError
-        No such method, or not one of its options.
-    UnavailableError
-        Options were given, and a package that the method needs is missing.
+    Raises OptionError for an unknown method or option; UnavailableError where options are given and a package is
+    missing.
     """
 
     method: str
@@ -188,32 +157,15 @@ def subjects_of(labels: Iterable[str]) -> list[Subject]:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A question and the subjects it is put to.
+    """A question and the subjects it is put to."""
 
-    Parameters
-    ----------
-    suite : str
-        "meshes", or the preset it belongs to; the report has a section for each.
-    label : str
-        What the report calls the case.
-    make : callable
-        Makes the question when its turn comes; may raise OccludeError.
-    subjects : sequence of Subject
-    judged : bool
-        Whether the answers are compared with the reference's, or only timed.
-    facts : dict
-        Copied into each row.
-    budget : float, optional
-        Seconds of timed calls for each row, where the case needs other than the comparison's.
-    """
-
-    suite: str
+    suite: str  # "meshes", or the preset it belongs to; the report has a section for each
     label: str
-    make: Callable[[], Question]
+    make: Callable[[], Question]  # called when its turn comes; may raise OccludeError
     subjects: Sequence[Subject]
-    judged: bool = True
-    facts: dict[str, Any] | None = None
-    budget: float | None = None
+    judged: bool = True  # whether the answers are compared with the reference, or only timed
+    facts: dict[str, Any] | None = None  # copied into each row
+    budget: float | None = None  # seconds of timed calls for each row, if other than the comparison's
 
 
 def of_meshes(
@@ -242,7 +194,7 @@ def of_meshes(
 def scaling(seed: int, budget: float | None = None) -> list[Case]:
     """Return cases that time methods alone, against the number of points and against that of faces.
 
-    The mesh is a built-in chair whose edges are halved until it has so many faces; its surface stays.
+    The mesh is a built-in chair whose edges are halved until it has the number of faces; its surface stays.
     """
     subjects = subjects_of(SCALING_SUBJECTS)
 

@@ -18,17 +18,10 @@ class ChildFailed(Exception):  # noqa: N818  (the caller turns it into a result 
 
 
 class Child:
-    """A spawned process that calls one function after the other.
+    """A spawned process that calls one function after the other; `begin` is called first there.
 
-    Parameters
-    ----------
-    begin : callable, optional
-        Called first in the child; picklable.
-
-    Notes
-    -----
-    The child is spawned, never forked, ignores SIGINT, and ends when its parent is gone. Messages to the parent are
-    pairs of a kind (`told`, `returned` or `raised`) and a value.
+    It ignores SIGINT, and ends when its parent is gone. Its messages to the parent are pairs of a kind (`told`,
+    `returned` or `raised`) and a value.
     """
 
     def __init__(self, begin: Callable[[], None] | None = None) -> None:
@@ -45,14 +38,9 @@ class Child:
             self.pipe.send((function, args))
 
     def answer(self, timeout: float | None = None) -> Any:
-        """Return the result of the function that was started; what it passes to `tell` is dropped.
+        """Return the result of the function that was started, or raise what it raised.
 
-        Raises
-        ------
-        ChildFailed
-            The child crashed, or was killed after `timeout` seconds without a message.
-        Exception
-            What the function raised.
+        Raises ChildFailed where the child crashed, or was killed after `timeout` seconds without a message.
         """
         while self.pipe.poll(timeout):
             if self.finished():

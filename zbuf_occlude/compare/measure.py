@@ -4,8 +4,7 @@ import statistics
 import time
 import warnings
 from dataclasses import asdict, dataclass, field
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -32,32 +31,20 @@ class MeasurementFailed(Exception):  # noqa: N818  (not an error of ours: a resu
 class Bench:
     """Runs measurements in a child process, one at a time; a child that crashed or timed out is replaced.
 
-    Parameters
-    ----------
-    limit : float
-        Timeout of a measurement, seconds; compiling, which is done once, does not count.
+    `limit` is the timeout of a measurement in seconds; compiling, which is done once, does not count.
     """
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
         self._child: Child | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """End the child."""
         if self._child is not None:
             self._child.close()
 
     def measure(self, question: Question, method: str, options: dict[str, Any], budget: float) -> "Measurement":
-        """Measure a method on a question; as `measure`.
-
-        Raises
-        ------
-        MeasurementFailed
-        """
+        """Measure a method on a question, as `measure`; raises MeasurementFailed."""
         self._call(WARM_SECONDS, warm, method, options)
         return self._call(self.limit, measure, question, method, options, budget)
 
@@ -78,34 +65,17 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What one method did with one question.
+    """What one method did with one question; times are wall clock, or processor time of all cores."""
 
-    Parameters
-    ----------
-    mask : (k', n') bool
-        The answer to the views and points that the budget allowed.
-    view_ids : (k',) int
-        Which of the question's eyes were asked; the points are the question's first n'.
-    build_seconds, seconds_per_view, cpu_seconds_per_view : float
-        Wall clock of `prepare`; wall clock and processor time (all cores) of `visible` divided by the views in it.
-    repeats : int
-    peak_memory : int or None
-        Bytes by which the process grew at most, from before `prepare` on; None where the system does not say.
-    renderer : str
-    tests_per_view : float or None
-        Pairs of point and face tested, for methods that count them.
-    warnings : list of str
-    """
-
-    mask: BoolArray
-    view_ids: Any
-    build_seconds: float
-    seconds_per_view: float
+    mask: BoolArray  # (k', n'): the answer to the views and points that the budget allowed
+    view_ids: Any  # (k',): which eyes were asked; the points are the question's first n'
+    build_seconds: float  # of `prepare`
+    seconds_per_view: float  # of `visible`, divided by its views
     cpu_seconds_per_view: float
     repeats: int
-    peak_memory: int | None
+    peak_memory: int | None  # growth of the process in bytes, from before `prepare` on
     renderer: str
-    tests_per_view: float | None
+    tests_per_view: float | None  # pairs of point and face, for methods that count them
     warnings: list[str] = field(default_factory=list)
 
     def describe(self) -> dict[str, Any]:
@@ -122,19 +92,10 @@ class Measurement:
 def measure(question: Question, method: str, options: dict[str, Any], budget: float) -> Measurement:
     """Prepare a method, ask it, and take the time.
 
-    Parameters
-    ----------
-    question : Question
-    method : str
-    options : dict
-    budget : float
-        Seconds that all timed calls together should take. Where all views would take longer fewer are asked, where
-        one view would, fewer points.
-
-    Notes
-    -----
-    The method has run on a cube before (`warm`), so that neither compiling nor importing is timed. It runs on a growing
-    part of the question first, which says how much of it the budget allows.
+    `budget` is what all timed calls together should take, in seconds: where all views would take longer fewer are
+    asked, where one view would, fewer points. The method has run on a cube before (`warm`), so that neither compiling
+    nor importing is timed; it runs on a growing part of the question first, which says how much of it the budget
+    allows.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -25,35 +25,18 @@ PASSES = 1 + 2 + 8 * (1 + len(SILHOUETTE_EDGES))
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The reference's answer for the first j points of a question, from all its k eyes.
+    """The reference's answer for the first j points of a question, from all its k eyes."""
 
-    Parameters
-    ----------
-    truth : (k, j) bool
-        True = visible.
-    decided : (k, j) bool
-        False in the boundary band.
-    silhouette : (k, j) float
-        Distance from the nearest silhouette in footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond.
-    incidence : (k, j) float
-        Angle between line of sight and normal, degrees.
-    """
-
-    truth: BoolArray
-    decided: BoolArray
-    silhouette: FloatArray
-    incidence: FloatArray
+    truth: BoolArray  # (k, j), True = visible
+    decided: BoolArray  # (k, j), False in the boundary band
+    silhouette: FloatArray  # (k, j), in footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond
+    incidence: FloatArray  # (k, j), angle between line of sight and normal, degrees
 
 
 class Reference:
     """Asks the oracle, and keeps its answers in a folder, one file for each question.
 
-    Parameters
-    ----------
-    folder : Path
-        Made when missing.
-    n_points : int, optional
-        Points of a question that are judged; by default as many as `MOST_TESTS` allows.
+    `n_points` of a question are judged, by default as many as `MOST_TESTS` allows.
     """
 
     def __init__(self, folder: Path, n_points: int | None = None) -> None:

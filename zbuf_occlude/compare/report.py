@@ -43,28 +43,11 @@ NONE = "–"
 
 
 def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Table]] = lambda rows: []) -> list[Path]:
-    """Write the report of a comparison's folder.
+    """Write the report of a comparison's folder; return the paths of report.html, report.md and the plots.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds rows.jsonl, and what belongs to its worst views.
-    extra_tables : callable, optional
-        From all rows to further tables, such as those of presets.
-
-    Returns
-    -------
-    list of Path
-        report.html, report.md and the plots.
-
-    Raises
-    ------
-    DatasetError
-        No rows, or a damaged file.
-
-    Notes
-    -----
-    Computes no visibility. The HTML holds everything it shows; the Markdown refers to the plots beside it.
+    `extra_tables` makes further tables of all rows, such as those of presets. Computes no visibility. The HTML holds
+    everything it shows; the Markdown refers to the plots beside it. Raises DatasetError where there is no row, or a
+    damaged file.
     """
     store = Store(folder)
     rows = list(store.rows().values())
@@ -219,7 +202,7 @@ def worst_views(store: Store, rows: Sequence[Row], ranking: Sequence[Standing]) 
     order = {one.subject: i for i, one in enumerate(ranking)}
     shown = [row for row in rows if row["suite"] == "meshes" and row["status"] == "ok" and "worst" in row]
     for row in sorted(shown, key=lambda row: (row["case"], order[row["subject"]])):
-        question = store.load_question(row["question"])
+        question = store.load("questions", row["question"])
         if row["case"] not in clouds:
             cloud = pack_cloud(
                 question["positions"],
@@ -228,7 +211,7 @@ def worst_views(store: Store, rows: Sequence[Row], ranking: Sequence[Standing]) 
                 normals=question["normals"],
             )
             clouds[row["case"]] = {**cloud, "worst": {}}
-        outcomes = store.load_worst(row["key"])
+        outcomes = store.load("worst", row["key"])["outcomes"]
         x, y, z = question["eyes"][row["worst"]["view"]] - question["centre"]
         clouds[row["case"]]["worst"][row["subject"]] = {
             "n": len(outcomes),

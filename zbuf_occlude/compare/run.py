@@ -5,6 +5,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -43,10 +44,7 @@ class Store:
     def rows(self) -> dict[tuple[str, str, str], dict[str, Any]]:
         """Read the rows by suite, case and subject. A last line that was cut off by a crash is left out.
 
-        Raises
-        ------
-        DatasetError
-            A line that is not a row.
+        Raises DatasetError for a line that is not a row.
         """
         path = self.folder / ROWS
         rows: dict[tuple[str, str, str], dict[str, Any]] = {}
@@ -78,10 +76,10 @@ class Store:
 
     def save_question(self, question: Question) -> None:
         """Keep a question's points and eyes for the report."""
-        path = self.folder / "questions" / f"{question.fingerprint}.npz"
-        if not path.exists():
-            _save(
-                path,
+        if not self._path("questions", question.fingerprint).exists():
+            self.save(
+                "questions",
+                question.fingerprint,
                 positions=question.points.positions.astype(np.float32),
                 normals=question.points.normals.astype(np.float32),
                 eyes=question.views.eyes,
@@ -89,30 +87,23 @@ class Store:
                 longest=np.float64(question.mesh.longest_side),
             )
 
-    def load_question(self, fingerprint: str) -> dict[str, Any]:
-        """Read what `save_question` kept."""
-        return _load(self.folder / "questions" / f"{fingerprint}.npz")
+    def save(self, kind: str, name: str, **arrays: Any) -> None:
+        """Keep arrays of a question, or of a row's worst view."""
+        path = self._path(kind, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write(path, lambda file: np.savez_compressed(file, **arrays))
 
-    def save_worst(self, key: str, outcomes: Any) -> None:
-        """Keep the outcomes of a row's worst view."""
-        _save(self.folder / "worst" / f"{key}.npz", outcomes=outcomes)
+    def load(self, kind: str, name: str) -> dict[str, Any]:
+        """Read what `save` kept."""
+        path = self._path(kind, name)
+        try:
+            with np.load(path) as stored:
+                return {name: stored[name] for name in stored.files}
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"{path} must be readable; {error}. Run compare again to make it.") from None
 
-    def load_worst(self, key: str) -> Any:
-        """Read what `save_worst` kept."""
-        return _load(self.folder / "worst" / f"{key}.npz")["outcomes"]
-
-
-def _save(path: Path, **arrays: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    atomic.write(path, lambda file: np.savez_compressed(file, **arrays))
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path} must be readable; {error}. Run compare again to make it.") from None
+    def _path(self, kind: str, name: str) -> Path:
+        return self.folder / kind / f"{name}.npz"
 
 
 @dataclass
@@ -133,30 +124,16 @@ def run(
     judge_points: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Tally:
-    """Make the rows that a folder lacks.
+    """Make the rows that a folder lacks; it is made when missing.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-    out : Path
-        The comparison's folder; made when it is missing.
-    budget : float
-        Seconds of timed calls for each row.
-    limit : float
-        Timeout of a measurement, seconds.
-    judge_points : int, optional
-        As in `Reference`.
-    progress : callable
-        Called once for each row, with what comes next.
-
-    Notes
-    -----
-    A row is made again when the question or the versions have changed, or when it failed: the cause may be gone.
+    `budget` are seconds of timed calls for each row, `limit` is the timeout of a row, `judge_points` as in
+    `Reference`; `progress` is called once for each row, with what comes next. A row is made again when the question or
+    the versions have changed, or when it failed: the cause may be gone.
     """
     store, reference = Store(out), Reference(out / FOLDER, judge_points)
     known = store.rows()
     tally = Tally()
-    with Bench(limit) as bench:
+    with closing(Bench(limit)) as bench:
         for case in cases:
             try:
                 question = case.make()
@@ -217,7 +194,7 @@ def _judged(key: str, question: Question, measured: Measurement, reference: Refe
     n = min(measured.mask.shape[1], len(truth))
     answer, truth = measured.mask[worst, :n], truth[:n]
     store.save_question(question)
-    store.save_worst(key, metrics.outcomes(answer, truth))
+    store.save("worst", key, outcomes=metrics.outcomes(answer, truth))
     shares = metrics.as_fractions(metrics.count_errors(answer, truth))
     return {"judged": judged, "worst": {"view": view_id, **shares}}
 
@@ -225,11 +202,8 @@ def _judged(key: str, question: Question, measured: Measurement, reference: Refe
 def compare_masks(measured: Measurement, verdict: Verdict, question: Question) -> dict[str, Any]:
     """Compare an answer with the reference's, on the views and points that both have.
 
-    Returns
-    -------
-    dict
-        n_views, n_points: of the pairs judged. Every measure of `metrics.METRICS` over all of them. views: for each
-        view its angles in degrees and the measures that are taken per view.
+    The result has n_views and n_points of the pairs judged, every measure of `metrics.METRICS` over all of them, and
+    for each of the views its angles in degrees and the measures that are taken per view.
     """
     ids = measured.view_ids
     n = min(measured.mask.shape[1], verdict.truth.shape[1])
@@ -241,20 +215,15 @@ def compare_masks(measured: Measurement, verdict: Verdict, question: Question) -
         incidence=verdict.incidence[ids, :n],
         positions=question.points.positions[:n] / question.mesh.longest_side,
     )
-    per_view = [metric for metric in metrics.METRICS if metric.per_view]
-    return {
-        "n_views": len(ids),
-        "n_points": n,
-        **{metric.name: metric.measure(pairs) for metric in metrics.METRICS},
-        "views": [
-            {
-                "azimuth": float(np.degrees(question.views.azimuth[view])),
-                "elevation": float(np.degrees(question.views.elevation[view])),
-                **{metric.name: metric.measure(pairs.view(i)) for metric in per_view},
-            }
-            for i, view in enumerate(ids)
-        ],
-    }
+    views = [
+        {
+            "azimuth": float(np.degrees(question.views.azimuth[view])),
+            "elevation": float(np.degrees(question.views.elevation[view])),
+            **metrics.measures_per_view(pairs.view(i)),
+        }
+        for i, view in enumerate(ids)
+    ]
+    return {"n_views": len(ids), "n_points": n, **metrics.measures(pairs), "views": views}
 
 
 @cache

@@ -28,24 +28,13 @@ _REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they mean in Markdown, unless it is `verbatim`.
-
-    Parameters
-    ----------
-    title : str
-    header : sequence of str
-    rows : sequence of sequences of str
-    note : str
-        Below the table.
-    texts : collection of int
-        Columns that are text; the others are numbers, aligned right.
-    """
+    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they do in Markdown, if not `verbatim`."""
 
     title: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
-    note: str = ""
-    texts: Collection[int] = (0,)
+    note: str = ""  # below the table
+    texts: Collection[int] = (0,)  # columns that are text; the others are numbers, aligned right
 
     def as_markdown(self, *, aligned: bool = False) -> str:
         """Return the table as Markdown, its title a heading; `aligned` columns also line up as plain text."""
@@ -64,18 +53,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a report.
+    """A picture of a report; the heading stands above, the caption below it."""
 
-    Parameters
-    ----------
-    name : str
-        Of its PNG file, without the suffix.
-    png : bytes
-    heading, caption : str
-        Above and below it; each may be empty.
-    """
-
-    name: str
+    name: str  # of its PNG file, without the suffix
     png: bytes
     heading: str = ""
     caption: str = ""
@@ -118,28 +98,10 @@ def write_report(
     page: str = "page.html.j2",
     **more: Any,
 ) -> list[Path]:
-    """Write a report: a self-contained HTML page, the same as Markdown, and its pictures as PNG files.
+    """Write a report: a self-contained HTML page, the same as Markdown, its pictures as PNG files; return their paths.
 
-    Parameters
-    ----------
-    folder : Path
-    name : str
-        Of the files.
-    title : str
-    answers, facts : list of str
-        The first paragraphs, the second kind smaller.
-    sections : list of Table and Picture
-    first : sequence of Table and Picture
-        Before the others; `page` says how they stand there.
-    page : str
-        Template of the HTML, in ``zbuf_occlude/assets``.
-    more
-        What that template shows besides.
-
-    Returns
-    -------
-    list of Path
-        The page, the Markdown and the pictures.
+    `answers` and `facts` are the first paragraphs, the second kind smaller; `first` stands before the other sections,
+    as the template `page` (in ``zbuf_occlude/assets``) says, which shows `more` besides. Needs the package jinja2.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
 

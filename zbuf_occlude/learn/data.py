@@ -99,14 +99,8 @@ class CloudSet:
     def select_points(self, n: int, seed: int) -> "CloudSet":
         """Return the same clouds with `n` of their points each, drawn at random.
 
-        Raises
-        ------
-        ArgumentError
-            `n` is less than 1 or more than the clouds have.
-
-        Notes
-        -----
-        The points of a cloud stand in random order, so one draw of places serves all clouds.
+        The points of a cloud stand in random order, so one draw of places serves all clouds. Raises ArgumentError
+        where `n` is less than 1 or more than the clouds have.
         """
         if not 1 <= n <= self.n_points:
             raise ArgumentError(f"n must lie in 1..{self.n_points}, the points of each cloud; got {n}.")
@@ -114,16 +108,7 @@ class CloudSet:
         return replace(self, positions=self.positions[:, places])
 
     def thinned(self, groups: ArrayLike, most: int, seed: int) -> "CloudSet":
-        """Return at most this many clouds of each group, drawn at random, in their order.
-
-        Parameters
-        ----------
-        groups : (m,) int
-            Which group each cloud belongs to.
-        most : int
-            At least 1.
-        seed : int
-        """
+        """Return at most `most` clouds of each group (groups: (m,) int), drawn at random, in their order."""
         groups = np.asarray(groups)
         order = np.lexsort((np.random.default_rng(seed).random(len(self)), groups))
         sorted_groups = groups[order]
@@ -134,10 +119,7 @@ class CloudSet:
     def joined(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
         """Return the clouds of one set and then those of another; ids of objects keep their meaning.
 
-        Raises
-        ------
-        ArgumentError
-            Other classes, or clouds of another size.
+        Raises ArgumentError for other classes, or clouds of another size.
         """
         if first.classes != second.classes or first.n_points != second.n_points:
             raise ArgumentError(

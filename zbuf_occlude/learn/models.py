@@ -14,31 +14,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Model:
-    """A row of the table.
+    """A row of the table."""
 
-    Parameters
-    ----------
-    name : str
-        What people type.
-    summary : str
-    factory : str
-        "module:class", imported when it is built.
-    options : mapping
-        Passed to the class besides the number of classes.
-    """
-
-    name: str
+    name: str  # as typed at the command line
     summary: str
-    factory: str
-    options: Mapping[str, Any] = field(default_factory=dict)
+    factory: str  # "module:class", imported when it is built
+    options: Mapping[str, Any] = field(default_factory=dict)  # passed to the class besides the number of classes
 
     def build(self, n_classes: int) -> "Classifier":
         """Return the network with fresh weights, drawn by PyTorch's default generator.
 
-        Raises
-        ------
-        UnavailableError
-            PyTorch is not installed.
+        Raises UnavailableError where PyTorch is not installed.
         """
         require_torch()
         module, name = self.factory.split(":")
@@ -67,13 +53,7 @@ MODELS = (
 
 
 def find_model(name: str) -> Model:
-    """Return the row of this name.
-
-    Raises
-    ------
-    OptionError
-        There is none.
-    """
+    """Return the row of this name; raises OptionError where there is none."""
     for model in MODELS:
         if model.name == name:
             return model

@@ -35,14 +35,8 @@ SMALL = 4
 class Classifier(nn.Module):
     """Base of the three networks; the training loop and the evaluation know no more than this.
 
-    Parameters
-    ----------
-    n_classes : int
-
-    Notes
-    -----
-    A subclass defines ``forward(points) -> logits``: (b, n, 3) float32 in the frame that `normalise` leaves, to
-    (b, n_classes) float32. Features are extracted inside. `normalise` is called once for each cloud, before any
+    A subclass defines ``forward(points) -> logits``: (b, n, 3) float32 in the frame that `normalise` leaves, to (b,
+    n_classes) float32. Features are extracted inside. `normalise` is called once for each cloud, before any
     augmentation: called after it, it would undo the scaling.
     """
 
@@ -63,15 +57,8 @@ class Classifier(nn.Module):
         return functional.cross_entropy(self(points), labels)
 
     def settle(self, progress: float) -> None:
-        """Let the running statistics of batch normalisation change more slowly as training goes on.
+        """Let the running statistics of batch normalisation change more slowly as `progress` goes from 0 to 1.
 
-        Parameters
-        ----------
-        progress : float
-            From 0 to 1.
-
-        Notes
-        -----
         The share of each batch in them falls from 0.5 to 0.05. With torch's 0.1 they lag so far behind the first
         hundreds of steps that a network which knows its training clouds fails on them in evaluation mode. The code of
         PointNet and of 3DmFV begins with 0.5 too, and halves it down to 0.01 in a million clouds.
@@ -106,20 +93,17 @@ def _positive(lengths: torch.Tensor) -> torch.Tensor:
 class VoxNet(Classifier):
     """VoxNet (Maturana and Scherer 2015): a small 3D convolutional network on an occupancy grid of 32^3.
 
-    =================  =============  ==============
-    layer              output         parameters
-    =================  =============  ==============
-    occupancy          1 x 32^3       -
-    conv 5^3 / 2       32 x 14^3      4,032
-    leaky ReLU 0.1, dropout 0.2
-    conv 3^3           32 x 12^3      27,680
-    leaky ReLU 0.1
-    max pool 2         32 x 6^3       -
-    dropout 0.3
-    linear, ReLU       128            884,864
-    dropout 0.4
-    linear             K              128 K + K
-    =================  =============  ==============
+        layer              output         parameters
+        occupancy          1 x 32^3       -
+        conv 5^3 / 2       32 x 14^3      4,032
+        leaky ReLU 0.1, dropout 0.2
+        conv 3^3           32 x 12^3      27,680
+        leaky ReLU 0.1
+        max pool 2         32 x 6^3       -
+        dropout 0.3
+        linear, ReLU       128            884,864
+        dropout 0.4
+        linear             K              128 K + K
 
     921,736 parameters for K = 40: the number of its paper, all weights and biases counted.
 
@@ -163,20 +147,17 @@ class VoxNet(Classifier):
 class PointNet(SphereClassifier):
     """PointNet (Qi et al. 2017): a function of each point, then the maximum over the points; both T-Nets.
 
-    ===================================  =========  =======================================
-    layer                                output     parameters
-    ===================================  =========  =======================================
-    T-Net of 3                           3 x 3      803,081
-    points times it                      n x 3      -
-    shared linear 64, 64                 n x 64     256 + 128, 4,160 + 128
-    T-Net of 64                          64 x 64    1,857,344
-    features times it                    n x 64     -
-    shared linear 64, 128, 1024          n x 1024   4,160 + 128, 8,320 + 256, 132,096 + 2,048
-    max over points                      1024       -
-    linear 512                           512        524,800 + 1,024
-    linear 256, dropout 0.3              256        131,328 + 512
-    linear                               K          256 K + K
-    ===================================  =========  =======================================
+        layer                                output     parameters
+        T-Net of 3                           3 x 3      803,081
+        points times it                      n x 3      -
+        shared linear 64, 64                 n x 64     256 + 128, 4,160 + 128
+        T-Net of 64                          64 x 64    1,857,344
+        features times it                    n x 64     -
+        shared linear 64, 128, 1024          n x 1024   4,160 + 128, 8,320 + 256, 132,096 + 2,048
+        max over points                      1024       -
+        linear 512                           512        524,800 + 1,024
+        linear 256, dropout 0.3              256        131,328 + 512
+        linear                               K          256 K + K
 
     T-Net: shared linear 64, 128, 1024; max over points; linear 512, 256; linear of the matrix, plus the identity.
     After each layer but the last ones of the network and of the T-Nets: batch normalisation (the second number) and
@@ -200,8 +181,6 @@ class PointNet(SphereClassifier):
     def loss(self, points: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
         """Return the cross-entropy plus the distance of the 64 x 64 transforms A from orthogonal ones, |I - A A^T|^2.
 
-        References
-        ----------
         Qi et al. 2017, Eq. 2 (mean over the batch).
         """
         logits, transforms = self._logits_and_transform(points)
@@ -217,12 +196,7 @@ class PointNet(SphereClassifier):
 
 
 class TNet(nn.Module):
-    """A PointNet that maps the features of a cloud to the (size, size) matrix to multiply them by; at first identity.
-
-    Parameters
-    ----------
-    size : int
-    """
+    """A PointNet that maps the features of a cloud to a (size, size) matrix to multiply them by; at first identity."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -243,12 +217,6 @@ class TNet(nn.Module):
 class MaxLinear(nn.Module):
     """Linear, batch normalisation, ReLU, maximum over the points; computed without the first three for every point.
 
-    Parameters
-    ----------
-    n_inputs, n_outputs : int
-
-    Notes
-    -----
     The same function, statistics and gradients as the four one after the other, for about a third of the work of
     training. The normalisation rises or falls with its input, by the sign of its factor, so the point that gives the
     maximum of a channel is found from the product alone, without a gradient, and the layer is then evaluated for these
@@ -313,22 +281,19 @@ class _PointNorm(nn.BatchNorm1d):
 class ThreeDmFV(SphereClassifier):
     """3DmFV-Net (Ben-Shabat et al. 2018): Fisher vectors on a grid of Gaussians, then a 3D inception network.
 
-    =========================  ======================  =====================
-    layer                      output, g = 8 (g = 5)   parameters
-    =========================  ======================  =====================
-    3DmFV                      20 x g^3                -
-    inception 64               192 x g^3               314,432
-    inception 128              384 x g^3               1,295,488
-    inception 256              768 x g^3               5,179,648
-    max pool 2                 768 x 4^3 (3^3)         -
-    inception 256              768 x 4^3 (3^3)         5,376,256
-    inception 512              1,536 x 4^3 (3^3)       20,713,984
-    max pool 2                 1,536 x 2^3 (2^3)       -
-    linear 1024, dropout 0.3   1024                    12,583,936 + 2,048
-    linear 256, dropout 0.3    256                     262,400 + 512
-    linear 128, dropout 0.3    128                     32,896 + 256
-    linear                     K                       128 K + K
-    =========================  ======================  =====================
+        layer                      output, g = 8 (g = 5)   parameters
+        3DmFV                      20 x g^3                -
+        inception 64               192 x g^3               314,432
+        inception 128              384 x g^3               1,295,488
+        inception 256              768 x g^3               5,179,648
+        max pool 2                 768 x 4^3 (3^3)         -
+        inception 256              768 x 4^3 (3^3)         5,376,256
+        inception 512              1,536 x 4^3 (3^3)       20,713,984
+        max pool 2                 1,536 x 2^3 (2^3)       -
+        linear 1024, dropout 0.3   1024                    12,583,936 + 2,048
+        linear 256, dropout 0.3    256                     262,400 + 512
+        linear 128, dropout 0.3    128                     32,896 + 256
+        linear                     K                       128 K + K
 
     After each layer but the last: batch normalisation (counted; the second number of the linear ones) and ReLU.
     45,767,016 parameters for K = 40, as many as in the authors' code; 45,756,904 without batch normalisation.
@@ -381,10 +346,6 @@ class Inception(nn.Module):
     """Four branches of f = `n_filters`, concatenated.
 
     A convolution 1^3 to f channels; on these one 3^3 and one 5^3, each to f/2; the mean over 3^3, then one 1^3 to f.
-
-    Parameters
-    ----------
-    n_inputs, n_filters : int
     """
 
     def __init__(self, n_inputs: int, n_filters: int) -> None:
@@ -408,14 +369,6 @@ def _normed(convolution: nn.Module, n_outputs: int) -> nn.Sequential:
 class GridConv(nn.Module):
     """What ``nn.Conv3d(n_inputs, n_outputs, size, padding=size // 2)`` computes; faster on small grids on a CPU.
 
-    Parameters
-    ----------
-    n_inputs, n_outputs : int
-    size : int
-        Side of the kernel; odd.
-
-    Notes
-    -----
     With a kernel of 5 on a grid of 3 only 20 % of the products are not with padding. On grids up to `SMALL` the
     convolution is a matrix product for each of the kernel's places, of those cells that have a neighbour there; the
     weights lie as these want them, (size, size, size, n_inputs, n_outputs). Elsewhere, and on CUDA, it is torch's.

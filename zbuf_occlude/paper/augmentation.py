@@ -43,22 +43,8 @@ class Scans(NamedTuple):
 class AugmentationClouds:
     """The datasets of 4.3 in a study's folder: complete clouds, occluded ones by each method, and real scans.
 
-    Parameters
-    ----------
-    meshes : MeshCollection
-        All there are.
-    size : Size
-    folder : Path
-        The study's.
-    scans : Scans, optional
-        The Sydney Urban Objects dataset.
-    budgets : sequence of str
-        Of `BUDGETS`: how long classifiers are trained; those of Table 3B under each, methods under the first.
-
-    Attributes
-    ----------
-    missing : dict of method to str
-        Methods that cannot run here, and why; filled by `make`.
+    `budgets` (of `BUDGETS`) say how long classifiers are trained: those of Table 3B under each, methods under the
+    first. `make` fills `missing`: methods that cannot run here, and why.
     """
 
     def __init__(
@@ -118,17 +104,7 @@ class AugmentationClouds:
         return self.folder / "clouds" / name.replace(":", "-").replace("=", "")
 
     def of(self, kind: str, split: str, n_points: int, method: Subject = MAIN) -> CloudSet:
-        """Return the clouds of a split.
-
-        Parameters
-        ----------
-        kind : str
-            One of the values of `TRAINING_SETS`: generated, original, both.
-        split : str
-        n_points : int
-        method : Subject
-            How the generated ones were made.
-        """
+        """Return the clouds of a split; `kind` is of `TRAINING_SETS`: generated (by a method), original, both."""
         names = [method.label] * (kind != ORIGINAL) + [ORIGINAL] * (kind != GENERATED)
         first, *second = (loaded(self._folder(name), split, n_points) for name in names)
         return CloudSet.joined(first, *second) if second else first

@@ -124,24 +124,12 @@ def changed(
 ) -> Size:
     """Return a size with some things changed, named after what was.
 
-    Parameters
-    ----------
-    size : Size
-    models : sequence of str, optional
-        In all experiments; methods are compared by those of them that were, or by all.
-    seeds : int, optional
-        0 to `seeds` - 1 in all experiments.
-    objects : int, optional
-        Of each class: in 4.3 to train, with validation and test in the paper's share.
-    points : sequence of int, optional
-        Of each cloud; 4.2 takes the last. Objects are sampled as densely.
-    epochs : int, optional
-        Of each classifier; under the budget of clouds of the one trained on complete clouds.
+    `models`: in all experiments; methods are compared by those of them that were, or by all. `seeds`: 0 to `seeds` -
+    1. `objects`: of each class; in 4.3 to train, with validation and test in the paper's share. `points`: of each
+    cloud, 4.2 takes the last; objects are sampled as densely. `epochs`: of each classifier; under the budget of clouds
+    of the one trained on complete clouds.
 
-    Raises
-    ------
-    OptionError
-        No model, or an unknown one; fewer than `FEWEST_OBJECTS` objects or more than the paper's 40; points below 1.
+    Raises OptionError for no model or an unknown one, too few or too many objects, points below 1.
     """
     names = [size.name]
     if models is not None:

@@ -19,29 +19,17 @@ CAR, OTHER = "car", "other"
 LEAST_POINTS = 16
 """A box with fewer is left out."""
 MOST_SWEEPS = 400
-"""Of a folder with more, this many are read, evenly spaced: some gigabytes of points, ten thousand objects."""
+"""Sweeps read of a folder, evenly spaced: some gigabytes of points, ten thousand objects."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A labelled box.
+    """A labelled box in the frame of the points, metres."""
 
-    Parameters
-    ----------
-    label : str
-        As its layout writes it.
-    centre : (3,) float
-        In the points' frame, metres.
-    rotation : (3, 3) float
-        Box to the points' frame; the box's axes are length, width, height.
-    size : (3,) float
-        Length, width, height, metres.
-    """
-
-    label: str
-    centre: FloatArray
-    rotation: FloatArray
-    size: FloatArray
+    label: str  # as its layout writes it
+    centre: FloatArray  # (3,)
+    rotation: FloatArray  # (3, 3), box to the points' frame; its axes are length, width, height
+    size: FloatArray  # (3,), length, width, height
 
     def holds(self, points: FloatArray) -> BoolArray:
         """Which points (n, 3) lie in the box, its sides included."""
@@ -60,36 +48,17 @@ class Sweep:
 
 @dataclass(frozen=True)
 class SweepLayout:
-    """How a published dataset lays out its labelled sweeps.
-
-    Parameters
-    ----------
-    name : str
-    find : callable
-        Returns the files of the sweeps of a folder, none where it is not in this layout.
-    read : callable
-        Returns the sweep of one of them; raises DatasetError where a file is missing or damaged.
-    cars : set of str
-        Labels of cars.
-    left_out : set of str
-        Labels that are neither cars nor surely none; all others are other objects.
-    """
+    """How a published dataset lays out its labelled sweeps."""
 
     name: str
-    find: Callable[[Path], list[Path]]
-    read: Callable[[Path], Sweep]
-    cars: Set[str]
-    left_out: Set[str]
+    find: Callable[[Path], list[Path]]  # the files of the sweeps of a folder, none where it is not in this layout
+    read: Callable[[Path], Sweep]  # raises DatasetError where a file is missing or damaged
+    cars: Set[str]  # labels of cars
+    left_out: Set[str]  # labels that are neither cars nor surely none; all others are other objects
 
 
 def layout_of(root: Path) -> SweepLayout:
-    """Return the layout of a folder.
-
-    Raises
-    ------
-    DatasetError
-        It is in none of them.
-    """
+    """Return the layout of a folder; raises DatasetError where it is in none of them."""
     for layout in LAYOUTS:
         if layout.find(root):
             return layout
@@ -103,23 +72,10 @@ def layout_of(root: Path) -> SweepLayout:
 def read_clouds(root: Path, n_points: int) -> CloudSet:
     """Read the objects of real sweeps as clouds of equal size.
 
-    Parameters
-    ----------
-    root : Path
-        As in `layout_of`.
-    n_points : int
-        Points of each cloud; those of an object repeat only when it has fewer.
+    Labels index (`CAR`, `OTHER`); each crop is an object of its own; centred, longest side 1; elevations unknown. What
+    else lies in a box, such as the ground below a car, is in its cloud. Points repeat only where there are fewer.
 
-    Returns
-    -------
-    CloudSet
-        Labels index (`CAR`, `OTHER`); each crop is an object of its own; centred, longest side 1; elevations unknown.
-        What else lies in a box, such as the ground below a car, is in its cloud.
-
-    Raises
-    ------
-    DatasetError
-        A file is missing or damaged, or no box has `LEAST_POINTS` points.
+    Raises DatasetError where a file is missing or damaged, or no car has `LEAST_POINTS` points.
     """
     clouds, labels = [], []
     for name, is_car, points in _crops(root, layout_of(root)):
@@ -305,30 +261,8 @@ def _rotation(quaternion: FloatArray, path: Path) -> FloatArray:
     )
 
 
+_LARGE = "ARTICULATED_BUS BOX_TRUCK BUS LARGE_VEHICLE SCHOOL_BUS TRUCK TRUCK_CAB VEHICULAR_TRAILER"
 LAYOUTS = (
-    SweepLayout(
-        "KITTI",
-        find_kitti,
-        read_kitti,
-        cars=frozenset({"Car", "Van"}),
-        left_out=frozenset({"DontCare", "Misc", "Truck", "Tram"}),
-    ),
-    SweepLayout(
-        "Argoverse 2",
-        find_argoverse,
-        read_argoverse,
-        cars=frozenset({"REGULAR_VEHICLE"}),
-        left_out=frozenset(
-            {
-                "ARTICULATED_BUS",
-                "BOX_TRUCK",
-                "BUS",
-                "LARGE_VEHICLE",
-                "SCHOOL_BUS",
-                "TRUCK",
-                "TRUCK_CAB",
-                "VEHICULAR_TRAILER",
-            }
-        ),
-    ),
+    SweepLayout("KITTI", find_kitti, read_kitti, {"Car", "Van"}, {"DontCare", "Misc", "Truck", "Tram"}),
+    SweepLayout("Argoverse 2", find_argoverse, read_argoverse, {"REGULAR_VEHICLE"}, set(_LARGE.split())),
 )

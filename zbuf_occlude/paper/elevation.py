@@ -34,16 +34,7 @@ PLANES = ("y-z", "x-z", "x-y")
 
 
 class ElevationClouds:
-    """The dataset of 4.1 in a study's folder, its parts, and the trials on them.
-
-    Parameters
-    ----------
-    meshes : MeshCollection
-        All there are.
-    size : Size
-    folder : Path
-        The study's.
-    """
+    """The dataset of 4.1 in a study's folder, its parts, and the trials on them; `meshes` are all there are."""
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path) -> None:
         self.meshes, self.size, self.folder = meshes, size, folder
@@ -111,7 +102,7 @@ class ElevationClouds:
         return _at(self._all.subset(~self._for_validation), TRAIN_ELEVATIONS)
 
     def epochs(self, n_clouds: int) -> int:
-        """Return how often each of so many training clouds is shown: as many in all as with objects held out."""
+        """Return how often each of `n_clouds` training clouds is shown: as many in all as with objects held out."""
         return as_many_clouds(self.size.elevation_epochs * len(self.training("objects")), n_clouds)
 
     def validation(self, split_by: str) -> CloudSet:
@@ -161,25 +152,11 @@ def write_areas(meshes: Sequence[MeshEntry], path: Path) -> None:
 
 
 def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return how much of each object is seen from each elevation of the paper's 100 views.
+    """Return how much of each of m objects is seen from each elevation of the paper's 100 views.
 
-    Parameters
-    ----------
-    meshes : sequence of MeshEntry
-        m of them.
-
-    Returns
-    -------
-    elevations : (19,) int64
-        Degrees.
-    shares : (m, 19, 3) float64
-        Of the areas projected on the planes of `PLANES` (`zbuf_occlude.paper.figures.projected_areas`), mean over the
-        azimuths, each object's own largest taken as 1 on each plane: large and small objects count alike, and what
-        shows is where an object shows less of itself than from elsewhere.
-
-    References
-    ----------
-    Paper 4.2 and Fig. 12, which show one airplane; here it is the mean over many objects.
+    The elevations (19,) in degrees, and shares (m, 19, 3) of the areas projected on `PLANES` (`projected_areas`), mean
+    over the azimuths. Each object's own largest is 1 on each plane: large and small objects count alike, and what
+    shows is where an object shows less of itself than from elsewhere. The paper's Fig. 12 shows one airplane.
     """
     views, mask = paper100(), make_mask(MAIN.method, {})
     levels = degrees(views.elevation)

@@ -29,46 +29,23 @@ Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """What a figure is drawn of.
+    """What a figure is drawn of."""
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Longest side 1, about the origin.
-    mask : function
-    seed : int
-    scan : (n, 3) float, optional
-        A real scan, metres, the scanner at the origin, z up: what fig. 7's last row shows.
-    distance : float
-        Of the cameras that decide what is visible, from the centre (the paper's 4).
-    """
-
-    mesh: Mesh
+    mesh: Mesh  # longest side 1, about the origin
     mask: Mask
     seed: int = 0
-    scan: FloatArray | None = None
-    distance: float = PAPER_DISTANCE
+    scan: FloatArray | None = None  # (n, 3), metres, the scanner at the origin, z up: the last row of fig. 7
+    distance: float = PAPER_DISTANCE  # of the cameras that decide what is visible, from the centre
 
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A figure of the paper.
-
-    Parameters
-    ----------
-    draw : function
-        From a `Exhibit` to a matplotlib figure.
-    kind : str
-        Class of the built-in shape that is drawn by default; empty where objects of its own are.
-    summary : str
-    masked : bool
-        Whether it uses the exhibit's mask; or else it shows one method, or none.
-    """
+    """A figure of the paper."""
 
     draw: Callable[[Exhibit], Figure]
-    kind: str
+    kind: str  # class of the built-in shape that is drawn by default; empty where objects of its own are
     summary: str
-    masked: bool = True
+    masked: bool = True  # whether it uses the exhibit's mask; or else it shows one method, or none
 
 
 def make_mask(method: str, options: dict[str, Any]) -> Mask:
@@ -211,28 +188,11 @@ def figure_12(exhibit: Exhibit) -> Figure:
 
 
 def projected_areas(mesh: Mesh, mask: Mask, views: Views, seed: int, n_points: int = 20_000) -> FloatArray:
-    """Return the projected area of what each view sees on the planes across x, y and z.
+    """Return the projected area (k, 3) of what each of k views sees on the planes across x, y and z.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    mask : function
-        How hidden surfaces are removed.
-    views : Views
-        k views in the mesh's units.
-    seed : int
-    n_points : int
-        Samples; each stands for an equal part of the mesh's area.
-
-    Returns
-    -------
-    (k, 3) float64
-        Onto the y-z, x-z and x-y plane: the sum over the visible samples of area element times the absolute component
-        of the unit normal. Layers of the visible part that lie behind each other along the axis all count.
-
-    References
-    ----------
-    Paper 4.2, Fig. 12, which does not say how it measures the area; the definition is ours.
+    The sum over the visible ones of `n_points` samples of area element times the absolute component of the unit
+    normal; layers of the visible part that lie behind each other along the axis all count. Paper 4.2, Fig. 12, does
+    not say how it measures the area; the definition is ours.
     """
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     visible = mask(mesh, points, views.eyes)

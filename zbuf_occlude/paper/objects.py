@@ -38,19 +38,10 @@ KEPT = 16
 
 
 def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> MeshCollection:
-    """Return all meshes that experiments may choose from.
+    """Return all meshes that experiments may choose from: of ModelNet40's folder, or the built-in shapes.
 
-    Parameters
-    ----------
-    modelnet : Path, optional
-        ModelNet40's folder, ``CLASS/{train,test}/*.off``; by default the built-in shapes.
-    any_ten : bool
-        Whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
-
-    Raises
-    ------
-    MeshError
-        The folder is missing, or lacks one of the paper's eight classes (and, where they will do, of those ten).
+    `any_ten`: whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
+    Raises MeshError where the folder is missing, or lacks one of those classes.
     """
     if modelnet is None:
         return shapes.collection()
@@ -87,23 +78,8 @@ def first_of_each(meshes: MeshCollection, shares: tuple[int, int, int]) -> MeshC
 def as_voxels(meshes: MeshCollection, n: int) -> MeshCollection:
     """Return the same collection, each mesh replaced by the surface of the voxels that it meets.
 
-    All faces of such a surface lie across an axis, and level ones vanish at elevation 0.
-
-    Parameters
-    ----------
-    meshes : MeshCollection
-    n : int
-        Voxels along the longest side.
-
-    Returns
-    -------
-    MeshCollection
-        Keys, classes and splits are the same.
-
-    Raises
-    ------
-    OptionError
-        Fewer than 2 voxels, or more than `FINEST`.
+    `n` voxels lie along the longest side. All faces of such a surface lie across an axis, and level ones vanish at
+    elevation 0. Keys, classes and splits stay. Raises OptionError for fewer than 2 voxels, or more than `FINEST`.
     """
     if not 2 <= n <= FINEST:
         raise OptionError(f"voxels must lie in 2..{FINEST}, along the longest side; got {n}.")
@@ -130,26 +106,9 @@ def _origin(of: Origin, n: int) -> Origin:
 def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> dict[str, str]:
     """Make the dataset of a plan in a folder, or resume it, or find it finished.
 
-    Parameters
-    ----------
-    plan : Plan
-    folder : Path
-    progress : callable
-        Called with the number of clouds each time some are done.
-
-    Returns
-    -------
-    dict of str to str
-        The meshes that could not be used, and why.
-
-    Raises
-    ------
-    DatasetError
-        The folder holds another plan's dataset.
-    MeshError
-        No mesh of a class could be used.
-    GlError
-        The plan's method needs OpenGL and there is none.
+    `progress` is called with the number of clouds each time some are done. Returns the meshes that could not be used,
+    and why. Raises DatasetError where the folder holds another plan's dataset, MeshError where no mesh of a class
+    could be used, GlError where the method needs OpenGL and there is none.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
@@ -164,7 +123,7 @@ def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lamb
 
 
 def loaded(folder: Path, split: str, n_points: int) -> CloudSet:
-    """Return a split of a finished dataset, with this many points of each cloud; read once a process."""
+    """Return a split of a finished dataset, with `n_points` of each cloud; read once a process."""
     return _loaded(folder, (folder / MANIFEST).stat().st_mtime_ns, split, n_points)
 
 
@@ -174,19 +133,9 @@ def _loaded(folder: Path, made: int, split: str, n_points: int) -> CloudSet:
 
 
 def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.float32]:
-    """Return a cloud of another number of points, drawn by its name; centred, its longest side 1.
+    """Return a cloud (n_points, 3) float32 of points (n, 3), drawn by its name; centred, its longest side 1.
 
-    Parameters
-    ----------
-    points : (n, 3) float
-    n_points : int
-        Points repeat only where there are fewer.
-    name : str
-        Decides the draw.
-
-    Returns
-    -------
-    (n_points, 3) float32
+    Points repeat only where there are fewer.
     """
     chosen = np.asarray(points[draw(np.arange(len(points)), n_points, np.random.default_rng(seed_of(0, name)))], float)
     centre, factor = fit(chosen)

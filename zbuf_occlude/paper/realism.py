@@ -48,16 +48,7 @@ Clouds = dict[tuple[int, int], NDArray[np.float32]]
 class RealismClouds:
     """The three datasets in a study's folder, and the real objects.
 
-    Parameters
-    ----------
-    meshes : MeshCollection
-        All there are.
-    size : Size
-        Objects, views, points and models are those of 4.3.
-    folder : Path
-        The study's.
-    real : Path, optional
-        Labelled sweeps in a layout of `zbuf_occlude.paper.drives`.
+    Objects, views, points and models are those of 4.3. `real` has labelled sweeps in a layout of `paper.drives`.
     """
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path, real: Path | None = None) -> None:
@@ -140,19 +131,10 @@ class RealismClouds:
 
 
 class Read(NamedTuple):
-    """A split of all three kinds.
+    """A split of all three kinds."""
 
-    Parameters
-    ----------
-    clouds : dict of count to dict of kind to Clouds
-        As `in_both_counts` returns.
-    labels : dict of int to int
-        Of each mesh.
-    classes : tuple of str
-    """
-
-    clouds: dict[str, dict[str, Clouds]]
-    labels: dict[int, int]
+    clouds: dict[str, dict[str, Clouds]]  # by count and kind, as of `in_both_counts`
+    labels: dict[int, int]  # of each mesh
     classes: tuple[str, ...]
 
 
@@ -177,16 +159,9 @@ def _read_split(folders: tuple[tuple[str, Path], ...], stamps: tuple[int, ...], 
 
 
 def in_both_counts(sets: dict[str, Clouds]) -> dict[str, dict[str, Clouds]]:
-    """Return sets of the same meshes and views with their own numbers of points, and thinned to the least of them.
+    """Return clouds of the same meshes and views by count and kind: with their own points, and thinned to the least.
 
-    Parameters
-    ----------
-    sets : dict of kind to Clouds
-
-    Returns
-    -------
-    dict of count to dict of kind to Clouds
-        A mesh and view is in all of them or in none: where one has fewer than `LEAST_POINTS` points, it is left out.
+    A mesh and view is in all of them or in none: where one has fewer than `LEAST_POINTS` points, it is left out.
     """
     shared = sorted(set.intersection(*(set(clouds) for clouds in sets.values())))
     least = {key: min(len(clouds[key]) for clouds in sets.values()) for key in shared}

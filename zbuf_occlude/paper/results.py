@@ -33,23 +33,12 @@ _REPORTED: dict[str, type | tuple[type, ...]] = {
 class Confusion:
     """How a classifier labelled a test set.
 
-    Parameters
-    ----------
-    truth : tuple of str
-        Names of the rows; those of real scans are not the classifier's own.
-    predicted : tuple of str
-        Names of the columns.
-    counts : (t, p) int64
-
-    Raises
-    ------
-    ArgumentError
-        Not a count for each row and column.
+    Raises ArgumentError where there is not a count for each row and column.
     """
 
-    truth: tuple[str, ...]
-    predicted: tuple[str, ...]
-    counts: NDArray[np.int64]
+    truth: tuple[str, ...]  # names of the rows; those of real scans are not the classifier's own
+    predicted: tuple[str, ...]  # names of the columns
+    counts: NDArray[np.int64]  # (t, p)
 
     def __post_init__(self) -> None:
         shape = (len(self.truth), len(self.predicted))
@@ -69,22 +58,12 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Result:
-    """What a trial came to.
-
-    Parameters
-    ----------
-    experiment : str
-    facts : mapping
-        Of the `Trial`.
-    tests : mapping of name to Confusion
-    document : mapping
-        All that is stored.
-    """
+    """What a trial came to."""
 
     experiment: str
-    facts: Mapping[str, Any]
+    facts: Mapping[str, Any]  # of the `Trial`
     tests: Mapping[str, Confusion]
-    document: Mapping[str, Any]
+    document: Mapping[str, Any]  # all that is stored
 
     def is_of(self, **facts: Any) -> bool:
         """Whether the trial's facts are these."""
@@ -101,13 +80,7 @@ def path_of(folder: Path, key: str) -> Path:
 
 
 def read_result(path: Path) -> Result | None:
-    """Read a trial's result; None when there is none yet.
-
-    Raises
-    ------
-    DatasetError
-        The file is damaged.
-    """
+    """Read a trial's result; None when there is none yet. Raises DatasetError where the file is damaged."""
     if not path.exists():
         return None
     try:
@@ -129,10 +102,7 @@ def read_result(path: Path) -> Result | None:
 def read_study(folder: Path) -> dict[str, Any]:
     """Read what a folder's study is: size, objects, date, missing_methods, failed_meshes.
 
-    Raises
-    ------
-    DatasetError
-        There is none, or its file is damaged.
+    Raises DatasetError where there is none, or its file is damaged.
     """
     path = folder / STUDY
     try:

@@ -34,21 +34,22 @@ def run_study(
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> int:
-    """Make the clouds, train and test the classifiers of a study.
+    """Make the clouds, train and test the classifiers of a study; return how many were trained or tested now.
+
+    Killed at any moment, the same call resumes: datasets, trainings from their last checkpoint, and a result is there
+    only when it is whole. What is in the folder of the same study is not made again.
 
     Parameters
     ----------
     folder : Path
-        Made when missing. What is in it of the same study is not made again.
+        Made when missing.
     size : Size
     experiments : collection of str
         Some of `EXPERIMENTS` and `REALISM`.
     modelnet : Path, optional
         ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes.
-    scans : Path, optional
-        The Sydney Urban Objects dataset, for Test 3.
-    scans_up : str, optional
-        Which direction of its files is up, one of `sydney.UPS`; by default found from the scans.
+    scans, scans_up : Path and str, optional
+        The Sydney Urban Objects dataset, for Test 3; which direction is up in it, by default found from the scans.
     real : Path, optional
         Labelled sweeps of real drives, for a fourth test of `REALISM`.
     budgets : sequence of str
@@ -59,11 +60,6 @@ def run_study(
     workers : int, optional
         As in `run_trials`.
 
-    Returns
-    -------
-    int
-        Classifiers that were trained or tested now.
-
     Raises
     ------
     DatasetError
@@ -72,11 +68,6 @@ def run_study(
         `voxels` out of range.
     MeshError
         `modelnet` is neither, or no mesh of a class can be used.
-
-    Notes
-    -----
-    Killed at any moment, the same call resumes: clouds by shards, trainings from their last checkpoint, and a result
-    is there only when it is whole.
     """
     progress, known = progress or Progress(), None
     if scans is not None:
@@ -113,13 +104,7 @@ def run_study(
 
 
 def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney.Frame) -> None:
-    """Note how scans are turned, and draw some; refuse to mix them with others.
-
-    Raises
-    ------
-    DatasetError
-        Test 3 was made with another direction up.
-    """
+    """Note how scans are turned, and draw some; raises DatasetError where Test 3 was made with another direction up."""
     if study.get("scans", frame.document)["up"] != frame.up:
         raise DatasetError(
             f"the scans of {folder} must be turned as before ({study['scans']['said']}); now {frame.up} would be up. "
@@ -132,12 +117,9 @@ def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney
 
 
 def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
-    """Make the folder this study's, or find that it is; return what is to be known of it.
+    """Make the folder this study's, or find that it is; return what is stored of it.
 
-    Raises
-    ------
-    DatasetError
-        It is another's: another size, or other objects.
+    Raises DatasetError where it is another's: another size, or other objects.
     """
     path = folder / STUDY
     if path.exists():

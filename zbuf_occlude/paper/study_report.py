@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from zbuf_occlude.compare.plots import GREY, dressed
+from zbuf_occlude.compare.plots import GREY, canvas
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_report
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import reported
@@ -76,26 +75,10 @@ SETS = {1: "#56b4e9", 2: "#d55e00", 3: "#009e73"}
 
 
 def write_study(folder: Path) -> list[Path]:
-    """Write the report of a study's folder.
+    """Write the report of a study's folder; return the paths of study.html, study.md and the plots.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds study.json, and results as far as there are any.
-
-    Returns
-    -------
-    list of Path
-        study.html, study.md and the plots.
-
-    Raises
-    ------
-    DatasetError
-        There is no study or no result, or a damaged file.
-
-    Notes
-    -----
-    Trains and tests nothing. The page holds everything it shows; the Markdown refers to the plots beside it.
+    Trains and tests nothing. The page holds everything it shows; the Markdown refers to the plots beside it. Raises
+    DatasetError where there is no study or no result, or a damaged file.
     """
     study, results = read_study(folder), read_results(folder)
     if not results:
@@ -224,16 +207,6 @@ def departures(study: Mapping[str, Any]) -> Table:
 # ---- plots -------------------------------------------------------------------------------------------------------
 
 
-def _panels(height: float, columns: int, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """Return a figure and its (rows, columns) panels in the report's style, which share their y axes."""
-    figure = Figure(figsize=(11.0, height), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, sharey="row", squeeze=False, **options)
-    for panel in panels.flat:
-        dressed(panel)
-    return figure, panels
-
-
 def _legend(panel: Axes, title: str | None = None) -> None:
     if panel.get_legend_handles_labels()[0]:
         panel.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
@@ -250,7 +223,7 @@ def _bars(panel: Axes, at: float, rows: Sequence[Result], test: str, colour: str
 def plot_elevation(results: Sequence[Result], areas: dict[str, Any] | None) -> Figure:
     """Draw accuracy against elevation, a panel a split, the paper's dashed; below the projected areas of Fig. 12."""
     levels = reported.TEST_ELEVATIONS
-    figure, panels = _panels(6.6, len(SPLIT_BY), 2, sharex=True, height_ratios=(1.45, 1.0))
+    figure, panels = canvas(11.0, 6.6, len(SPLIT_BY), 2, sharex=True, sharey="row", height_ratios=(1.45, 1.0))
     for (above, below), (split, words) in zip(panels.T, SPLIT_BY.items(), strict=True):
         above.set_title(words, fontsize=11, color=GREY)
         for model in models_of(results, ELEVATION):
@@ -287,9 +260,9 @@ def plot_training_sets(results: Sequence[Result]) -> Figure:
         for model in models_of(results, AUGMENTATION)
         for budget in budgets_of(mine)
     ]
-    figure, panels = _panels(3.9, 2)
+    figure, panels = canvas(11.0, 3.9, 2, sharey=True)
     tests = ((ORIGINAL, "Test 1: complete clouds"), (GENERATED, "Test 2: occluded clouds"))
-    for place, (panel, (test, words)) in enumerate(zip(panels[0], tests, strict=True)):
+    for place, (panel, (test, words)) in enumerate(zip(panels, tests, strict=True)):
         panel.set_title(words, fontsize=11, color=GREY)
         for group, (model, n_points, budget) in enumerate(groups):
             name = paper_name(model)
@@ -302,8 +275,8 @@ def plot_training_sets(results: Sequence[Result]) -> Figure:
                 if published:
                     panel.plot([at - 0.12, at + 0.12], [published[training_set][place]] * 2, color="#222222", lw=1.6)
         panel.set_xticks(range(len(groups)), ["\n".join(words) for words in _names(groups)], fontsize=8)
-    panels[0, 0].set_ylabel("accuracy, % (line: the paper's)", fontsize=10)
-    _legend(panels[0, 1], "trained on")
+    panels[0].set_ylabel("accuracy, % (line: the paper's)", fontsize=10)
+    _legend(panels[1], "trained on")
     return figure
 
 
@@ -319,9 +292,9 @@ def _names(groups: Sequence[tuple[str, int, str]]) -> list[list[str]]:
 def plot_methods(results: Sequence[Result]) -> Figure:
     """Draw the accuracy of classifiers trained on the clouds of each method, on those of each."""
     models = models_of(results, HSR)
-    figure, panels = _panels(3.6, len(models))
+    figure, panels = canvas(11.0, 3.6, len(models), sharey=True)
     tests = [ORIGINAL, *map(name_of_test, METHODS)]
-    for panel, model in zip(panels[0], models, strict=True):
+    for panel, model in zip(panels, models, strict=True):
         panel.set_title(printed(model), fontsize=11, color=GREY)
         for place, (method, rows) in enumerate(by_method(results, model).items()):
             for group, test in enumerate(tests):
@@ -329,6 +302,6 @@ def plot_methods(results: Sequence[Result]) -> Figure:
                 _bars(panel, at, rows, test, PLANES[place], method if group == 0 else None)
         panel.set_xticks(range(len(tests)), ["complete", *(method.label.replace(":", "\n") for method in METHODS)])
         panel.set_xlabel("tested on", fontsize=10)
-    panels[0, 0].set_ylabel("accuracy, %", fontsize=10)
-    _legend(panels[0, -1], "trained on")
+    panels[0].set_ylabel("accuracy, %", fontsize=10)
+    _legend(panels[-1], "trained on")
     return figure

@@ -215,22 +215,11 @@ def _published_3b(model: str, n_points: int) -> tuple[int, Mapping[int, tuple[fl
 
 @dataclass(frozen=True)
 class VehicleScores:
-    """How a classifier with one class "car" does on scans of six vehicle classes (Test 3).
+    """How a classifier with one class "car" does on scans of six vehicle classes (Test 3)."""
 
-    Parameters
-    ----------
-    recall : dict of class to float
-        The paper's "accuracy" of a class: the share of its scans that are labelled car.
-    f1 : dict of class to float
-    false_positives : int
-        Scans of all other classes that are labelled car; the same for each of the six.
-    n_scans : dict of class to int
-    n_others : int
-    """
-
-    recall: dict[str, float]
+    recall: dict[str, float]  # the paper's "accuracy" of a class: the share of its scans that are labelled car
     f1: dict[str, float]
-    false_positives: int
+    false_positives: int  # scans of all other classes that are labelled car; the same for each of the six
     n_scans: dict[str, int]
     n_others: int
 
@@ -246,30 +235,15 @@ class VehicleScores:
 
 
 def vehicle_scores(confusion: ArrayLike, truth: tuple[str, ...], predicted: tuple[str, ...]) -> VehicleScores:
-    """Score a table of true against predicted classes.
+    """Score a table (t, p) of scans of each true class that got each label.
 
-    Parameters
-    ----------
-    confusion : (t, p) int
-        Scans of each true class that got each label.
-    truth, predicted : tuple of str
-        Names of the rows and of the columns; the six of `sydney.VEHICLES` must be among the rows, "car" among the
-        columns: the label that all of them should get.
+    The six of `sydney.VEHICLES` must be among `truth`, "car", which all of them should get, among `predicted`.
 
-    Returns
-    -------
-    VehicleScores
+    Paper 4.4: of a class c with n scans, TP are those labelled car; FP the scans of classes other than the six that
+    are labelled car; the others of its own scans are FN = n - TP. F1 = 2 TP / (2 TP + FP + FN). "Average F1" does not
+    say whether weighted; the unweighted mean is taken, the weighted one given beside it.
 
-    Raises
-    ------
-    ArgumentError
-        The table does not have those rows and columns, or no scan of one of the six.
-
-    References
-    ----------
-    Paper 4.4. Of a class c with n scans, TP are those labelled car; FP the scans of classes other than the six that are
-    labelled car; the others of its own scans are FN = n - TP. F1 = 2 TP / (2 TP + FP + FN). "Average F1" does not say
-    whether weighted; the unweighted mean is taken, the weighted one given beside it.
+    Raises ArgumentError where the table has not those rows and columns, or no scan of one of the six.
     """
     counts = np.asarray(confusion)
     if counts.shape != (len(truth), len(predicted)):
@@ -300,18 +274,10 @@ def _scores(result: Result) -> VehicleScores | None:
 
 @dataclass(frozen=True)
 class Finding:
-    """A statement of the paper about differences of accuracy.
-
-    Parameters
-    ----------
-    text : str
-    better, worse : (int, str)
-        Training set and test; the finding is that the first's accuracy less the second's is at least `least`.
-    least : float
-    """
+    """A statement of the paper: the first accuracy less the second is at least `least`."""
 
     text: str
-    better: tuple[int, str]
+    better: tuple[int, str]  # training set and test
     worse: tuple[int, str]
     least: float = 0.0
 
@@ -326,7 +292,7 @@ FINDINGS = (
 
 
 def verdict(differences: Sequence[float], least: float) -> str:
-    """Say whether differences are at least `least`: yes, no, or not decided by so many seeds.
+    """Say whether differences are at least `least`: yes, no, or not decided by the seeds.
 
     Decided is what lies farther from `least` than the standard error of the mean, estimated from two seeds or more.
     """
@@ -442,14 +408,7 @@ def table_methods(results: Sequence[Result], missing: dict[str, str]) -> Table:
 
 
 def table_realism(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
-    """Return accuracies by what is trained and tested on.
-
-    Parameters
-    ----------
-    results : sequence of Result
-    facts : mapping
-        Of `zbuf_occlude.paper.realism.RealismClouds.facts`.
-    """
+    """Return accuracies by what is trained and tested on; `facts` as of `RealismClouds.facts`."""
     mine = of(results, REALISM)
     real = sorted({test for result in mine for test in result.tests if test not in KINDS})
     body = []

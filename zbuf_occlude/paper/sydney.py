@@ -48,20 +48,11 @@ SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan of an object.
+    """One scan of an object."""
 
-    Parameters
-    ----------
-    name : str
-        CLASS.NUMBER.FRAME, such as 4wd.0.2299.
-    fold : int
-    path : Path
-        Its file, binary where there is one.
-    """
-
-    name: str
+    name: str  # CLASS.NUMBER.FRAME, such as 4wd.0.2299
     fold: int
-    path: Path
+    path: Path  # binary where there is one
 
     @property
     def label(self) -> str:
@@ -70,22 +61,10 @@ class Scan:
 
 
 def find_scans(root: Path) -> list[Scan]:
-    """List the scans of the four folds.
+    """List the scans of the four folds, fold after fold, in the order of the fold's file.
 
-    Parameters
-    ----------
-    root : Path
-        The unpacked archive: the folder with ``objects/`` and ``folds/``, or the folder above it.
-
-    Returns
-    -------
-    list of Scan
-        Fold after fold, in the order of the fold's file.
-
-    Raises
-    ------
-    DatasetError
-        A folder, a fold or a scan is missing, or a scan's class is none of `CLASSES`.
+    `root` is the unpacked archive: the folder with ``objects/`` and ``folds/``, or the folder above it. Raises
+    DatasetError where a folder, a fold or a scan is missing, or a scan's class is none of `CLASSES`.
     """
     found = next((path for path in (root, root / ARCHIVE) if (path / "folds").is_dir()), None)
     if found is None or not (found / "objects").is_dir():
@@ -119,10 +98,7 @@ def find_scans(root: Path) -> list[Scan]:
 def check_scans(root: Path) -> None:
     """Read every scan, so that what is wrong is known before classifiers are trained, not after.
 
-    Raises
-    ------
-    DatasetError
-        As `find_scans` and `read_scan`; or the folds have no scan of one of `VEHICLES`.
+    Raises DatasetError as `find_scans` and `read_scan`; or where the folds have no scan of one of `VEHICLES`.
     """
     scans = find_scans(root)
     absent = [label for label in VEHICLES if not any(scan.label == label for scan in scans)]
@@ -136,13 +112,7 @@ def check_scans(root: Path) -> None:
 
 
 def largest_scan(root: Path, label: str) -> Scan:
-    """Return the scan of a class that has the most points.
-
-    Raises
-    ------
-    DatasetError
-        As `find_scans` and `read_scan`; or the folds have no scan of the class.
-    """
+    """Return the scan of a class that has the most points; raises DatasetError where there is none."""
     scans = [scan for scan in find_scans(root) if scan.label == label]
     if not scans:
         raise DatasetError(f"the folds in {root} must have scans of {label}; they have none. Unpack the archive again.")
@@ -150,28 +120,11 @@ def largest_scan(root: Path, label: str) -> Scan:
 
 
 def read_scan(path: Path, up: str) -> FloatArray:
-    """Read the points of a scan.
+    """Read the points (n, 3) of a scan, ``.bin`` (records of `RECORD`) or ``.csv``, metres, z up.
 
-    Parameters
-    ----------
-    path : Path
-        Ends in ``.bin`` (records of `RECORD`) or ``.csv``.
-    up : str
-        Which direction of the file is up, one of `UPS`.
-
-    Returns
-    -------
-    (n, 3) float64
-        Metres in the scanning vehicle's frame, turned about its x axis, if need be, so that z is up.
-
-    Raises
-    ------
-    DatasetError
-        Not whole records, not numbers, no point, or positions that are not finite in float32.
-
-    Notes
-    -----
-    Where -z is up, both y and z change their sign, so that nothing is mirrored.
+    `up` says which direction of the file is up, one of `UPS`; where it is -z, both y and z change their sign, so that
+    nothing is mirrored. Raises DatasetError for a file that is not whole records, not numbers, without a point, or
+    with positions that are not finite in float32.
     """
     if path.suffix == ".bin":
         size = path.stat().st_size
@@ -198,26 +151,10 @@ def read_scan(path: Path, up: str) -> FloatArray:
 
 
 def read_clouds(root: Path, n_points: int, up: str) -> CloudSet:
-    """Read the scans of the four folds as clouds of equal size.
+    """Read the scans of the four folds as clouds of equal size; raises as `find_scans` and `read_scan`.
 
-    Parameters
-    ----------
-    root : Path
-        As in `find_scans`.
-    n_points : int
-        Points of each cloud; those of a scan repeat only when it has fewer (half of them have fewer than 180).
-    up : str
-        As for `read_scan`.
-
-    Returns
-    -------
-    CloudSet
-        Labels index `CLASSES`, each scan is an object of its own; centred, longest side 1; elevations unknown.
-
-    Raises
-    ------
-    DatasetError
-        As `find_scans` and `read_scan`.
+    Labels index `CLASSES`, each scan is an object of its own; centred, longest side 1; elevations unknown. Points of a
+    scan repeat only where there are fewer than `n_points` (half of the scans have fewer than 180).
     """
     scans = find_scans(root)
     clouds = [resampled(read_scan(scan.path, up), n_points, f"sydney/{scan.name}") for scan in scans]
@@ -230,18 +167,10 @@ def read_clouds(root: Path, n_points: int, up: str) -> CloudSet:
 
 @dataclass(frozen=True)
 class Frame:
-    """Which way the scans' z axis points, and how that is known.
+    """Which way the scans' z axis points, and how that is known."""
 
-    Parameters
-    ----------
-    up : str
-        One of `UPS`: the direction of the files that is up.
-    votes : dict of str to (int, int)
-        For "vehicles" and "tops" how many scans say z, and how many -z; empty when a person said it.
-    """
-
-    up: str
-    votes: dict[str, tuple[int, int]]
+    up: str  # one of `UPS`: the direction of the files that is up
+    votes: dict[str, tuple[int, int]]  # scans of "vehicles" and "tops" that say z, and -z; empty when a person said it
 
     @property
     def said(self) -> str:
@@ -263,29 +192,12 @@ class Frame:
 
 
 def find_frame(root: Path) -> Frame:
-    """Find out which way is up, from all scans of the folds.
+    """Find out which way is up, from all scans of the folds; `ASSUMED` where they do not say clearly.
 
-    Parameters
-    ----------
-    root : Path
-        As for `find_scans`.
-
-    Returns
-    -------
-    Frame
-        `ASSUMED` where the scans do not say clearly.
-
-    Raises
-    ------
-    DatasetError
-        As `find_scans` and `read_scan`.
-
-    Notes
-    -----
-    A vehicle is longer below, where bonnet and boot are, than its cabin; what stands on a trunk or a pole is wider than
-    it. Neither needs to know where the scanner was. That there are more points below does not say it: of simulated
-    scans of cars only five of twelve have. Each scan is a vote, and the votes must be `SURE` standard deviations away
-    from those of a coin.
+    A vehicle is longer below, where bonnet and boot are, than its cabin; what stands on a trunk or a pole is wider
+    than it. Neither needs to know where the scanner was. That there are more points below does not say it: of
+    simulated scans of cars only five of twelve have. Each scan is a vote, and the votes must be `SURE` standard
+    deviations away from those of a coin.
     """
     counts = Counter((kind_of(scan.label), vote(read_scan(scan.path, "z"), scan.label)) for scan in find_scans(root))
     votes = {kind: (counts[kind, 1], counts[kind, -1]) for kind in ("vehicles", "tops")}
@@ -306,15 +218,7 @@ def kind_of(label: str) -> str:
 
 
 def vote(points: FloatArray, label: str) -> int:
-    """Say which way is up in a scan: 1 for z, -1 for -z, 0 where it does not say.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        As in the file, metres.
-    label : str
-        Its class.
-    """
+    """Say which way is up in a scan (n, 3) as in its file: 1 for z, -1 for -z, 0 where it does not say."""
     heights = points[:, 2] - (points[:, 2].min() + points[:, 2].max()) / 2.0
     if len(points) < LEAST_POINTS or np.ptp(heights) < LEAST_HEIGHT or not kind_of(label):
         return 0

@@ -20,22 +20,12 @@ MODIFIED = "vertex_hsr_culled:suggestion=2"
 
 @dataclass(frozen=True)
 class PaperObject:
-    """An object of Table 1 and where ModelNet40 has it.
+    """An object of Table 1 and where ModelNet40 has it."""
 
-    Parameters
-    ----------
-    label : str
-        As the paper calls it.
-    file, kind : str
-        Name of the OFF file without its ending, and of its class.
-    faces, vertices : int
-        As the paper counts them.
-    """
-
-    label: str
-    file: str
+    label: str  # as the paper calls it
+    file: str  # name of the OFF file without its ending
     kind: str
-    faces: int
+    faces: int  # as the paper counts them
     vertices: int
 
 
@@ -67,19 +57,12 @@ TABLE_1B: dict[tuple[PaperObject, int], tuple[float, float, float, float, float]
 
 
 def cases_1a(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
-    """Return the cases of Table 1A: vertices against faces.
+    """Return the cases of Table 1A, vertices against faces.
 
-    The paper's methods keep or drop faces; methods in image space are asked about the vertices.
-
-    Parameters
-    ----------
-    root : Path, optional
-        ModelNet40's folder: the paper's objects are taken from there as far as it has them; built-in shapes
-        of as many faces and vertices stand in for the others.
-    seed : int
-    budget : float, optional
-        Seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods, and the
-        comparison's for all else.
+    The paper's methods keep or drop faces; methods in image space are asked about the vertices. Objects are taken from
+    `root`, ModelNet40's folder, as far as it has them; built-in shapes of as many faces and vertices stand in for the
+    others. `budget` are seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods,
+    and the comparison's for all else.
     """
     cases, views = [], paper100()
 

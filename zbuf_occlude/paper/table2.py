@@ -37,10 +37,7 @@ PAPER = (
 def row_of(folder: Path) -> Row:
     """Return the row of a complete dataset: its clouds, and the size of all files that are needed to read them.
 
-    Raises
-    ------
-    DatasetError
-        There is no complete dataset in the folder.
+    Raises DatasetError where there is no complete dataset in the folder.
     """
     plan, manifest = read_finished(folder)
     own, _ = sorted_out(folder, plan)

@@ -33,26 +33,14 @@ Report = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A classifier to be trained, and what it is tested on.
-
-    Parameters
-    ----------
-    experiment : str
-    facts : mapping of str to str or int
-        What tells it apart from the others of the experiment: model, what it is trained on, points, seed.
-    training, validation : callable
-        Return its clouds; called when they are needed.
-    tests : mapping of name to callable
-    epochs : callable
-        From the number of its clouds to how often each is shown, at most.
-    """
+    """A classifier to be trained, and what it is tested on; clouds are read when they are needed."""
 
     experiment: str
-    facts: Mapping[str, str | int]
+    facts: Mapping[str, str | int]  # what tells it apart from the others: model, what it is trained on, points, seed
     training: Clouds
     validation: Clouds
     tests: Mapping[str, Clouds]
-    epochs: Callable[[int], int]
+    epochs: Callable[[int], int]  # from the number of its clouds to how often each is shown, at most
 
     @property
     def key(self) -> str:
@@ -64,32 +52,11 @@ class Trial:
 def run_trials(
     trials: Sequence[Trial], size: Size, folder: Path, progress: Progress, workers: int | None = None
 ) -> int:
-    """Train and test what has not been yet.
+    """Train and test what has not been yet; return the number of trials for which anything was done.
 
-    Parameters
-    ----------
-    trials : sequence of Trial
-    size : Size
-    folder : Path
-        The study's.
-    progress : Progress
-    workers : int, optional
-        Processes, each at a trial of its own: small networks gain little from several cores. By default one for each
-        core, and where there is CUDA none but this one.
-
-    Returns
-    -------
-    int
-        Trials for which anything was done.
-
-    Raises
-    ------
-    UnavailableError
-        A worker was killed.
-
-    Notes
-    -----
-    A trial that was tested before on all but a new test, such as scans that were not there, is only tested on that.
+    `workers` are processes, each at a trial of its own: small networks gain little from several cores. By default one
+    for each core, and where there is CUDA none but this one. A trial that was tested before on all but a new test,
+    such as scans that were not there, is only tested on that. Raises UnavailableError where a worker was killed.
     """
     missing = [trial for trial in trials if missing_tests(trial, folder)]
     for trial in set(trials) - set(missing):
