@@ -265,12 +265,12 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
 def test_clouds_tell_which_rows_are_which(made: Made) -> None:
     """By `clouds_SPLIT.npy`: a cloud's mesh and view, and its place in the world."""
     for format, split, name, rows in (
-        ("scanobjectnn", "train", "training_objectdataset.h5", "data"),
+        ("scanobjectnn", "train", "training_objectdataset_augmentedrot_scale75.h5", "data"),
         ("mvp", "train", "MVP_Train_CP.h5", "incomplete_pcds"),
     ):
         rest = np.load(made(format) / f"clouds_{split}.npy")
         with h5py.File(made(format) / name) as h5:
-            points = h5[rows][()]
+            points = h5[rows][()][..., [0, 2, 1]] * [1, -1, 1]  # from y up to z up
         assert len(points) == len(rest)
         for row in (0, len(rest) - 1):
             world = points[row] / rest["factor"][row] + rest["centre"][row]

@@ -284,7 +284,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
         method="exact", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
     )
     entries = [
-        MeshEntry(f"class{i % 2}/m{i}", f"class{i % 2}", "test" if i % 3 == 0 else "train", partial(tetrahedron, i))
+        MeshEntry(f"m{i}", ("bed", "table")[i % 2], "test" if i % 3 == 0 else "train", partial(tetrahedron, i))
         for i in range(10)
     ]
     entries[4] = replace(entries[4], load=broken)
@@ -293,7 +293,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     small(monkeypatch, per_file=2 * n + 1, per_batch=n, per_group=5 * n)
     assert (len(plan.groups), len(plan.batches)) == (2, 10)
     document = generate(plan, tmp_path / "one")
-    assert list(document["failures"]) == ["class0/m4"]
+    assert list(document["failures"]) == ["m4"]
     assert verify(tmp_path / "one", None).faults == []
     assert sorted_out(tmp_path / "one", plan)[1] == []
     for n_jobs in (4, 3):
@@ -345,7 +345,7 @@ class TestOrigins:
     @pytest.fixture
     def meshes(self, tmp_path: Path) -> Path:
         for number in range(4):
-            self.write(tmp_path / "meshes" / "solid" / f"solid_{number}.off", 1 + number)
+            self.write(tmp_path / "meshes" / "table" / f"solid_{number}.off", 1 + number)
         return tmp_path / "meshes"
 
     @staticmethod
@@ -364,27 +364,27 @@ class TestOrigins:
             generate(self.plan(meshes), out, run=killed_after(n_jobs))
         except Killed:
             assert n_jobs < 9
-        self.write(meshes / "solid" / "solid_1.off", 7.0)
-        with pytest.raises(DatasetError, match=r"solid/solid_1\.off must be what the data in .* were made of, sha256 "):
+        self.write(meshes / "table" / "solid_1.off", 7.0)
+        with pytest.raises(DatasetError, match=r"table/solid_1\.off must be what the data in .* were made of, sha256 "):
             generate(self.plan(meshes), out)
         assert generate(self.plan(meshes), out, overwrite=True)["counts"]["meshes_failed"] == 0
 
     def test_a_mesh_that_changed_while_others_were_made_is_refused(self, meshes: Path, tmp_path: Path) -> None:
         def run(task: Task, jobs: list[Any], done: Done) -> None:
             run_here(task, jobs, done)
-            self.write(meshes / "solid" / "solid_0.off", 7.0)
+            self.write(meshes / "table" / "solid_0.off", 7.0)
 
-        with pytest.raises(DatasetError, match=r"solid/solid_0\.off must be what the data"):
+        with pytest.raises(DatasetError, match=r"table/solid_0\.off must be what the data"):
             generate(self.plan(meshes), tmp_path / "out", run=run)
 
     def test_files_of_the_same_content_are_the_same_mesh(self, meshes: Path, tmp_path: Path) -> None:
         first = generate(self.plan(meshes), tmp_path / "out")
-        os.utime(meshes / "solid" / "solid_1.off", ns=(0, 0))
+        os.utime(meshes / "table" / "solid_1.off", ns=(0, 0))
         assert generate(self.plan(meshes), tmp_path / "out") == first
 
     def test_which_way_is_up_is_part_of_the_plan(self, meshes: Path, tmp_path: Path) -> None:
         generate(self.plan(meshes), tmp_path / "out", share=(0, 2))
-        with pytest.raises(DatasetError, match=r"in which up of solid/solid_\d\.off was 'z', and is 'y'"):
+        with pytest.raises(DatasetError, match=r"in which up of table/solid_\d\.off was 'z', and is 'y'"):
             generate(self.plan(meshes, "y"), tmp_path / "out")
 
     @pytest.mark.parametrize("format", ["hdf5", "packed", "scanobjectnn"])
@@ -392,13 +392,13 @@ class TestOrigins:
     def test_a_mesh_that_failed_is_made_when_it_was_put_back(
         self, meshes: Path, tmp_path: Path, finished: bool, format: str
     ) -> None:
-        out, bad = tmp_path / "out", meshes / "solid" / "solid_0.off"
+        out, bad = tmp_path / "out", meshes / "table" / "solid_0.off"
         sound = bad.read_bytes()
         bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
         plan = replace(self.plan(meshes), format=format)
         if finished:
             first = generate(plan, out)
-            assert list(first["failures"]) == list(first["tries"]) == ["solid/solid_0.off"]
+            assert list(first["failures"]) == list(first["tries"]) == ["table/solid_0.off"]
             assert generate(plan, out) == first, "nothing changed, nothing is tried again"
         else:
             with pytest.raises(Killed):
@@ -419,7 +419,7 @@ class TestOrigins:
             run_here(Losing(task.plan, task.out, False), jobs, done)
 
         first = generate(plan, out, run=run, limits=Limits(60, 4))  # type: ignore[arg-type]
-        assert first["failures"] == {"solid/solid_1.off": "it took longer"}
+        assert first["failures"] == {"table/solid_1.off": "it took longer"}
         for narrower in (Limits(60, 4), Limits(20, 4), Limits(60, 3)):
             assert generate(plan, out, limits=narrower) == first
         assert generate(plan, out, limits=Limits(61, 4))["failures"] == {}
