@@ -47,12 +47,12 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
     out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out\xfe<u>\x1b[31m"))
     odd = ("--views", "ring:2@20", "--sample-size", 16, "--workers", 1)
     for code, *arguments in (
-        (3, "generate", meshes, "--out", out, *SMALL, *odd, "--format", "ply"),
-        (3, "generate", meshes, "--out", out, *SMALL, *odd, "--format", "ply"),
+        (3, "generate", meshes, "--out", out, *SMALL, *odd),
+        (3, "generate", meshes, "--out", out, *SMALL, *odd),
         (0, "status", out),
         (0, "verify", out),
         (0, "show", out),
-        (0, "show", out, "--table2"),
+        (0, "paper", "table2", out),
         (0, "convert", out, "--format", "npz", "--out", out / "a\x1b\udcffb"),
     ):
         outcome = run(*arguments)

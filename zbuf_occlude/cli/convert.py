@@ -42,5 +42,5 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
         document = convert(folder, out, format, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
-    n_clouds = document["counts"]["clouds"]
+    n_clouds = sum(document["counts"]["clouds_by_split"].values())
     echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

@@ -91,7 +91,8 @@ def convert(
         )
     source = replace(open_dataset(folder), plan=plan)
     if old.format == PACKED:  # the draw follows the new format's recipe
-        source = find_format(PACKED).load().read(folder, plan, manifest["files"])
+        drawn = replace(plan, format=PACKED)
+        source = replace(find_format(PACKED).load().read(folder, drawn, manifest["files"]), plan=plan)
     if finished is not None:
         progress(sum(source.n_clouds.values()))
         return finished

@@ -3,7 +3,6 @@
 Only what a dataset's own plan, records and manifest name is ever removed; any other file stops a removal.
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -12,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -262,6 +262,11 @@ def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
         Another run holds one of them.
     """
     (out / WORK).mkdir(exist_ok=True)
+    try:
+        fcntl = import_module("fcntl")
+    except ImportError:  # only Unix has it
+        yield
+        return
     with open(out / WORK / LOCK, "wb") as file:
         for group in groups:
             try:

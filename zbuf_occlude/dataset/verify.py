@@ -154,7 +154,9 @@ def verify(
         progress(sum(result.n_clouds.values()))
         return ()
 
-    if jobs := sorted(task.sha256)[share[0] :: share[1]]:
+    data = {name for of_split in manifest["files"].values() for name in of_split}
+    mine = sorted(data)[share[0] :: share[1]]
+    if jobs := [*mine, *sorted(task.sha256.keys() - data)[share[0] :: share[1]]]:
         (run or run_here)(task, jobs, done)
     faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
     n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())
@@ -170,7 +172,7 @@ def verify(
             n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
         elif not plan.recipe.complete:  # whole objects are no scans
             n_checked = scan_again(source, plan, meshes, n_samples, faults)
-    return Verdict(len(jobs), sum(n_clouds.values()), n_checked, rate, faults)
+    return Verdict(len(mine), sum(n_clouds.values()), n_checked, rate, faults)
 
 
 def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) -> dict[str, list[str]]:

@@ -105,7 +105,6 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
         "options": plan.document["recipe"],
         "counts": {
             **about["counts"],
-            "clouds": sum(exported.n_clouds.values()),
             "clouds_by_split": {split: n for split, n in exported.n_clouds.items() if n},
         },
         "files": {split: files for split, files in exported.files.items() if exported.n_clouds[split]},
