@@ -21,6 +21,8 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import SENSORS, make
+from zbuf_occlude.sensors.table import Row
 from zbuf_occlude.views import Specification, Views
 from zbuf_occlude.visibility.interface import Method, Occluder
 
@@ -82,8 +84,10 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, layout.__name__, layout)
     rows = (Format("toy", "records in .npy files"), Format("lines", "a line for each cloud", "toy"))
     monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, *rows))
-    camera = Row("toy-camera", "pinhole", "two by two", {"width": (2, "a toy"), "height": (2, "a toy"), "fov": (60, "")})
-    monkeypatch.setattr(models, "SENSORS", (*models.SENSORS, camera))
+    camera = Row(
+        "toy-camera", "pinhole", "two by two", {"width": (2, "a toy"), "height": (2, "a toy"), "fov": (60, "")}
+    )
+    monkeypatch.setitem(SENSORS, camera.name, camera.sensor())
 
 
 @pytest.mark.usefixtures("toys")

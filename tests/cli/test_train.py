@@ -127,6 +127,6 @@ def test_without_torch_help_teaches_and_the_rest_names_the_extra(command: str) -
         "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"
     )
     answer = run_program(asked)
-    assert "error: classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
+    assert "the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
     assert answer.endswith("exit 1")
     assert len(answer.splitlines()) == 2

@@ -4,13 +4,11 @@ import json
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.folder import checksums, read_finished
-from zbuf_occlude.dataset.verify import Verifying
+from zbuf_occlude.dataset.folder import checksums
 
 SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
 
