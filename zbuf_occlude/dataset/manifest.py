@@ -49,7 +49,7 @@ def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any
             names[split] += [file.name for file in files]
             known |= {file.name: file.sha256 for file in files}
     names = {split: of_split for split, of_split in names.items() if of_split}
-    if not names:
+    if not n_clouds.total():
         raise DatasetError(_nothing_made(plan, groups))
     write_names(plan, out)
     getattr(row.load(), "finish", lambda *arguments: None)(out, plan, names)
