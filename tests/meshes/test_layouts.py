@@ -374,3 +374,14 @@ def test_lists_beside_the_meshes_that_cannot_be_read_are_as_if_not_there(tmp_pat
     (tmp_path / "labels.json").write_bytes(content)
     with pytest.raises(OptionError, match=r"must be JSON|must hold labels|must be a readable file"):
         read_labels(tmp_path / "labels.json")
+
+
+def test_gzip_that_grows_without_bounds_is_refused_by_its_name(tmp_path: Path) -> None:
+    bomb = gzip.compress(b" " * 20 * 2**20)
+    (tmp_path / "labels.csv.gz").write_bytes(bomb)
+    with pytest.raises(OptionError, match=r"labels\.csv\.gz: .* bytes of gzip must unpack to at most 16,777,216"):
+        read_labels(tmp_path / "labels.csv.gz")
+    plant(tmp_path / "objaverse", f"{UID.format(0)}.glb")
+    (tmp_path / "objaverse" / "lvis-annotations.json.gz").write_bytes(bomb)
+    with pytest.raises(OptionError, match=r"objaverse/lvis-annotations\.json\.gz: .* must unpack to at most"):
+        MeshCollection.from_paths(tmp_path / "objaverse")

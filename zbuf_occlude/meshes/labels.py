@@ -5,7 +5,7 @@ import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import TypeVar
 
 from zbuf_occlude.documents import parse
@@ -16,6 +16,10 @@ _KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")
 _CLASSES = ("class", "label", "category", "taxonomy_name", "synsetid")
 _SPLITS = ("split", "subset")
 SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
+
+SMALL, LARGEST, RATIO = 2**24, 2**28, 100
+"""Bytes to which gzip may unpack, at least and at most, and how many times its size between. Keys of 800,000 objects
+are 40 MB, and shrink to half of that."""
 
 Item = TypeVar("Item")
 
@@ -49,7 +53,7 @@ def read_labels(path: Path) -> list[Label]:
     try:
         data = path.read_bytes()
         if data[:2] == b"\x1f\x8b":
-            data = gzip.decompress(data)
+            data = unpacked(data, path)
     except (OSError, EOFError, zlib.error) as error:
         raise OptionError(f"labels must be a readable file; {path}: {in_words(error)}.") from None
     is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
@@ -57,6 +61,27 @@ def read_labels(path: Path) -> list[Label]:
     if not labels:
         raise OptionError(f"{path} must hold labels ({FORMS}); it holds none.")
     return labels
+
+
+def unpacked(data: bytes, path: PurePath) -> bytes:
+    """Unpack gzip, within bounds: a file made for it grows a thousand times.
+
+    Raises
+    ------
+    OptionError
+        It unpacks to more than `LARGEST` bytes, or than `RATIO` times its own size; small files may grow to `SMALL`.
+    OSError, EOFError, zlib.error
+        It is damaged.
+    """
+    most = min(LARGEST, max(SMALL, RATIO * len(data)))
+    with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OptionError(
+            f"{path}: {len(data):,} bytes of gzip must unpack to at most {most:,}; they unpack to more. Unpack them and "
+            "look: labels are text of some 100 bytes an object."
+        )
+    return content
 
 
 def parse_csv(data: bytes, name: str) -> list[Label]:

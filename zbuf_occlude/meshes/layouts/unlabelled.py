@@ -1,12 +1,11 @@
 """Collections without classes of their own: Objaverse, ABC, Thingi10K, each known by how its files are called."""
 
-import gzip
 import re
 import zlib
 from pathlib import PurePosixPath
 
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes.labels import Label, parse_json
+from zbuf_occlude.meshes.labels import Label, parse_json, unpacked
 from zbuf_occlude.meshes.layouts import Arranged
 from zbuf_occlude.meshes.layouts.tree import ALL, Place, Tree
 
@@ -26,7 +25,7 @@ def objaverse(tree: Tree) -> Arranged | None:
     labels: dict[str, Label] = {}
     for folder in list(tree.named(names[0][0]).parents)[:4]:  # 000-023, glbs, hf-objaverse-v1, one more
         if not labels and (data := tree.read(folder / LVIS)) is not None:
-            labels = _labels_of_lvis(data)
+            labels = _labels_of_lvis(data, folder / LVIS)
     if not labels:
         return _all_of("objaverse", names), [NONE]
     places = [Place(file, uid, labels[uid].label or "objaverse") for file, uid in names if uid in labels]
@@ -36,11 +35,15 @@ def objaverse(tree: Tree) -> Arranged | None:
     return places, [f"classes from {LVIS}" + (f"; {left_out} objects that it has not are left out" if left_out else "")]
 
 
-def _labels_of_lvis(data: bytes) -> dict[str, Label]:
+def _labels_of_lvis(data: bytes, path: PurePosixPath) -> dict[str, Label]:
     """Labels by uid; none where the file is damaged."""
     try:
-        return {label.key: label for label in parse_json(gzip.decompress(data), LVIS)}
-    except (OSError, EOFError, zlib.error, OptionError):
+        content = unpacked(data, path)
+    except (OSError, EOFError, zlib.error):
+        return {}
+    try:
+        return {label.key: label for label in parse_json(content, LVIS)}
+    except OptionError:
         return {}
 
 
