@@ -78,8 +78,8 @@ def unpacked(data: bytes, path: PurePath) -> bytes:
         content = file.read(most + 1)
     if len(content) > most:
         raise OptionError(
-            f"{path}: {len(data):,} bytes of gzip must unpack to at most {most:,}; they unpack to more. Unpack them and "
-            "look: labels are text of some 100 bytes an object."
+            f"{path}: {len(data):,} bytes of gzip must unpack to at most {most:,}; they unpack to more. Unpack and "
+            "look at them: labels are text of some 100 bytes an object."
         )
     return content
 
