@@ -70,6 +70,7 @@ def scene(**changed: Any) -> str:
     [
         ("sensor.csv", "azimuth,elevation\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
         ("labels.csv", "key,class\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
+        ("sensor.csv", '"a\nerror: b",c\n1,2\n', r"found: a\\nerror: b, c"),
         ("sensor.csv", "x,y,z\n1,2\n", "z in .* must be numbers, finite; got ''"),
         ("sensor.csv", "azimuth,elevation\n1e300,1\n", r"azimuth .* degrees; got 1e\+300"),
         ("sensor.csv", "azimuth,elevation,ring\n1,1,1.5\n", r"rings .* whole numbers.*; got 1\.5"),

@@ -144,7 +144,7 @@ def _csv(data: bytes) -> dict[str, list[str]]:
     if not 1 < len(rows) < MOST_ROWS + 2:
         raise ValueError(f"it must have a row of names and 1 to {MOST_ROWS:,} below it")
     columns = islice(zip_longest(*rows, fillvalue=""), len(rows[0]))
-    return {name.strip().lower(): words for name, *words in columns}
+    return {printable(name.strip().lower()): words for name, *words in columns}
 
 
 class _NoNumberError(ValueError):
