@@ -433,7 +433,7 @@ def check_loader(row: int, checkout: Path, folder: Path, surfaces: dict[str, lis
     write_views(views, loader.n_views)
     command = [sys.executable, "-m", "zbuf_occlude", "generate", folder.parent / loader.meshes, "--out", data]
     command += ["--format", loader.layout, "--views", views, "--method", "exact", *loader.options]
-    made = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    made = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True)
     if made.returncode:
         return 0, f"generate: {made.stderr.strip().splitlines()[-1]}", False
     (folder / "work").mkdir()
@@ -455,7 +455,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="make the datasets here, and leave them")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        root = Path(name) if arguments.keep is None else arguments.keep
+        root = (arguments.keep or Path(name)).resolve()
         surfaces = {
             kind: [Surface(made) for made in make_meshes(kind, root / kind)] for kind in ("shapenet", "modelnet")
         }
