@@ -78,7 +78,7 @@ def convert(
     Notes
     -----
     From `packed` the clouds are drawn as `generate` would have drawn them for that format: the same points in the same
-    order, rounded to the packed step.
+    order, rounded to the packed step. Clouds of classes that a format's published list lacks are left out.
     """
     old, manifest = read_finished(folder)
     row, plan = find_format(format), _plan_of(old, format)
