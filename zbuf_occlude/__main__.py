@@ -12,6 +12,7 @@ from zbuf_occlude.cli import group
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.extras import culprit, reason
+from zbuf_occlude.limits import memory_allowed
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
@@ -52,7 +53,8 @@ def main() -> None:
         echo(f"error: this {reason(package, error)}", err=True)
         code = FAILED
     except MemoryError as error:
-        echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)
+        said = f"{memory_allowed()}; it does not{f' ({error})' if str(error) else ''}"
+        echo(f"error: it must fit in {said}. Ask for less: points, views, size.", err=True)
         code = FAILED
     except BrokenPipeError:  # the reader of our standard output went away
         sys.stderr.close()

@@ -7,6 +7,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,6 +94,22 @@ class GivenUp(NamedTuple):
 
     reason: str
     limits: Limits
+
+
+def address_space() -> int | None:
+    """Return how many bytes this process may address (``ulimit -v``); None where nothing limits it."""
+    if find_spec("resource") is None:  # Windows has none
+        return None
+    resource = import_module("resource")
+    allowed: int = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if allowed == resource.RLIM_INFINITY else allowed
+
+
+def memory_allowed() -> str:
+    """Say how much memory there is for this process, and who says so."""
+    if (allowed := address_space()) is not None:
+        return f"the {allowed / 1e9:.1f} GB that this process may address (ulimit -v)"
+    return "this machine's memory"
 
 
 def resident_gigabytes(pid: int) -> float:

@@ -1,6 +1,10 @@
 """What people type and keep on their disks without thinking of this program: one clear line, or the right thing."""
 
 import os
+import re
+import subprocess
+import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -257,8 +261,27 @@ def test_too_little_memory_is_one_line(run: Run, tetrahedron: Path, monkeypatch:
     monkeypatch.setattr("zbuf_occlude.cli.visible.sample_surface", starve)
     outcome = run("visible", tetrahedron, "--method", "oracle", "--azimuth", 0, "--elevation", 0, "--out", "a.ply")
     assert outcome.code == 1
-    assert outcome.err == "error: it must fit in memory; it does not (Unable to allocate 745. GiB). " + (
-        "Ask for less: points, views, size.\n"
+    assert re.fullmatch(
+        r"error: it must fit in .*; it does not \(Unable to allocate 745\. GiB\)\. Ask for less: .*\n",
+        outcome.err,
+    )
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to a limit of address space")
+def test_an_archive_that_unpacks_to_more_than_may_be_says_the_limit(tmp_path: Path) -> None:
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("a.obj", "w") as member,
+    ):
+        for _ in range(900):
+            member.write(b" " * 2**20)
+    visible = f"{sys.executable} -m zbuf_occlude visible {tmp_path}/bomb.zip/a.obj --azimuth 0 --elevation 0"
+    limited = ["bash", "-c", f"ulimit -v 1400000; exec {visible} --method oracle --out {tmp_path}/a.ply"]
+    child = subprocess.run(limited, capture_output=True, text=True, timeout=120, check=False)
+    assert child.returncode == 1
+    assert re.fullmatch(
+        r"error: .*/a\.obj: it must fit in the 1\.4 GB .*\(ulimit -v\); unpacked .* 943,718,400 bytes\. .*\n",
+        child.stderr,
     )
 
 

@@ -1,11 +1,10 @@
 """What a shell hands to every command, looked at before anything compiled is loaded, which would end in a traceback."""
 
 import os
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 from zbuf_occlude.errors import OccludeError, OptionError
+from zbuf_occlude.limits import address_space
 
 LEAST_MEMORY = 768 * 2**20
 """Bytes of address space: with 500 MB compiling ends in an abort of LLVM's, with 800 MB a small dataset is made."""
@@ -28,11 +27,8 @@ def check_surroundings() -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and int(threads) < 1:
         raise OptionError(f"NUMBA_NUM_THREADS must be 1 or more; it is {threads}. Unset it, or give a number.")
-    if find_spec("resource") is None:  # Windows has none
-        return
-    resource = import_module("resource")
-    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
+    allowed = address_space()
+    if allowed is not None and allowed < LEAST_MEMORY:
         raise OccludeError(
             f"a process must be allowed {LEAST_MEMORY // 1024:,} kB of address space; this one is allowed "
             f"{allowed // 1024:,} kB. Raise the limit, as ulimit -v {LEAST_MEMORY // 1024} does."

@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from zbuf_occlude.errors import MeshError, in_words
+from zbuf_occlude.limits import memory_allowed
 
 SUFFIX = ".zip"
 
@@ -87,6 +88,14 @@ def _member(archive: Path, name: str) -> bytes:
         return _opened(archive).read(name)
     except KeyError:
         raise MeshError(f"there is no such file in {archive.name}. Check the path.") from None
+    except MeshError:  # of whoever watches time and memory
+        raise
+    except MemoryError:
+        size = _opened(archive).getinfo(name).file_size
+        raise MeshError(
+            f"it must fit in {memory_allowed()}; unpacked from {archive.name} it has {size:,} bytes. "
+            "Allow more, or unpack it and look whether it is a mesh."
+        ) from None
     except Exception as error:  # what zipfile and its decompressors raise on damaged bytes is not ours to list
         said = " ".join(str(error).split())[:100] or type(error).__name__
         raise MeshError(f"it must be readable in {archive.name}; reading says: {said}. Is it damaged?") from None
