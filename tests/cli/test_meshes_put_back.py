@@ -25,7 +25,7 @@ def test_meshes_that_were_put_back_are_made(run: Run, tmp_path: Path, layout: st
     meshes, away, out = tmp_path / "meshes", tmp_path / "away", tmp_path / "out"
     for number in range(N):
         ball = icosphere(subdivisions=3, radius=1 + number)
-        write_off(meshes / "ball" / "train" / f"ball_{number}.off", ball.vertices, ball.faces)
+        write_off(meshes / "chair" / "train" / f"chair_{number}.off", ball.vertices, ball.faces)
     command = ["generate", str(meshes), "--method", "oracle", "--format", layout, "--workers", "1"]
     command += [*OPTIONS[layout].split(), "--out", str(out)]
     with subprocess.Popen(

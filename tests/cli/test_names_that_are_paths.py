@@ -12,9 +12,7 @@ CLASSES = ("..", ".", "../../..", "/etc", "a/b", "~", "...", "-x", "CON", "a\\b"
 FORMATS = {
     "ply": "--sample-size 16",
     "webdataset": "--sample-size 16",
-    "modelnet-o": "--sample-size 16",
     "completion3d": "",
-    "modelnet40-c": "",
 }
 
 

@@ -1,6 +1,7 @@
 """Files that say which object is of which class and split: CSV, or JSON as PCN and LVIS have it."""
 
 import gzip
+import io
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import TypeVar
 
-from zbuf_occlude.documents import parse
+from zbuf_occlude.documents import MOST_BYTES, parse
 from zbuf_occlude.errors import OptionError, in_words, printable
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
@@ -17,9 +18,8 @@ _CLASSES = ("class", "label", "category", "taxonomy_name", "synsetid")
 _SPLITS = ("split", "subset")
 SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 
-SMALL, LARGEST, RATIO = 2**24, 2**28, 100
-"""Bytes to which gzip may unpack, at least and at most, and how many times its size between. Keys of 800,000 objects
-are 40 MB, and shrink to half of that."""
+SMALL, LARGEST, RATIO = 2**24, max(MOST_BYTES.values()), 100
+"""Bytes to which gzip may unpack, at least and at most, and how many times its size between."""
 
 Item = TypeVar("Item")
 
