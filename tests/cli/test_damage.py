@@ -14,7 +14,7 @@ SUFFIXES = (".h5", ".zip", ".tar", ".npz", ".ply")
 
 def commands(dataset: Path, other: Path) -> list[tuple[object, ...]]:
     reading = [("verify", dataset), ("show", dataset), ("convert", dataset, "--format", "npz", "--out", other)]
-    return [*reading, ("show", dataset, "--table2"), ("status", dataset), ("merge", dataset)]
+    return [*reading, ("paper", "table2", dataset), ("status", dataset), ("merge", dataset)]
 
 
 def test_a_manifest_that_is_none(run: Run, modelnet: Path, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
         (0, "status", out),
         (0, "verify", out),
         (0, "show", out),
-        (0, "show", out, "--table2"),
+        (0, "paper", "table2", out),
         (0, "convert", out, "--format", "npz", "--out", out / "a\x1b\udcffb"),
     ):
         outcome = run(*arguments)
