@@ -226,7 +226,7 @@ def test_the_rules_can_fail(name: str, source: str, complaint: str) -> None:
     ("name", "source"),
     [
         ("visibility.exact", "from zbuf_occlude.visibility.interface import Occluder"),
-        ("compare.judge", "from zbuf_occlude.visibility.oracle import prepare"),
+        ("compare.reference_answers", "from zbuf_occlude.visibility.oracle import prepare"),
         ("farm.local", "from zbuf_occlude.dataset.plan import Plan"),
         ("cli.train", "from zbuf_occlude.learn import train\nprint(1)"),
         ("gl.context", "import moderngl, numpy"),

@@ -6,7 +6,7 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.run import Store
+from zbuf_occlude.compare.run import ComparisonFolder
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
 from zbuf_occlude.paper.table1 import paper_tables
 
@@ -27,7 +27,7 @@ def write_and_summarise(folder: Path) -> Path:
 
 def summary(folder: Path) -> str:
     """Return the first screen's table as text; empty when the rows have no meshes."""
-    ranking = standings(row for row in Store(folder).rows().values() if row["suite"] == "meshes")
+    ranking = standings(row for row in ComparisonFolder(folder).rows().values() if row["suite"] == "meshes")
     if not ranking:
         return "no meshes were compared; the report has the presets' tables"
     lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
