@@ -12,7 +12,7 @@ from pathlib import Path
 
 from zbuf_occlude.cli.summary import SOME_FAILED
 from zbuf_occlude.compare.cases import Subject
-from zbuf_occlude.compare.run import Store
+from zbuf_occlude.compare.run import ComparisonFolder
 from zbuf_occlude.compare.summary import Standing, standings
 
 RESOLUTIONS = (256, 512, 1024)
@@ -60,7 +60,7 @@ def main() -> None:
         command = [sys.executable, "-m", "zbuf_occlude", "compare", *sys.argv[1:], "--out", str(out)]
         if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
             raise SystemExit(code)
-        known = {standing.subject: standing for standing in standings(Store(out).rows().values())}
+        known = {standing.subject: standing for standing in standings(ComparisonFolder(out).rows().values())}
     print("| method | wrong answers | ms per view | take it |\n| --- | ---: | ---: | --- |")
     for name, subjects, when in ROWS:
         found = [known.get(subject.label) for subject in subjects]

@@ -227,7 +227,7 @@ def test_the_rules_can_fail(name: str, source: str, complaint: str) -> None:
     ("name", "source"),
     [
         ("visibility.exact", "from zbuf_occlude.visibility.interface import Occluder"),
-        ("compare.judge", "from zbuf_occlude.visibility.oracle import prepare"),
+        ("compare.reference_answers", "from zbuf_occlude.visibility.oracle import prepare"),
         ("workers.warm", "from zbuf_occlude.dataset.plan import Plan"),
         ("dataset.generate", "from zbuf_occlude.workers.task import Run"),
         ("cli.train", "from zbuf_occlude.learn import train\nprint(1)"),

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from zbuf_occlude import OptionError
-from zbuf_occlude.compare.child import Child, ChildFailed, tell
+from zbuf_occlude.compare.child import Child, ChildFailed, report_progress
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def hold_something_that_cannot_be_sent() -> None:
 
 def count(n: int) -> int:
     for i in range(n):
-        tell("counted", i)
+        report_progress("counted", i)
     return n
 
 

@@ -12,8 +12,8 @@ from tests.scenes import box, two_plates
 from zbuf_occlude import views
 from zbuf_occlude.compare import report
 from zbuf_occlude.compare.cases import Case, Subject, ask
-from zbuf_occlude.compare.run import Store, run
-from zbuf_occlude.drawing.pages import Table, write_report
+from zbuf_occlude.compare.run import ComparisonFolder, run
+from zbuf_occlude.drawing.pages import Table, write_pages
 from zbuf_occlude.errors import DatasetError
 
 SUBJECTS = [Subject("oracle"), Subject("embree"), *(Subject("occupancy_grid", {"n": n}) for n in (4, 8))]
@@ -75,7 +75,7 @@ def test_the_report_computes_no_visibility(folder: Path, monkeypatch: pytest.Mon
 
 
 def test_outcomes_of_a_worst_view_add_up(folder: Path) -> None:
-    store = Store(folder)
+    store = ComparisonFolder(folder)
     rows = [row for row in store.rows().values() if row["suite"] == "meshes"]
     for row in rows:
         outcomes = store.load("worst", row["key"])["outcomes"]
@@ -181,7 +181,7 @@ def test_tables_in_both_forms(tmp_path: Path) -> None:
     assert table.as_markdown() == text
     aligned = table.as_markdown(aligned=True).splitlines()
     assert aligned[2:5] == ["| a     |     b |", "| ----- | ----: |", "| `x<y` | **1** |"]
-    page, markdown = write_report(tmp_path, "r", "R <1>", answers=["`a`"], facts=["b"], sections=[table])
+    page, markdown = write_pages(tmp_path, "r", "R <1>", answers=["`a`"], facts=["b"], sections=[table])
     assert "<td><code>x&lt;y</code></td><td class=number><b>1</b></td>" in page.read_text()
     assert "<h1>R &lt;1&gt;</h1>" in page.read_text()
     assert markdown.read_text() == f"# R <1>\n\n`a`\n\nb\n\n{text}"

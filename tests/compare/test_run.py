@@ -15,8 +15,8 @@ from zbuf_occlude.compare import measure as measure_module
 from zbuf_occlude.compare import run as run_module
 from zbuf_occlude.compare.cases import Case, Question, Subject, ask, ask_vertices, default_subjects, thinned
 from zbuf_occlude.compare.measure import Bench, MeasurementFailed, affordable, measure
-from zbuf_occlude.compare.reference import Reference
-from zbuf_occlude.compare.run import Store, compare_masks, run
+from zbuf_occlude.compare.reference_answers import Reference
+from zbuf_occlude.compare.run import ComparisonFolder, compare_masks, run
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility import METHODS
@@ -44,7 +44,7 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
     tally = run(cases, tmp_path, budget=2.0, progress=seen.append)
     assert (tally.made, tally.found, tally.failed) == (2, 0, 2)
     assert seen == ["plates · oracle", "plates · occupancy_grid:n=8", "broken", "sampled badly · occupancy_grid:n=1"]
-    rows = list(Store(tmp_path).rows().values())
+    rows = list(ComparisonFolder(tmp_path).rows().values())
     oracle, grid, missing, refused = rows
     assert oracle["judged"]["agreement"] == 1.0
     assert oracle["judged"]["chamfer"] == 0.0
@@ -76,7 +76,7 @@ def test_another_version_makes_rows_again(tmp_path: Path, monkeypatch: pytest.Mo
 def test_what_cannot_run_here_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(METHODS[0]), "missing", lambda self: "needs the moon")
     run([Case("meshes", "plates", plates, [Subject("oracle")])], tmp_path)
-    (row,) = Store(tmp_path).rows().values()
+    (row,) = ComparisonFolder(tmp_path).rows().values()
     assert (row["status"], row["reason"]) == ("unavailable", "needs the moon")
 
 
@@ -167,7 +167,9 @@ def _cut(measurement: Any, k: int, n: int) -> Any:
 def test_the_reference_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     question = plates(50)
     first = Reference(tmp_path).judge(question)
-    monkeypatch.setattr("zbuf_occlude.compare.reference.prepare_oracle", lambda mesh: pytest.fail("asked again"))
+    monkeypatch.setattr(
+        "zbuf_occlude.compare.reference_answers.prepare_oracle", lambda mesh: pytest.fail("asked again")
+    )
     second = Reference(tmp_path).judge(plates(50))
     assert all((getattr(first, name) == getattr(second, name)).all() for name in vars(first))
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from zbuf_occlude.compare.run import ROWS, Store
+from zbuf_occlude.compare.run import ROWS, ComparisonFolder
 from zbuf_occlude.errors import DatasetError
 
 
@@ -14,7 +14,7 @@ def row(subject: str, key: str = "k") -> dict[str, Any]:
 
 
 def test_the_last_row_of_a_subject_counts(tmp_path: Path) -> None:
-    store = Store(tmp_path / "new" / "folder")
+    store = ComparisonFolder(tmp_path / "new" / "folder")
     assert store.rows() == {}
     for each in (row("x", "old"), row("y"), row("x", "new")):
         store.append(each)
@@ -23,7 +23,7 @@ def test_the_last_row_of_a_subject_counts(tmp_path: Path) -> None:
 
 
 def test_a_torn_line_is_left_out_and_then_replaced(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+    store = ComparisonFolder(tmp_path)
     store.append(row("x"))
     with open(tmp_path / ROWS, "a") as file:
         file.write('{"key": "half')
@@ -35,9 +35,9 @@ def test_a_torn_line_is_left_out_and_then_replaced(tmp_path: Path) -> None:
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     (tmp_path / ROWS).write_text('nonsense\n{"key": 1}\n')
     with pytest.raises(DatasetError, match="line 1 is not"):
-        Store(tmp_path).rows()
+        ComparisonFolder(tmp_path).rows()
 
 
 def test_a_missing_cloud_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="Run compare again"):
-        Store(tmp_path).load("worst", "k")
+        ComparisonFolder(tmp_path).load("worst", "k")

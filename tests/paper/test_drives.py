@@ -17,7 +17,7 @@ from pyarrow import feather
 from tests.paper.drives import THINGS, points_in, write_argoverse, write_kitti
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import drives as crops
-from zbuf_occlude.paper.drives import Box, layout_of, read_clouds
+from zbuf_occlude.paper.drives import Box, layout_of, read_objects
 
 WRITERS = {"KITTI": write_kitti, "Argoverse 2": write_argoverse}
 
@@ -45,14 +45,14 @@ def test_boxes_are_where_the_things_are(drive: tuple[str, Path]) -> None:
 
 
 def test_clouds_are_what_lies_in_boxes_that_have_points_enough(drive: tuple[str, Path]) -> None:
-    clouds = read_clouds(drive[1], 128)
+    clouds = read_objects(drive[1], 128)
     assert clouds.classes == ("car", "other")
     assert clouds.labels.tolist() == [0, 0, 1], "car, van, pedestrian; the truck is neither, the cyclist has too few"
     assert clouds.positions.shape == (3, 128, 3)
     assert np.ptp(clouds.positions, axis=1).max(axis=1) == pytest.approx(1.0, abs=1e-6)
     for positions, thing in zip(clouds.positions, THINGS[:3], strict=True):
         assert len(np.unique(positions, axis=0)) == thing.n_points
-    again = read_clouds(drive[1], 128)
+    again = read_objects(drive[1], 128)
     assert (again.positions == clouds.positions).all(), "seeded"
 
 
@@ -62,9 +62,9 @@ def test_a_long_drive_is_read_evenly(tmp_path: Path, monkeypatch: pytest.MonkeyP
         for folder, suffix in (("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt")):
             first = root / "training" / folder / f"000007.{suffix}"
             first.with_stem(f"{number:06d}").write_bytes(first.read_bytes())
-    assert len(read_clouds(root, 16)) == 30
+    assert len(read_objects(root, 16)) == 30
     monkeypatch.setattr(crops, "MOST_SWEEPS", 4)
-    assert len(read_clouds(root, 16)) == 12
+    assert len(read_objects(root, 16)) == 12
 
 
 def test_a_box_holds_its_sides_and_no_more() -> None:
@@ -160,17 +160,17 @@ def test_what_is_wrong_is_said(
     root = write(tmp_path / "drive")
     damage(root)
     with pytest.raises(DatasetError, match=message):
-        read_clouds(root, 1)
+        read_objects(root, 1)
 
 
 def test_damage_in_a_later_sweep_is_known_too(tmp_path: Path) -> None:
     root = write_kitti(tmp_path / "drive")
     for folder, ending in (("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt")):
         shutil.copy(root / f"training/{folder}/000007.{ending}", root / f"training/{folder}/000008.{ending}")
-    read_clouds(root, 1)
+    read_objects(root, 1)
     os.truncate(root / "training/velodyne" / "000008.bin", 1_001)
     with pytest.raises(DatasetError, match=r"000008\.bin must be records of four float32"):
-        read_clouds(root, 1)
+        read_objects(root, 1)
 
 
 def test_a_folder_in_no_layout(tmp_path: Path) -> None:
@@ -185,4 +185,4 @@ def test_a_drive_without_cars(tmp_path: Path) -> None:
     label = root / "training/label_2/000007.txt"
     label.write_text("\n".join(line for line in label.read_text().splitlines() if line.startswith("Pedestrian")))
     with pytest.raises(DatasetError, match="must have a car with 16 points; it has none"):
-        read_clouds(root, 32)
+        read_objects(root, 32)

@@ -63,7 +63,7 @@ def test_both_formats_give_the_same_points_with_z_up(tmp_path: Path, points: np.
 
 
 def test_clouds(root: Path) -> None:
-    clouds = sydney.read_clouds(root, 64, "-z")
+    clouds = sydney.read_scans(root, 64, "-z")
     assert [clouds.classes[i] for i in clouds.labels] == ["car", "tree"] * 4
     assert clouds.positions.shape == (8, 64, 3)
     extents = np.ptp(clouds.positions, axis=1)
@@ -140,7 +140,7 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
 def test_errors(root: Path, damage, message: str) -> None:
     damage(root)
     with pytest.raises(DatasetError, match=message):
-        sydney.read_clouds(root, 8, "-z")
+        sydney.read_scans(root, 8, "-z")
 
 
 def test_scans_are_checked_before_anything_is_trained(root: Path) -> None:

@@ -9,7 +9,7 @@ import zbuf_occlude as zo
 from tests.paper.test_sydney import write_bin
 from zbuf_occlude import shapes
 from zbuf_occlude.paper import sydney
-from zbuf_occlude.paper.sydney import Frame, decided, find_frame, picture_of_scans, vote
+from zbuf_occlude.paper.sydney import UpAxis, decided, find_frame, picture_of_scans, vote
 from zbuf_occlude.shapes.solids import box
 
 N_CARS = 10
@@ -69,7 +69,7 @@ def test_the_frame_is_found_and_scans_are_turned_by_it(tmp_path: Path, cars: lis
     down = write(tmp_path / "down", {"car": [p * [1, -1, -1] for p in cars]})
     frame = find_frame(down)
     assert frame.up == "-z"
-    one, other = (sydney.read_clouds(root, 64, find_frame(root).up) for root in (upright, down))
+    one, other = (sydney.read_scans(root, 64, find_frame(root).up) for root in (upright, down))
     both = one.labels == sydney.CLASSES.index("car")
     assert np.abs(one.positions[both] - other.positions).max() < 1e-4
     picture_of_scans(down, frame.up).savefig(tmp_path / "scans.png")
@@ -81,7 +81,7 @@ def test_what_says_nothing_is_assumed_and_what_a_person_says_holds(tmp_path: Pat
     frame = find_frame(write(tmp_path, {"car": [rng.uniform(0, 2, (100, 3)) for _ in range(8)]}))
     assert frame.up == "-z"
     assert "-z of the files is up, assumed" in frame.said
-    assert Frame("z", {}).said == "z of the files is up, as --sydney-up says."
+    assert UpAxis("z", {}).said == "z of the files is up, as --sydney-up says."
     assert decided({"vehicles": (90, 98), "tops": (0, 0)}) == ""
     assert decided({"vehicles": (30, 158), "tops": (20, 50)}) == "-z"
 

@@ -133,16 +133,16 @@ def command(name: str, **options: Any) -> None:
     new = BOTH if name == ALL else name
     replaced(f"experiment {name}", f"paper {new}")
     refuse_unused(name, UNUSED[new])
-    run(new, **options)
+    run_experiment(new, **options)
 
 
 def paper_command(name: str) -> click.Command:
     """Return the command of an experiment."""
     options = {str(parameter.name) for parameter in command.params} - {"name"} - UNUSED[name]
-    return derived(command, name, options, run, TEXTS[name] + TEXT)
+    return derived(command, name, options, run_experiment, TEXTS[name] + TEXT)
 
 
-def run(
+def run_experiment(
     name: str,
     out: Path,
     quick: bool,

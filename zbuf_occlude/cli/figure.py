@@ -44,7 +44,7 @@ def command(name: str, **options: Any) -> None:
     """Draw a figure of the paper, of MESH or of a built-in shape; now `zbuf-occlude paper NAME`."""
     replaced(f"figure {name}", f"paper {name}")
     refuse_unused(name, unused(name))
-    draw(name, **options)
+    draw_figure(name, **options)
 
 
 def paper_command(name: str) -> click.Command:
@@ -52,7 +52,9 @@ def paper_command(name: str) -> click.Command:
     options = {str(parameter.name) for parameter in command.params} - {"name"} - unused(name)
     figure = FIGURES[name]
     text = f"Draw the paper's Fig. {name[3:]}: {figure.summary}."
-    return derived(command, name, options, draw, text + (" Of MESH or of a built-in shape." if figure.kind else ""))
+    return derived(
+        command, name, options, draw_figure, text + (" Of MESH or of a built-in shape." if figure.kind else "")
+    )
 
 
 def unused(name: str) -> set[str]:
@@ -63,7 +65,7 @@ def unused(name: str) -> set[str]:
     return found | (set() if figure.kind else {"mesh_file", "up"})
 
 
-def draw(
+def draw_figure(
     name: str,
     out: Path,
     seed: int,

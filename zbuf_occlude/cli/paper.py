@@ -11,7 +11,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import given
 
 
-class Row(NamedTuple):
+class PaperCommand(NamedTuple):
     """A command: one line, and the module of this room whose `paper_command(name)` makes it."""
 
     summary: str
@@ -19,20 +19,22 @@ class Row(NamedTuple):
 
 
 COMMANDS = {
-    "table1a": Row("Table 1A: HSR by vertices, and with far faces excluded.", "compare"),
-    "table1b": Row("Table 1B: exact HSR, and occupancy grids.", "compare"),
-    "table2": Row("Table 2: datasets by samples and size, with the row of one made here.", "show"),
-    "elevation": Row("4.2, Table 3A: classifiers against the camera's elevation.", "experiment"),
-    "augmentation": Row("4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.", "experiment"),
-    "table3": Row("Both of these: Table 3A and 3B.", "experiment"),
-    "realism": Row("Not the paper's: what a LiDAR and a street do to a classifier.", "experiment"),
-    "fig4": Row("Fig. 4: division of large faces.", "figure"),
-    "fig7": Row("Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.", "figure"),
-    "fig8": Row("Fig. 8: object with camera, result of HSR, cloud.", "figure"),
-    "fig9": Row("Fig. 9: objects made by formulas.", "figure"),
-    "fig10": Row("Fig. 10: clouds at four azimuths.", "figure"),
-    "fig11": Row("Fig. 11: clouds at four elevations.", "figure"),
-    "fig12": Row("Fig. 12: projected area of the visible part against elevation.", "figure"),
+    "table1a": PaperCommand("Table 1A: HSR by vertices, and with far faces excluded.", "compare"),
+    "table1b": PaperCommand("Table 1B: exact HSR, and occupancy grids.", "compare"),
+    "table2": PaperCommand("Table 2: datasets by samples and size, with the row of one made here.", "show"),
+    "elevation": PaperCommand("4.2, Table 3A: classifiers against the camera's elevation.", "experiment"),
+    "augmentation": PaperCommand(
+        "4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.", "experiment"
+    ),
+    "table3": PaperCommand("Both of these: Table 3A and 3B.", "experiment"),
+    "realism": PaperCommand("Not the paper's: what a LiDAR and a street do to a classifier.", "experiment"),
+    "fig4": PaperCommand("Fig. 4: division of large faces.", "figure"),
+    "fig7": PaperCommand("Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.", "figure"),
+    "fig8": PaperCommand("Fig. 8: object with camera, result of HSR, cloud.", "figure"),
+    "fig9": PaperCommand("Fig. 9: objects made by formulas.", "figure"),
+    "fig10": PaperCommand("Fig. 10: clouds at four azimuths.", "figure"),
+    "fig11": PaperCommand("Fig. 11: clouds at four elevations.", "figure"),
+    "fig12": PaperCommand("Fig. 12: projected area of the visible part against elevation.", "figure"),
 }
 
 

@@ -7,7 +7,7 @@ import click
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.summary import counted
 from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.run import Store
+from zbuf_occlude.compare.run import ComparisonFolder
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
 from zbuf_occlude.paper.table1 import paper_tables
 from zbuf_occlude.visibility.interface import EYES_INSIDE
@@ -29,7 +29,7 @@ def write_and_summarise(folder: Path) -> Path:
 
 def summary(folder: Path) -> str:
     """Return the first screen's table as text; empty when the rows have no meshes."""
-    rows = [row for row in Store(folder).rows().values() if row["suite"] == "meshes"]
+    rows = [row for row in ComparisonFolder(folder).rows().values() if row["suite"] == "meshes"]
     ranking = standings(rows)
     if not ranking:
         return "no meshes were compared; the report has the presets' tables"

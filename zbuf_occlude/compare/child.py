@@ -51,7 +51,7 @@ class Child:
     def finished(self, progress: Callable[..., None] = lambda *told: None) -> bool:
         """Receive a message: whether it was the last of a function, whose result is then in `result`.
 
-        Otherwise `progress` is called with what the function passed to `tell`. Raises as `answer`.
+        Otherwise `progress` is called with what the function passed to `report_progress`. Raises as `answer`.
         """
         try:
             kind, value = self.pipe.recv()
@@ -85,7 +85,7 @@ _pipe: Any = None
 """In a child, the connection to its parent."""
 
 
-def tell(*values: Any) -> None:
+def report_progress(*values: Any) -> None:
     """In a child: report progress to the parent."""
     _pipe.send(("told", values))
 

@@ -20,8 +20,8 @@ TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
-    """Pairs of view and point that a method and the reference both answered."""
+class JudgedPairs:
+    """JudgedPairs of view and point that a method and the reference both answered."""
 
     answer: BoolArray  # (k, n), True = visible
     truth: BoolArray  # (k, n), the reference's
@@ -30,7 +30,7 @@ class Pairs:
     incidence: FloatArray  # (k, n), angle between line of sight and normal, degrees
     positions: FloatArray  # (n, 3), world space, in longest sides of the mesh
 
-    def view(self, i: int) -> "Pairs":
+    def view(self, i: int) -> "JudgedPairs":
         """Return the pairs of the i-th view alone."""
         rows = ("answer", "truth", "decided", "silhouette", "incidence")
         return replace(self, **{name: getattr(self, name)[i : i + 1] for name in rows})
@@ -104,7 +104,7 @@ def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float
     return float(extra + lost)
 
 
-def mean_chamfer(pairs: Pairs) -> float | None:
+def mean_chamfer(pairs: JudgedPairs) -> float | None:
     """Return the mean over views of `chamfer`, in longest sides; None where a cloud is empty in all of them."""
     distances = [chamfer(pairs.positions, a, t) for a, t in zip(pairs.answer, pairs.truth, strict=True)]
     known = [distance for distance in distances if distance is not None]
@@ -121,7 +121,7 @@ def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
     return nearest
 
 
-def measures_per_view(pairs: Pairs) -> dict[str, Any]:
+def measures_per_view(pairs: JudgedPairs) -> dict[str, Any]:
     """Return what is measured of each view and of all: shares of the pairs, and errors outside the boundary band."""
     return {
         **as_fractions(count_errors(pairs.answer, pairs.truth)),
@@ -132,7 +132,7 @@ def measures_per_view(pairs: Pairs) -> dict[str, Any]:
     }
 
 
-def measures(pairs: Pairs) -> dict[str, Any]:
+def measures(pairs: JudgedPairs) -> dict[str, Any]:
     """Return what is measured of all views together, as JSON has it; a new measure is one line."""
     return {
         **measures_per_view(pairs),

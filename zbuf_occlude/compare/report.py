@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.compare.plots import all_plots
-from zbuf_occlude.compare.run import ROWS, Store
+from zbuf_occlude.compare.run import ROWS, ComparisonFolder
 from zbuf_occlude.compare.summary import (
     Row,
     Standing,
@@ -49,7 +49,7 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     everything it shows; the Markdown refers to the plots beside it. Raises DatasetError where there is no row, or a
     damaged file.
     """
-    store = Store(folder)
+    store = ComparisonFolder(folder)
     rows = list(store.rows().values())
     if not rows:
         raise DatasetError(
@@ -65,12 +65,12 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     sections += [plots["scaling"]] if "scaling" in plots else []
     sections += [table_of_subjects(ranking), table_by_mesh(judged)] if ranking else []
     sections += [*table_of_failures(rows), definitions(rows)]
-    return pages.write_report(
+    return pages.write_pages(
         folder,
         "report",
         "Hidden-surface removal: how wrong, how fast, when to use which",
         answers=[finding(ranking)] if any(s.wrong == 0.0 for s in ranking) else [],
-        facts=[measured_on(rows)],
+        facts=[facts_of_rows(rows)],
         first=first,
         sections=sections,
         page="comparison.html.j2",
@@ -94,7 +94,7 @@ def finding(ranking: Sequence[Standing]) -> str:
     return text + "."
 
 
-def measured_on(rows: Sequence[Row]) -> str:
+def facts_of_rows(rows: Sequence[Row]) -> str:
     """Return what was measured, and on which machine."""
     ok = [row for row in rows if row["status"] == "ok"]
     renderers = sorted({row["timed"]["renderer"] for row in ok} - {"none"})
@@ -196,7 +196,7 @@ def definitions(rows: Sequence[Row]) -> Table:
     return Table("Words", ["", ""], list(words.items()), texts=range(2))
 
 
-def worst_views(store: Store, rows: Sequence[Row], ranking: Sequence[Standing]) -> dict[str, Any]:
+def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[Standing]) -> dict[str, Any]:
     """Collect what the viewer shows: each mesh's points, and the outcomes of each subject's worst view of it."""
     clouds: dict[str, Any] = {}
     order = {one.subject: i for i, one in enumerate(ranking)}

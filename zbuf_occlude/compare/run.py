@@ -16,7 +16,7 @@ import numpy as np
 from zbuf_occlude.compare import metrics
 from zbuf_occlude.compare.cases import Case, Question, Subject, row_key
 from zbuf_occlude.compare.measure import Bench, Measurement, MeasurementFailed
-from zbuf_occlude.compare.reference import FOLDER, Reference, Verdict
+from zbuf_occlude.compare.reference_answers import FOLDER, Reference, ReferenceAnswer
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, OccludeError
 from zbuf_occlude.versions import n_cores, versions
@@ -27,7 +27,7 @@ ROW_SECONDS = 120.0
 """Timeout of a row, all of its calls together, by default."""
 
 
-class Store:
+class ComparisonFolder:
     """A comparison's folder; a row is appended as soon as it is made, so that a crash later does not lose it.
 
     Parameters
@@ -130,7 +130,7 @@ def run(
     `Reference`; `progress` is called once for each row, with what comes next. A row is made again when the question or
     the versions have changed, or when it failed: the cause may be gone.
     """
-    store, reference = Store(out), Reference(out / FOLDER, judge_points)
+    store, reference = ComparisonFolder(out), Reference(out / FOLDER, judge_points)
     known = store.rows()
     tally = Tally()
     with closing(Bench(limit)) as bench:
@@ -184,7 +184,9 @@ def _heading(case: Case, subject: Subject) -> dict[str, Any]:
     }
 
 
-def _judged(key: str, question: Question, measured: Measurement, reference: Reference, store: Store) -> dict[str, Any]:
+def _judged(
+    key: str, question: Question, measured: Measurement, reference: Reference, store: ComparisonFolder
+) -> dict[str, Any]:
     """Compare a measurement's mask with the reference; keep its worst view for the report."""
     judged = compare_masks(measured, reference.judge(question), question)
     errors = [view["outside"]["false_visible"] + view["outside"]["false_hidden"] for view in judged["views"]]
@@ -199,7 +201,7 @@ def _judged(key: str, question: Question, measured: Measurement, reference: Refe
     return {"judged": judged, "worst": {"view": view_id, **shares}}
 
 
-def compare_masks(measured: Measurement, verdict: Verdict, question: Question) -> dict[str, Any]:
+def compare_masks(measured: Measurement, verdict: ReferenceAnswer, question: Question) -> dict[str, Any]:
     """Compare an answer with the reference's, on the views and points that both have.
 
     The result has n_views and n_points of the pairs judged, every measure of `metrics.METRICS` over all of them, and
@@ -207,7 +209,7 @@ def compare_masks(measured: Measurement, verdict: Verdict, question: Question) -
     """
     ids = measured.view_ids
     n = min(measured.mask.shape[1], verdict.truth.shape[1])
-    pairs = metrics.Pairs(
+    pairs = metrics.JudgedPairs(
         answer=measured.mask[:, :n],
         truth=verdict.truth[ids, :n],
         decided=verdict.decided[ids, :n],

@@ -86,7 +86,7 @@ def as_png(figure: "Figure") -> bytes:
     return buffer.getvalue()
 
 
-def write_report(
+def write_pages(
     folder: Path,
     name: str,
     title: str,

@@ -162,4 +162,4 @@ class AugmentationClouds:
 @lru_cache(2)
 def _read_scans(scans: Scans, n_points: int) -> CloudSet:
     """Return the clouds of Test 3, all four folds; read once a process."""
-    return sydney.read_clouds(scans.root, n_points, scans.up)
+    return sydney.read_scans(scans.root, n_points, scans.up)

@@ -69,7 +69,7 @@ def layout_of(root: Path) -> SweepLayout:
     )
 
 
-def read_clouds(root: Path, n_points: int) -> CloudSet:
+def read_objects(root: Path, n_points: int) -> CloudSet:
     """Read the objects of real sweeps as clouds of equal size.
 
     Labels index (`CAR`, `OTHER`); each crop is an object of its own; centred, longest side 1; elevations unknown. What

@@ -140,7 +140,7 @@ class Read(NamedTuple):
 
 @lru_cache(2)
 def _read_real(root: Path, n_points: int) -> CloudSet:
-    return drives.read_clouds(root, n_points)
+    return drives.read_objects(root, n_points)
 
 
 @lru_cache(len(SPLITS))

@@ -72,10 +72,10 @@ def run_study(
     progress, known = progress or Progress(), None
     if scans is not None:
         sydney.check_scans(scans)  # before hours of work, not after
-        frame = sydney.Frame(scans_up, {}) if scans_up else sydney.find_frame(scans)
+        frame = sydney.UpAxis(scans_up, {}) if scans_up else sydney.find_frame(scans)
         known = Scans(scans, frame.up)
     if real is not None:
-        drives.read_clouds(real, 1)  # likewise
+        drives.read_objects(real, 1)  # likewise
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
     objects = "built-in shapes"
     if modelnet is not None:
@@ -103,7 +103,7 @@ def run_study(
     return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
 
 
-def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney.Frame) -> None:
+def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney.UpAxis) -> None:
     """Note how scans are turned, and draw some; raises DatasetError where Test 3 was made with another direction up."""
     if study.get("scans", frame.document)["up"] != frame.up:
         raise DatasetError(

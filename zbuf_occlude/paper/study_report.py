@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zbuf_occlude.compare.plots import GREY, canvas
-from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_report
+from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import reported
 from zbuf_occlude.paper.design import (
@@ -103,8 +103,8 @@ def write_study(folder: Path) -> list[Path]:
     if of(results, REALISM):
         sections.append(table_realism(results, study["realism"]))
     sections += [table_of_trainings(results), *ends]
-    facts = [measured_on(study, results)]
-    return write_report(folder, "study", TITLE, answers=answers(results), facts=facts, sections=sections)
+    facts = [facts_of_study(study, results)]
+    return write_pages(folder, "study", TITLE, answers=answers(results), facts=facts, sections=sections)
 
 
 def read_areas(folder: Path) -> dict[str, Any] | None:
@@ -123,7 +123,7 @@ def read_areas(folder: Path) -> dict[str, Any] | None:
     return areas
 
 
-def measured_on(study: Mapping[str, Any], results: Sequence[Result]) -> str:
+def facts_of_study(study: Mapping[str, Any], results: Sequence[Result]) -> str:
     """Return what the answers were measured on."""
     documents, size = [result.document for result in results], study["size"]
     devices, machines = (sorted({row[what] for row in documents}) for what in ("device", "machine"))

@@ -47,7 +47,7 @@ SHOWN = ("car", "4wd", "truck", "tree", "traffic_sign", "pedestrian")
 
 
 @dataclass(frozen=True)
-class Scan:
+class SydneyScan:
     """One scan of an object."""
 
     name: str  # CLASS.NUMBER.FRAME, such as 4wd.0.2299
@@ -60,7 +60,7 @@ class Scan:
         return self.name.partition(".")[0]
 
 
-def find_scans(root: Path) -> list[Scan]:
+def find_scans(root: Path) -> list[SydneyScan]:
     """List the scans of the four folds, fold after fold, in the order of the fold's file.
 
     `root` is the unpacked archive: the folder with ``objects/`` and ``folds/``, or the folder above it. Raises
@@ -86,7 +86,7 @@ def find_scans(root: Path) -> list[Scan]:
                     f"every scan of {names} must be in {found / 'objects'} as .bin or .csv; {name} is not. "
                     "Unpack the archive again."
                 )
-            scan = Scan(name, fold, path)
+            scan = SydneyScan(name, fold, path)
             if scan.label not in CLASSES:
                 raise DatasetError(
                     f"the class of a scan in {names} must be one of {', '.join(CLASSES)}; {name} is of {scan.label!r}."
@@ -111,7 +111,7 @@ def check_scans(root: Path) -> None:
         read_scan(scan.path, UPS[0])
 
 
-def largest_scan(root: Path, label: str) -> Scan:
+def largest_scan(root: Path, label: str) -> SydneyScan:
     """Return the scan of a class that has the most points; raises DatasetError where there is none."""
     scans = [scan for scan in find_scans(root) if scan.label == label]
     if not scans:
@@ -150,7 +150,7 @@ def read_scan(path: Path, up: str) -> FloatArray:
     return points if up == "z" else np.asarray(points * [1.0, -1.0, -1.0])
 
 
-def read_clouds(root: Path, n_points: int, up: str) -> CloudSet:
+def read_scans(root: Path, n_points: int, up: str) -> CloudSet:
     """Read the scans of the four folds as clouds of equal size; raises as `find_scans` and `read_scan`.
 
     Labels index `CLASSES`, each scan is an object of its own; centred, longest side 1; elevations unknown. Points of a
@@ -166,7 +166,7 @@ def read_clouds(root: Path, n_points: int, up: str) -> CloudSet:
 
 
 @dataclass(frozen=True)
-class Frame:
+class UpAxis:
     """Which way the scans' z axis points, and how that is known."""
 
     up: str  # one of `UPS`: the direction of the files that is up
@@ -191,7 +191,7 @@ class Frame:
         return {"up": self.up, "said": self.said}
 
 
-def find_frame(root: Path) -> Frame:
+def find_frame(root: Path) -> UpAxis:
     """Find out which way is up, from all scans of the folds; `ASSUMED` where they do not say clearly.
 
     A vehicle is longer below, where bonnet and boot are, than its cabin; what stands on a trunk or a pole is wider
@@ -201,7 +201,7 @@ def find_frame(root: Path) -> Frame:
     """
     counts = Counter((kind_of(scan.label), vote(read_scan(scan.path, "z"), scan.label)) for scan in find_scans(root))
     votes = {kind: (counts[kind, 1], counts[kind, -1]) for kind in ("vehicles", "tops")}
-    return Frame(decided(votes) or ASSUMED, votes)
+    return UpAxis(decided(votes) or ASSUMED, votes)
 
 
 def decided(votes: dict[str, tuple[int, int]]) -> str:

@@ -7,7 +7,7 @@ from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_fin
 from zbuf_occlude.drawing.pages import Table
 
 
-class Row(NamedTuple):
+class DatasetRow(NamedTuple):
     """One dataset; `megabytes` of 10^6 bytes."""
 
     name: str
@@ -24,17 +24,17 @@ class Row(NamedTuple):
 
 
 PAPER = (
-    Row("McGill Benchmark", 427, 19, "Synthesized", "Mesh", 412),
-    Row("Sydney Urban Objects", 631, 14, "Real-World", "Point Cloud", 9.66),
-    Row("ModelNet10", 4_899, 10, "Synthesized", "Mesh", 2_170),
-    Row("ModelNet40", 12_311, 40, "Synthesized", "Mesh", 9_100),
-    Row("ShapeNet", 57_454, 55, "Synthesized", "Mesh", 92_900),
-    Row("The paper's dataset", 200_000, 40, "Synthesized", "Point Cloud", 6_940),
+    DatasetRow("McGill Benchmark", 427, 19, "Synthesized", "Mesh", 412),
+    DatasetRow("Sydney Urban Objects", 631, 14, "Real-World", "Point Cloud", 9.66),
+    DatasetRow("ModelNet10", 4_899, 10, "Synthesized", "Mesh", 2_170),
+    DatasetRow("ModelNet40", 12_311, 40, "Synthesized", "Mesh", 9_100),
+    DatasetRow("ShapeNet", 57_454, 55, "Synthesized", "Mesh", 92_900),
+    DatasetRow("The paper's dataset", 200_000, 40, "Synthesized", "Point Cloud", 6_940),
 )
 """The rows of the paper, as printed there; its last column is the quotient of two others."""
 
 
-def row_of(folder: Path) -> Row:
+def row_of(folder: Path) -> DatasetRow:
     """Return the row of a complete dataset: its clouds, and the size of all files that are needed to read them.
 
     Raises DatasetError where there is no complete dataset in the folder.
@@ -44,7 +44,7 @@ def row_of(folder: Path) -> Row:
     files = [folder / name for name in own if name not in (CONTACT_SHEET, GALLERY) and not name.startswith(GROUPS)]
     megabytes = sum(path.stat().st_size for path in files) / 1e6
     n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
-    return Row(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)
+    return DatasetRow(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)
 
 
 def table_2(folder: Path) -> Table:

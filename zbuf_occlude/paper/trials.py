@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from zbuf_occlude.compare.child import Child, ChildFailed, tell
+from zbuf_occlude.compare.child import Child, ChildFailed, report_progress
 from zbuf_occlude.compare.run import machine
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import UnavailableError
@@ -100,7 +100,7 @@ def missing_tests(trial: Trial, folder: Path) -> list[str]:
     return [name for name in trial.tests if result is None or name not in result.tests]
 
 
-def run_trial(trial: Trial, size: Size, folder: Path, report: Report = tell) -> None:
+def run_trial(trial: Trial, size: Size, folder: Path, report: Report = report_progress) -> None:
     """Train a classifier, or read it back, test it on what is missing, and write its result."""
     report(trial.key, 0.0)
     path, names = path_of(folder, trial.key), missing_tests(trial, folder)

@@ -14,17 +14,17 @@ from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 FOLDER = "judge"
 """In a comparison's folder: the stored answers."""
 MOST_TESTS = 3e9
-"""Pairs of line and face tested on a mesh at most: about half a minute on two cores."""
+"""JudgedPairs of line and face tested on a mesh at most: about half a minute on two cores."""
 FEWEST_POINTS = 50
 """Points judged however long that takes: from 15 views on meshes of 80,000 faces and more."""
 SHOWN_TESTS = 3e8
-"""Pairs tested for the picture of a row's worst view at most."""
+"""JudgedPairs tested for the picture of a row's worst view at most."""
 PASSES = 1 + 2 + 8 * (1 + len(SILHOUETTE_EDGES))
 """Lines of sight that are tested for each pair of view and point."""
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class ReferenceAnswer:
     """The reference's answer for the first j points of a question, from all its k eyes."""
 
     truth: BoolArray  # (k, j), True = visible
@@ -43,18 +43,18 @@ class Reference:
         self._folder = folder
         self._n_points = n_points
 
-    def judge(self, question: Question) -> Verdict:
+    def judge(self, question: Question) -> ReferenceAnswer:
         """Answer the question, from the folder where it is stored."""
         affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
         n = min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
         path = self._folder / f"{question.fingerprint}-{n}.npz"
         if path.exists():
             with np.load(path) as stored:
-                return Verdict(**{name: stored[name] for name in stored.files})
+                return ReferenceAnswer(**{name: stored[name] for name in stored.files})
         points, eyes = question.points.select(np.arange(n)), question.views.eyes
         with prepare_oracle(question.mesh) as oracle:
             oracle.warns_of_eyes_inside = False  # the method asked does
-            verdict = Verdict(
+            verdict = ReferenceAnswer(
                 oracle.visible(points, eyes),
                 oracle.decided(points, eyes),
                 oracle.silhouette_distance(points, eyes, np.array(SILHOUETTE_EDGES) / FOOTPRINTS) * FOOTPRINTS,
