@@ -33,14 +33,14 @@ from typing import NamedTuple
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.albedos import ALBEDOS, draw_albedos
 from zbuf_occlude.scenes.parts import box, pole
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.imperfections import detection
 from zbuf_occlude.sensors.scan import default_caster
+from zbuf_occlude.shapes import solids
 
 MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))
 """x, y, z and whether upside down."""

@@ -28,10 +28,9 @@ import open3d
 import trimesh
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh, SurfacePoints
+from zbuf_occlude import Mesh, SurfacePoints, shapes
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
 
 Ask = Callable[[FloatArray], BoolArray]
 PEER = "open3d"

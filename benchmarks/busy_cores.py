@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes import shapes
 
 
 def count() -> None:

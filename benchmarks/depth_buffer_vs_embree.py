@@ -14,9 +14,8 @@ import numpy as np
 import open3d
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh
+from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
 
 GOALS = {50_000: 1.7, 500_000: 8.0}
 

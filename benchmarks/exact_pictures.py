@@ -15,10 +15,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.patches import Rectangle
 
 import zbuf_occlude as zo
-from zbuf_occlude.image_space.layout import PACKET
-from zbuf_occlude.image_space.scene import make_packets, make_scene
-from zbuf_occlude.image_space.view import make_views
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
+from zbuf_occlude.exact.bvh import make_scene
+from zbuf_occlude.exact.layout import PACKET
+from zbuf_occlude.exact.points import make_packets
+from zbuf_occlude.exact.view import make_views
 
 EYES = 3.0 * np.array([[np.cos(0.35) * np.cos(0.6), np.cos(0.35) * np.sin(0.6), np.sin(0.35)]])
 GREY, BLUE, ORANGE, RED = "#c8ccd0", "#3b78b5", "#e69f3c", "#c0392b"

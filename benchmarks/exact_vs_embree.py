@@ -24,9 +24,8 @@ import numpy as np
 import open3d
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh, sample_surface
-from zbuf_occlude.hilbert import hilbert_order
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import Mesh, sample_surface, shapes
+from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 GOALS = {10_000: 4.0, 50_000: 6.0, 500_000: 12.0}

@@ -22,12 +22,13 @@ from contextlib import suppress
 from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
-from zbuf_occlude.dataset.folder import MANIFEST, PLAN, SHARDS, read_plan
+from zbuf_occlude.dataset.folder import GROUPS, MANIFEST, PLAN, read_plan
+from zbuf_occlude.dataset.generate import progress_of
 
 ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "--set", "resolution=128"]
 """Of generate, when none are given: 60,000 small clouds of the built-in shapes."""
 WORKER, RUN, END = "a worker", "the whole run", "the whole run, writing the final files"
-LOOK = 0.01
+LOOK = 0.03
 """Seconds between two looks at the run."""
 AGAIN = "is done again"
 """What a run says on standard error of the job that a dead worker had."""
@@ -71,10 +72,11 @@ class Victim:
         return time.monotonic() + self.rng.uniform(0, 2 * every)
 
     def _progress(self) -> float:
-        """Return which fraction of the shards is done."""
+        """Return which fraction of the batches is done."""
         if not (self.out / PLAN).exists():
             return 0.0
-        return len(list((self.out / SHARDS).glob("[0-9]*.json"))) / len(read_plan(self.out).shards)
+        plan = read_plan(self.out)
+        return float(progress_of(plan, self.out)["batches_done"]) / len(plan.batches)
 
     def _kill(self, kind: str) -> bool:
         """Kill one; False when there is none to kill."""
@@ -135,9 +137,9 @@ def differences(one: Path, other: Path) -> list[str]:
 
 
 def _comparable(path: Path) -> object:
-    if path.name != MANIFEST:
+    if path.name != MANIFEST and path.parent.name != GROUPS:
         return path.read_bytes()
-    return {key: value for key, value in json.loads(path.read_text()).items() if key != "seconds"}
+    return {key: value for key, value in json.loads(path.read_text()).items() if key not in ("seconds", "checksum")}
 
 
 def kinds_of(n_kills: int, rng: random.Random) -> list[str]:
@@ -152,7 +154,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--every", type=float, default=2.0, help="seconds between kills, on average")
-    parser.add_argument("--format", action="append", choices=["hdf5", "packed", "webdataset", "ply", "npz"])
+    parser.add_argument("--format", action="append", choices=["hdf5", "packed", "webdataset", "npz", "pcn", "ply"])
     parser.add_argument("--random", type=int, default=None, help="seed of the moments and victims")
     known, others = parser.parse_known_args(arguments)
     seed = known.random if known.random is not None else random.SystemRandom().randrange(10**6)
@@ -164,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
             began = time.monotonic()
             subprocess.run([*command, "--out", str(folder / "alone")], check=True, capture_output=True)
             alone = time.monotonic() - began
-            writing = json.loads((folder / "alone" / MANIFEST).read_text())["seconds"]["writing"]
+            writing = json.loads((folder / "alone" / MANIFEST).read_text())["seconds"].get("writing", 0.5)
             began = time.monotonic()
             victim = Victim([*command, "--out", str(folder / "out")], folder / "out", folder / "log", rng)
             code = victim.disturb(kinds_of(known.kills, rng), known.every, writing)

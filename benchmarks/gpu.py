@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 
 import zbuf_occlude as zo
+from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.exact_pass import ExactPass
 from zbuf_occlude.gl.exact_shapes import Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
-from zbuf_occlude.hilbert import hilbert_order
-from zbuf_occlude.meshes.shapes.benchmark import benchmark_mesh
+from zbuf_occlude.shapes.benchmark import benchmark_mesh
 from zbuf_occlude.visibility import oracle
 from zbuf_occlude.visibility.interface import CONTACT
 

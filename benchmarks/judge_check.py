@@ -15,8 +15,8 @@ import time
 import numpy as np
 
 import zbuf_occlude as zo
+from tests.rational import sees
 from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.rational import sees
 from zbuf_occlude.visibility import oracle
 
 MOST_DISPUTES = 300

@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 
 from zbuf_occlude.cli.summary import SOME_FAILED
-from zbuf_occlude.compare.store import Store
-from zbuf_occlude.compare.subjects import Subject
+from zbuf_occlude.compare.cases import Subject
+from zbuf_occlude.compare.run import Store
 from zbuf_occlude.compare.summary import Standing, standings
 
 RESOLUTIONS = (256, 512, 1024)

@@ -10,11 +10,11 @@ import time
 from functools import partial
 from pathlib import Path
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.farm import local
-from zbuf_occlude.farm.supervisor import Limits
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.workers import local
 
 WHOLE = 246_220
 

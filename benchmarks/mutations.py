@@ -1,15 +1,58 @@
-"""Small sound mesh files of all formats, and ways to damage them: cuts, splices, odd numbers, odd values in JSON."""
+"""Small sound meshes and documents, and ways to damage them: cuts, splices, odd numbers, odd values in JSON."""
 
 import base64
 import copy
 import json
 import random
+import re
 import struct
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+ODD_WORDS = (
+    *(b"true", b"no", b"null", b"~", b".inf", b"[]", b"[[1]]", b"{}", b"*a", b"&a 1", b"!!binary x", b"!!int ''", b'"'),
+    *(b"9" * 400, b"9" * 5000, b"x" * 140_000, b"[" * 3000, b"a\nerror: b", b'"a\\nerror: b"', b"1e5", b"\0", b"'"),
+)
+"""What documents do not hold where a number should be."""
+SENSORS = (
+    """kind: spinning
+lasers: [-12, -8, [0, 1.5], [4, -1.5]]
+columns: 72
+range_max: 80
+sigma: [[0, 0.01], [80, 0.04]]
+step: 0.005
+divergence: 0.002
+drop: 0.1
+returns: last
+reach: 40
+name: mine
+source: measured
+""",
+    """kind: pinhole
+width: 20
+height: 15
+fov: 60
+axial: true
+lateral: [0.8, 0.035]
+sigma: 0.01
+disparity_step: 0.003
+edge_loss: 0.5
+incidence_max: 85
+drop_zero: 0.2
+drop_limit: 0.1
+attenuation: 0.004
+""",
+    """kind: risley
+frequencies: [-77.7, 121.6]
+wedge: 18
+index: 1.51
+rate: 10000
+seconds: 0.1
+range_min: 1
+""",
+)
 ODD_NUMBERS = (
     b"-1 0 1 2 3 -0 nan inf -inf 1e400 -1e-400 1e308 0x1F 1_000 1,5 .5 5. . - + e5 1e 1e+ --1 +1 1d3 4294967295 1e9"
     b" 4294967296 2147483648 18446744073709551616 99999999999999999999999 1000000000 0.1e1 1/2/3 1//3 / 1/ \xd9\xa3"
@@ -32,7 +75,8 @@ ODD_BYTES = (
 ODD_VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 1, 2, 3, 5, 7, 255, 65536, 2**31, 2**32, 2**53, 2**60, 2**64, 1.5, 1e308, -0.0, "", "0", [], {},
     [0], [[0]], [0] * 16, [1e39] * 16, {"a": 0}, 5120, 5121, 5123, 5125, 5126, 5130, "POSITION", "VEC3", "SCALAR",
-    "data:,", "../x", "data:;base64,AAAA", float("nan"), float("inf"),
+    "data:,", "../x", "data:;base64,AAAA", float("nan"), float("inf"), 10**400, -1e-320, 1e200, "1e5", "a\nerror: b",
+    "x" * 5000, "\0",
 )  # fmt: skip
 
 
@@ -78,6 +122,42 @@ def sound_files() -> dict[str, list[bytes]]:
         inside = {**rich, "buffers": [{"byteLength": len(data)}]}
         files[".glb"].append(packed(inside, data))
     return files
+
+
+def sound_documents() -> dict[str, list[bytes]]:
+    """Return sensors, scenes, poses and labels that are as they should be, by the names of their files."""
+    turn = [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]
+    camera = {"K": [[50, 0, 50], [0, 50, 50], [0, 0, 1]], "width": 100, "height": 100, "R": turn, "t": [0, 0, 10]}
+    frame = {"transform_matrix": [[0, 0, 1, 4], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]}
+    nerf = {"camera_angle_x": 0.7, "w": 100, "h": 80, "k1": 0.0, "frames": [frame, frame]}
+    crate = {"mesh": "crate.off", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9, "up": "z", "class": "a"}
+    taxonomy = {"taxonomy_id": "02691156", "taxonomy_name": "airplane", "train": ["one", "crate"], "test": ["two"]}
+    pose = (0.5, 0.5, -0.5, -0.5, 0, 0, 10)
+    image = "".join(f"{i} {' '.join(map(str, pose))} 1 x.png\n1 2 -1\n" for i in (1, 2))
+    images = b"".join(struct.pack("<I7dI6sQ", i, *pose, 1, b"x.png\0", 2) + bytes(48) for i in (1, 2))
+    models = struct.pack("<iiQQ4d", 1, 1, 100, 80, 50, 50, 50, 40) + struct.pack("<iiQQ4d", 2, 2, 9, 8, 5, 5, 4, 0)
+    return {
+        "sensor.yaml": [text.encode() for text in SENSORS],
+        "sensor.csv": [
+            b"azimuth,elevation,ring\n0,0,3\n90,0,4\n-1.5,2.5,\n",
+            b"x, y, z\n1, 0, 0\n1, 0.1, 0.2\n",
+        ],
+        "scene.json": [json.dumps({"objects": [crate, {"mesh": "crate.off", "position": [3, -6, 0]}]}).encode()],
+        "views.csv": [
+            b"azimuth,elevation,distance,roll\n0,20,4,0\n30,-20,,5\n",
+            b"azimuth, elevation\n0, 20\n30, -20\n",
+            b"r11,r12,r13,r21,r22,r23,r31,r32,r33,t1,t2,t3,fx,fy,cx,cy,width,height\n"
+            + b"0,1,0,0,0,-1,-1,0,0,0,0,10,50,50,50,50,100,100\n" * 2,
+        ],
+        "cameras.json": [json.dumps(each).encode() for each in (nerf, [camera, camera], {"cameras": [camera]}, camera)],
+        "cameras.jsonl": [f"{json.dumps(camera)}\n".encode() * 2],
+        "images.txt": [b"# images\n" + image.encode()],
+        "images.bin": [struct.pack("<Q", 2) + images],
+        "cameras.txt": [b"# cameras\n1 PINHOLE 100 80 50 50 50 40\n2 SIMPLE_RADIAL 9 8 5 5 4 0\n"],
+        "cameras.bin": [struct.pack("<Q", 2) + models],
+        "labels.csv": [b"key,class,split\ncrate,cup,train\n", b"id,synsetId,modelId,split\n1,2691156,crate,val\n"],
+        "labels.json": [json.dumps(each).encode() for each in ([taxonomy], {"cup": ["crate"]}, {"crate": "cup"})],
+    }
 
 
 def rich_document() -> dict[str, Any]:
@@ -151,22 +231,17 @@ def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(data[20 : 20 + length]), data[28 + length :]
 
 
-def mutated(data: bytes, suffix: str, rng: random.Random) -> bytes:
+def mutated(data: bytes, kind: str, rng: random.Random) -> bytes:
     """Return a file after one to four changes."""
     ways: list[Callable[[bytes, random.Random], bytes]] = [
-        flipped,
-        cut,
-        spliced,
-        peppered,
-        renumbered,
-        reworded,
-        relined,
+        *(flipped, cut, spliced, peppered, renumbered, reworded, relined),
+        *[revalued_text] * (0 if kind.startswith("mesh") else 4),
     ]
-    if suffix in (".glb", ".gltf") and rng.random() < 0.85:
-        document, blob = unpacked(data) if suffix == ".glb" else (json.loads(data), b"")
+    if kind.endswith((".glb", ".gltf", ".json")) and rng.random() < 0.85:
+        document, blob = unpacked(data) if kind.endswith(".glb") else (json.loads(data), b"")
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             revalued(document, rng)
-        data = packed(document, blob) if suffix == ".glb" else json.dumps(document).encode()
+        data = packed(document, blob) if kind.endswith(".glb") else json.dumps(document).encode()
         if rng.random() < 0.8:
             return data
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
@@ -222,6 +297,13 @@ def reworded(data: bytes, rng: random.Random) -> bytes:
     return b" ".join(words)
 
 
+def revalued_text(data: bytes, rng: random.Random) -> bytes:
+    """Put something odd in place of a word or number of YAML or CSV, or of what stands between two commas."""
+    words = re.split(rb"([,:\n\[\] ])", data)
+    words[rng.randrange(0, len(words), 2)] = rng.choice((*ODD_NUMBERS, *ODD_WORDS))
+    return b"".join(words)
+
+
 def relined(data: bytes, rng: random.Random) -> bytes:
     """Double, move, join, break or comment lines of a text, or end them otherwise."""
     lines = data.split(b"\n")
@@ -245,7 +327,7 @@ def relined(data: bytes, rng: random.Random) -> bytes:
 def revalued(document: dict[str, Any], rng: random.Random) -> None:
     """Change, remove or double a value somewhere in JSON."""
     holder: Any = document
-    while True:
+    while holder:
         key = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
         value = holder[key]
         if isinstance(value, (dict, list)) and value and rng.random() < 0.85:
@@ -259,7 +341,6 @@ def revalued(document: dict[str, Any], rng: random.Random) -> None:
         elif isinstance(holder, list):
             holder.append(copy.deepcopy(value))
         else:
-            holder[rng.choice(("mesh", "skin", "children", "extensions", "sparse", "byteStride", "indices"))] = (
-                copy.deepcopy(value)
-            )
+            names = ("mesh", "skin", "children", "extensions", "sparse", "byteStride", "indices", "up", "K", "frames")
+            holder[rng.choice(names)] = copy.deepcopy(value)
         return

@@ -11,10 +11,10 @@ import time
 import numpy as np
 import torch
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.threads import use_threads
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.pool import use_threads
 
 
 class Occluded(torch.utils.data.Dataset):

@@ -233,35 +233,35 @@ PARTS = (
     ),
     Part(
         "study",
-        "zbuf-occlude experiment all --quick --budget clouds --budget epochs --out OUT/study",
+        "zbuf-occlude paper table3 --quick --budget clouds --budget epochs --out OUT/study",
         45,
-        "zbuf-occlude experiment all --quick --models voxnet --seeds 2 --objects 8 --points 128 --budget clouds "
+        "zbuf-occlude paper table3 --quick --models voxnet --seeds 2 --objects 8 --points 128 --budget clouds "
         "--budget epochs --out OUT/study",
         times=False,
         reads="study/study.md",
     ),
     Part(
         "study-voxels",
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 11 --voxels 30 --out OUT/voxels",
+        "zbuf-occlude paper elevation --quick --models voxnet --seeds 11 --voxels 30 --out OUT/voxels",
         18,
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --voxels 30 "
+        "zbuf-occlude paper elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --voxels 30 "
         "--out OUT/voxels",
         times=False,
         reads="voxels/study.md",
     ),
     Part(
         "study-plain",
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 11 --out OUT/plain",
+        "zbuf-occlude paper elevation --quick --models voxnet --seeds 11 --out OUT/plain",
         18,
-        "zbuf-occlude experiment elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --out OUT/plain",
+        "zbuf-occlude paper elevation --quick --models voxnet --seeds 1 --objects 8 --points 128 --out OUT/plain",
         times=False,
         reads="plain/study.md",
     ),
     Part(
         "realism",
-        "zbuf-occlude experiment realism --quick --objects 8 --out OUT/realism",
+        "zbuf-occlude paper realism --quick --objects 8 --out OUT/realism",
         6,
-        "zbuf-occlude experiment realism --quick --objects 5 --seeds 1 --points 64 --out OUT/realism",
+        "zbuf-occlude paper realism --quick --objects 5 --seeds 1 --points 64 --out OUT/realism",
         times=False,
         reads="realism/study.md",
     ),

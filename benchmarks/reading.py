@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude import Mesh, MeshError, load_mesh
+from zbuf_occlude.jit.pool import use_threads
 from zbuf_occlude.meshes.files import _READERS as READERS
 from zbuf_occlude.meshes.obj import _KEYWORDS as OBJ
 from zbuf_occlude.meshes.stl import _KEYWORDS as STL
 from zbuf_occlude.meshes.text import NO_KEYWORDS, Lines
-from zbuf_occlude.threads import use_threads
 
 KEYWORDS = {".obj": OBJ, ".stl": STL}
 

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib import colormaps
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.drawing import draw_cloud, new_figure
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.sensors import Scan, make
 from zbuf_occlude.sensors.capture import captures, sensor_places, stand

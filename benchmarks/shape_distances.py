@@ -14,8 +14,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zbuf_occlude import Mesh, sample_surface
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import Mesh, sample_surface, shapes
 
 DENSER = 64
 

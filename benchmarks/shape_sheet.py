@@ -11,8 +11,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
-from zbuf_occlude import Mesh
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import Mesh, shapes
 
 
 def picture(mesh: Mesh, size: int, azimuth: float, elevation: float) -> np.ndarray:

@@ -4,13 +4,14 @@
 
 A render is one view's visibility: a depth buffer of the mesh, and a thousand points tested against it.
 
-One process: calls of 100 renders, each with a mesh made, prepared and closed anew. A cycle of 24 calls has meshes of
-all classes, 64 to 256 pixels, both refinements, 500 to 2,000 points, eyes outside and inside the mesh; then the same
-again, and the answers must be those of the first cycle. With recycling: four plans of other options, made by the farm's
-local engine as `generate` uses it; each worker is replaced after 200 shards of 500 renders. The first and the last
-shards of each plan are then made again by a fresh process and must be the same bytes.
+One process: calls of 100 renders, each with a mesh made, prepared and closed anew, in a context that is passed on and,
+as in README, without one. A cycle of 24 calls has meshes of all classes, 64 to 256 pixels, both refinements, 500 to
+2,000 points, eyes outside and inside the mesh; then the same again, and the answers must be those of the first cycle.
+With recycling: four plans of other options, made by the farm's local engine as `generate` uses it; each worker is
+replaced after 200 batches of 500 renders. The first and the last batches of each plan are then made again by a fresh
+process and must be the same bytes.
 
-Resident memory is taken after each call, and of each worker and of the parent after each shard. Warm-up is the first
+Resident memory is taken after each call, and of each worker and of the parent after each batch. Warm-up is the first
 tenth of a process's life (shaders compile, the allocator's arenas grow to the largest mesh); the most after it may
 exceed the most during it by 5 %. Exit status 1 when it does, or when answers differ.
 """
@@ -24,6 +25,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,23 +34,23 @@ import numpy as np
 from tqdm import tqdm
 
 import zbuf_occlude as zo
-from zbuf_occlude.dataset.claim import claim
-from zbuf_occlude.dataset.generate import do, run_here
-from zbuf_occlude.dataset.jobs import Jobs
+from zbuf_occlude import shapes
+from zbuf_occlude.dataset.formats.packed import archive_name
+from zbuf_occlude.dataset.generate import Making, generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import data_path
-from zbuf_occlude.farm import local
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.visibility import find_method
+from zbuf_occlude.workers import local
+from zbuf_occlude.workers.task import run_here
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05
 LEAST_SAMPLES = 50
-"""A worker that made fewer shards has no life to speak of."""
+"""A worker that made fewer batches has no life to speak of."""
 COMPARED = 5
-"""This many of a plan's first and of its last shards are made again."""
+"""This many of a plan's first and of its last batches are made again."""
 
 CALLS = [
     {"label": label, "index": index, "resolution": resolution, "refine": refine, "points": points, "distance": distance}
@@ -67,7 +69,7 @@ PLANS: list[dict[str, Any]] = [
 ]
 
 
-def answer(gl: GlContext, call: dict[str, Any]) -> str:
+def answer(gl: GlContext | None, call: dict[str, Any]) -> str:
     """Make, prepare, ask and close; a digest of the mask."""
     mesh = shapes.make(call["label"], call["index"])
     points = zo.sample_surface(mesh, n_points=call["points"], seed=0)
@@ -77,20 +79,18 @@ def answer(gl: GlContext, call: dict[str, Any]) -> str:
         return hashlib.sha256(np.packbits(occluder.visible(points, eyes)).tobytes()).hexdigest()
 
 
-def one_process(n_renders: int) -> dict[str, Any]:
-    """Render in this process alone."""
+def one_process(n_renders: int, name: str, gl_of_ours: bool) -> dict[str, Any]:
+    """Render in this process alone, with a context that is passed on or with what `prepare` does without one."""
     memory, first, n_different = [], {}, 0
     began = time.perf_counter()
-    with GlContext.open() as gl:
-        for i in tqdm(range(n_renders // VIEWS), unit="00 renders", desc="one process", mininterval=10):
+    with GlContext.open() if gl_of_ours else nullcontext() as gl:
+        for i in tqdm(range(n_renders // VIEWS), unit="00 renders", desc=name, mininterval=10):
             number = i % len(CALLS)
             digest = answer(gl, CALLS[number])
             n_different += digest != first.setdefault(number, digest)
             memory.append(resident_gigabytes(os.getpid()))
-        renderer = gl.renderer
     seconds = time.perf_counter() - began
     return {
-        "renderer": renderer,
         "renders": len(memory) * VIEWS,
         "seconds": seconds,
         "different": n_different,
@@ -125,19 +125,16 @@ def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
                 for process in multiprocessing.active_children():
                     lives[f"plan {number}, worker {process.pid}"].append(resident_gigabytes(process.pid))
 
-            claim(plan, out)
-            jobs = Jobs(plan, out, range(len(plan.shards)), (), Limits(), on_shard=look)
-            do(jobs, partial(local.run_jobs, n_workers=n_workers, limits=Limits()))
-        shards = range(len(plan.shards))
-        some = sorted({*shards[:COMPARED], *shards[-COMPARED:]})
-        claim(plan, again)
+            generate(plan, out, run=partial(local.run_jobs, n_workers=n_workers, limits=Limits()), progress=look)
+        batches = range(len(plan.batches))
+        some = sorted({*batches[:COMPARED], *batches[-COMPARED:]})
+        again.mkdir()
         fresh = multiprocessing.get_context("spawn").Process(target=make_here, args=(plan, some, again))
         fresh.start()
         fresh.join()
-        for shard in some:
-            report["different"] += (
-                data_path(plan, out, shard).read_bytes() != data_path(plan, again, shard).read_bytes()
-            )
+        for batch in some:
+            name = archive_name(batch)
+            report["different"] += (out / name).read_bytes() != (again / name).read_bytes()
         report["renders"] += plan.n_clouds
     report["workers"] = len(lives) - 1
     report["seconds"] = time.perf_counter() - began
@@ -145,9 +142,11 @@ def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
     return report
 
 
-def make_here(plan: Plan, shards: list[int], out: Path) -> None:
-    """Make some shards in this process."""
-    do(Jobs(plan, out, shards, (), Limits()), run_here)
+def make_here(plan: Plan, batches: list[int], out: Path) -> None:
+    """Make some batches in this process."""
+    run_here(
+        Making(plan, out, find_method(plan.recipe.method).needs_gl), [("batch", i) for i in batches], lambda *_: ()
+    )
 
 
 def judged(name: str, memory: list[float]) -> dict[str, Any]:
@@ -194,7 +193,8 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             report["recycled"] = recycled(arguments.recycled, arguments.workers, Path(folder))
     if arguments.one:
-        report["one process"] = one_process(arguments.one)
+        for name, gl_of_ours in (("one process", True), ("README's form", False)):
+            report[name] = one_process(arguments.one, name, gl_of_ours)
     print(as_table(report))
     growth = max((life["growth"] for found in report.values() for life in found["lives"]), default=0.0)
     n_different = sum(found["different"] for found in report.values())

@@ -16,16 +16,15 @@ from typing import Any
 
 STAGES = (
     ("load", "zbuf_occlude.meshes.files:load_mesh"),
-    ("clean", "zbuf_occlude.mesh:Mesh.cleaned"),
+    ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
     ("sample", "zbuf_occlude.dataset.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),
     ("ask", "zbuf_occlude.visibility.interface:Occluder.visible"),
     ("check", "zbuf_occlude.dataset.pipeline:check"),
-    ("gather", "zbuf_occlude.dataset.records:RecordStore.keep"),
-    ("write", "zbuf_occlude.dataset.records:RecordStore.write"),
-    ("merge", "zbuf_occlude.dataset.parts:write_part"),
-    ("merge", "zbuf_occlude.dataset.finish:finish"),
-    ("merge", "zbuf_occlude.dataset.generate:merge"),  # of older versions
+    ("gather", "zbuf_occlude.dataset.batch:Clouds.keep"),
+    ("write", "zbuf_occlude.dataset.batch:Clouds.pieces"),
+    ("files", "zbuf_occlude.dataset.generate:write_file"),
+    ("files", "zbuf_occlude.dataset.manifest:finish"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 

@@ -8,8 +8,8 @@ import time
 import torch
 from torch.utils.data import DataLoader, Dataset
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
-from zbuf_occlude.meshes import shapes
 
 
 class Shapes(Dataset):

@@ -35,11 +35,11 @@ settings.load_profile("unhurried")
 
 
 FIRST = (
-    "visibility/test_contract.py", "learn/test_study.py", "farm/test_local.py", "examples/test_examples.py",
+    "visibility/test_contract.py", "paper/test_study.py", "workers/test_local.py", "examples/test_examples.py",
     "visibility/test_pyrender.py", "learn/test_train.py", "visibility/test_first_hits.py",
-    "farm/test_merge.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
-    "sensors/test_scenes.py", "learn/test_realism.py", "cli/test_experiment.py", "compare/test_figures.py",
-    "dataset/test_published.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "test_numba_cache.py",
+    "dataset/test_generate.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
+    "sensors/test_scenes.py", "paper/test_realism.py", "cli/test_experiment.py", "paper/test_figures.py",
+    "dataset/test_export.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "jit/test_compiler.py",
     "dataset/test_attributes.py",
 )  # fmt: skip
 """Files whose tests wait, or work for more than some five seconds: begun before the others, so that no process has a
@@ -69,9 +69,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def no_waiting_for_the_disk() -> Iterator[None]:
-    """What tests write need not outlast a power cut; that the disk is asked to is what dataset/test_fsync.py sees to.
+    """What tests write need not outlast a power cut; so nothing waits for it here.
 
-    A disk takes milliseconds to keep a file: farm/test_merge.py waited for it three quarters of its time, without this.
+    A disk takes milliseconds to keep a file: most of the time of the tests of kills, without this.
     """
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(os, "fsync", lambda file: None)

@@ -10,10 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude import Mesh, SurfacePoints, sample_surface
+from zbuf_occlude import Mesh, SurfacePoints, sample_surface, shapes
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.meshes import shapes
-from zbuf_occlude.meshes.shapes import refined, solids
+from zbuf_occlude.shapes import refined, solids
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 

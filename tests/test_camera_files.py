@@ -1,7 +1,8 @@
-"""Cameras from files: JSON, CSV, NeRF's transforms.json, COLMAP's text; what is wrong in them, and distortion."""
+"""Cameras from files: JSON, CSV, NeRF's transforms.json, COLMAP's files; what is wrong in them, and distortion."""
 
 import json
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,16 @@ def write_cameras(folder: Path, form: str) -> str:
         document = {"camera_angle_x": angle, "w": WIDTH, "h": HEIGHT, "frames": frames}
         (folder / "transforms.json").write_text(json.dumps(document))
         return str(folder / "transforms.json")
+    if form == "colmap binary":
+        pinhole = struct.pack("<iiQQ4d", 1, 1, 640, 480, 500, 500, 320, 240)
+        radial = struct.pack("<iiQQ4d", 2, 2, 640, 480, 500, 320, 240, 0)
+        (folder / "cameras.bin").write_bytes(struct.pack("<Q", 2) + pinhole + radial)
+        data = struct.pack("<Q", 2)
+        for i, (r, t) in enumerate(zip(rotations, translations, strict=True)):
+            data += struct.pack("<I7dI", i + 1, *quaternion(r), *t, i + 1) + "straße.png".encode() + b"\0"
+            data += struct.pack("<Q", 3 * i) + bytes(24 * 3 * i)  # points in the picture
+        (folder / "images.bin").write_bytes(data)
+        return str(folder / "images.bin")
     (folder / "cameras.txt").write_text(
         "# cameras\n1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0\n"
     )
@@ -74,7 +85,7 @@ def write_cameras(folder: Path, form: str) -> str:
     return str(folder / "images.txt")
 
 
-@pytest.mark.parametrize("form", ["json", "jsonl", "csv", "nerf", "colmap"])
+@pytest.mark.parametrize("form", ["json", "jsonl", "csv", "nerf", "colmap", "colmap binary"])
 def test_cameras_from_files(tmp_path: Path, form: str) -> None:
     made = views.parse(write_cameras(tmp_path, form))
     assert np.allclose(made.eyes, CAMERA_EYES, atol=1e-9)
@@ -109,10 +120,10 @@ def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_p
     ("name", "content", "message"),
     [
         ("a.json", "{", "must be JSON; it cannot be read"),
-        ("a.json", "[]", "must hold cameras, each with R and t; it cannot be read (it holds none)"),
-        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,1]]}]', "it cannot be read (no 't')"),
-        ("a.json", '[{"R": [[2,0,0],[0,1,0],[0,0,1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
-        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and one is not"),
+        ("a.json", "[]", "must hold cameras, each with R and t; number 0 cannot be read (it holds none)"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,1]]}]', "number 0 cannot be read (no 't')"),
+        ("a.json", '[{"R": [[2,0,0],[0,1,0],[0,0,1]], "t": [0,0,1]}]', "R must be a rotation, and is none"),
+        ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and is none"),
         ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must hold cameras"),
         ("images.txt", "1 1 0 0\n", "must hold cameras"),
     ],

@@ -63,8 +63,8 @@ def test_commands_are_run_by_this_python_in_folders_of_this_machine(
     words = run.words_of("python benchmarks/own_surface.py ../shared/data/modelnet/*/train/*.off", Path("out"))
     assert words[:2] == [sys.executable, "benchmarks/own_surface.py"]
     assert [Path(word).name for word in words[2:]] == ["a.off", "b.off"]
-    words = run.words_of("zbuf-occlude experiment all --out OUT/study", tmp_path)
-    assert words == [sys.executable, "-m", "zbuf_occlude", "experiment", "all", "--out", f"{tmp_path}/study"]
+    words = run.words_of("zbuf-occlude paper table3 --out OUT/study", tmp_path)
+    assert words == [sys.executable, "-m", "zbuf_occlude", "paper", "table3", "--out", f"{tmp_path}/study"]
 
 
 def test_a_number_changed_by_hand_is_noticed() -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from zbuf_occlude.farm import worker
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.versions import n_cores
+from zbuf_occlude.workers import worker
 
 PACKAGE = Path(worker.__file__).parents[1]
 

@@ -2,7 +2,6 @@
 
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,11 +15,14 @@ import zbuf_occlude.visibility as visibility
 from tests.scenes import box
 from zbuf_occlude import Mesh
 from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import SENSORS, make
+from zbuf_occlude.sensors.table import Row
 from zbuf_occlude.views import Specification, Views
 from zbuf_occlude.visibility.interface import Method, Occluder
 
@@ -39,22 +41,28 @@ def prepare(mesh: Mesh) -> Near:
     return Near(mesh)
 
 
-def names(plan: Plan) -> Iterator[str]:
-    """Name the toy format's files."""
-    return (f"toy_{part.split}{part.number}.npy" for part in plan.parts)
+def file_name(split: str, number: int) -> str:
+    """Name a file of the toy format."""
+    return f"toy_{split}{number}.npy"
 
 
-def write_part(content: Content, out: Path) -> list[str]:
-    """A toy format: records in .npy files."""
-    name = f"toy_{content.split}{content.number}.npy"
-    np.save(out / name, content.records)
-    return [name]
+def write(path: Path, records: Any, plan: Plan, number: int = 0) -> None:
+    """Write the toy format: records in .npy files."""
+    np.save(path, records)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Read them back."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
     return source_of_files(plan, paths, lambda path: len(np.load(path)), kept(np.load))
+
+
+def export(source: Source, out: Path) -> Exported:
+    """Write the toy layout: a text file for each split, a line for each cloud's class and first point."""
+    for split, numbers in source.order.items():
+        lines = [f"{source.plan.classes[int(r['label'][0])]} {r['data'][0]}" for r in source.take(numbers)]
+        (out / f"{split}.txt").write_text("\n".join(lines))
+    return Exported({split: [f"{split}.txt"] for split in source.order}, source.n_clouds)
 
 
 @pytest.fixture
@@ -69,9 +77,17 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setattr(specs, "SPECIFICATIONS", (*specs.SPECIFICATIONS, corners))
     module = ModuleType("zbuf_occlude.dataset.formats.toy")
-    module.names, module.write_part, module.read = names, write_part, read  # type: ignore[attr-defined]
+    module.file_name, module.write, module.read = file_name, write, read  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, Format("toy", "records in .npy files")))
+    layout = ModuleType("zbuf_occlude.dataset.export.lines")
+    layout.export = export  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, layout.__name__, layout)
+    rows = (Format("toy", "records in .npy files"), Format("lines", "a line for each cloud", "toy"))
+    monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, *rows))
+    camera = Row(
+        "toy-camera", "pinhole", "two by two", {"width": (2, "a toy"), "height": (2, "a toy"), "fov": (60, "")}
+    )
+    monkeypatch.setitem(SENSORS, camera.name, camera.sensor())
 
 
 @pytest.mark.usefixtures("toys")
@@ -86,6 +102,10 @@ def test_a_dataset_by_three_toys(tmp_path: Path) -> None:
     for cloud in clouds:
         eye = -cloud["pose"][:3, :3].T @ cloud["pose"][:3, 3]
         assert (cloud["data"] @ eye > 0).all()
+    generate(Plan(meshes, recipe, "lines"), tmp_path / "lines")
+    lines = (tmp_path / "lines" / "train.txt").read_text().split("\n")
+    assert [line.split()[0] for line in lines] == ["a", "a"]
+    assert len(make("toy-camera").rays()) == 4
 
 
 def test_the_page_names_the_files_to_open() -> None:
@@ -94,6 +114,7 @@ def test_the_page_names_the_files_to_open() -> None:
         "a method": ("visibility/", "METHODS"),
         "a view specification": ("views/specs.py", "SPECIFICATIONS"),
         "a format": ("dataset/formats/", "FORMATS"),
+        "an export": ("dataset/export/", "FORMATS"),
         "a layout": ("meshes/layouts/", "LAYOUTS"),
     }.items():
         paragraph = re.search(rf"\*\*To add {what}\*\*[^*]*", page)

@@ -132,7 +132,7 @@ def test_specs(spec: str, expected: Views) -> None:
         ("ring:8@100", "elevations must run upwards within -90..90; got 100..100."),
         ("random:5@50..0", "elevations must run upwards within -90..90; got 50..0."),
         ("grid:2x3@0..91", "elevations must run upwards within -90..90; got 0..91."),
-        ("no/such/file.csv", "views must be a readable CSV; no/such/file.csv: "),
+        ("no/such/file.csv", "a file must be readable; no/such/file.csv: "),
     ],
 )
 def test_bad_specs(spec: str, message: str) -> None:
@@ -152,16 +152,17 @@ def test_csv(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "must have the columns azimuth,elevation[,distance] and a row; found: no rows."),
-        (b"azimuth,elevation\n", "must have the columns azimuth,elevation[,distance] and a row; found: no rows."),
-        (b"az,el\n1,2\n", "must have the columns azimuth,elevation[,distance] and a row; found: az, el."),
-        (b"azimuth,elevation\n1,east\n", "must hold numbers, angles in degrees; could not convert"),
-        (b"azimuth,elevation\n1\n", "must hold numbers, angles in degrees; "),
-        (b"azimuth,elevation\n1,9\n1,-91\n", "must hold elevations in [-90, 90] degrees from the xy plane; got -91."),
-        (b"azimuth,elevation\nnan,5\n", "azimuth must be finite; got nan."),
-        (b"azimuth,elevation,distance\n1,5,-2\n", "distance must be positive; got -2."),
-        (b"azimuth,elevation\n\xff\xfe,1\n", "views must be a readable CSV;"),
-        (b"azimuth,elevation\n" + b"1" * 200_000 + b",1\n", "views must be a readable CSV;"),
+        (b"", "must have a row of names and 1 to 1,000,000 below it"),
+        (b"azimuth,elevation\n", "must have a row of names and 1 to"),
+        (b"az,el\n1,2\n", "must have the columns azimuth,elevation[,distance]; found: az, el."),
+        (b"azimuth,elevation\n1,east\n", "degrees; got 'east'."),
+        (b"azimuth,elevation\n1\n", "degrees; got ''."),
+        (b"azimuth,elevation\n1,9\n1,-91\n", "must be numbers, from -90 to 90 degrees; got -91.0."),
+        (b"azimuth,elevation\nnan,5\n", "degrees; got nan."),
+        (b"azimuth,elevation\n1e300,5\n", "degrees; got 1e+300."),
+        (b"azimuth,elevation,distance\n1,5,-2\n", "longest sides; got -2.0."),
+        (b"azimuth,elevation\n\xff\xfe,1\n", "must be CSV; it cannot be read"),
+        (b"azimuth,elevation\n" + b"1" * 200_000 + b",1\n", "must be CSV; it cannot be read"),
     ],
 )
 def test_bad_csv(tmp_path: Path, content: bytes, message: str) -> None:

@@ -12,8 +12,6 @@ from zbuf_occlude import interrupts
 
 interrupts.end_quietly()
 
-from zbuf_occlude import numba_cache  # noqa: E402  (it takes a while)
-
 if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
     from zbuf_occlude import scenes, sensors, views
     from zbuf_occlude.errors import (
@@ -25,19 +23,16 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
         OptionError,
         UnavailableError,
     )
-    from zbuf_occlude.mesh import Mesh
+    from zbuf_occlude.geometry.mesh import Mesh
+    from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.files import load_mesh
-    from zbuf_occlude.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.scenes import Scene
     from zbuf_occlude.sensors import scan
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
 
 __version__ = "0.1.0"
-
-numba_cache.ensure_writable()  # before any module compiles a function
-numba_cache.forget_stale()
 
 __all__ = [
     "METHODS",
@@ -72,10 +67,10 @@ _HOMES = {
         "OptionError",
         "UnavailableError",
     ),
-    "mesh": ("Mesh",),
+    "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.files": ("load_mesh",),
-    "sampling": ("SurfacePoints", "sample_surface"),
+    "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
     "sensors": ("scan",),
     "views": ("Views",),

@@ -11,14 +11,14 @@ from zbuf_occlude import interrupts
 from zbuf_occlude.cli import group
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.errors import OccludeError, OptionError
+from zbuf_occlude.extras import culprit, reason
 
-EXTRAS = {"matplotlib": "report", "PIL": "report", "OpenEXR": "exr"}
-"""Packages that commands draw and write pictures with, and the extras that bring them."""
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
 def main() -> None:
     """Run the command line; exit 0 done, 1 failed, 2 usage, 3 done but some meshes failed, 130 interrupted."""
+    gc.set_threshold(100_000, 20, 100)  # a quarter of the time in which 100,000 meshes are planned: all objects stay
     _open_closed_streams()
     # children (workers, probes) import from where Python's packages are, never from whatever folder a person is in
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -45,11 +45,11 @@ def main() -> None:
     except OccludeError as error:
         echo(f"error: {error}", err=True)
         code = FAILED
-    except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
+    except ImportError as error:
+        package = culprit(error)
+        if not package:
             raise
-        echo(f"error: this needs the package {error.name}; install it: pip install 'zbuf-occlude[{extra}]'", err=True)
+        echo(f"error: this {reason(package, error)}", err=True)
         code = FAILED
     except MemoryError as error:
         echo(f"error: it must fit in memory; it does not ({error}). Ask for less: points, views, size.", err=True)

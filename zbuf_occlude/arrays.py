@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 
 LARGEST = 1e70
 """Coordinates beyond this would overflow where lengths are raised to the fourth power (areas squared)."""

@@ -1,4 +1,4 @@
-"""Limits: what one mesh may take, in time and memory, before whoever works on it is killed."""
+"""Limits: what one mesh may take, in time and memory, before its worker is killed."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ LOOK = 0.5
 
 @dataclass(frozen=True)
 class Limits:
-    """What one mesh may take before it is given up, and counted as failed.
+    """What one mesh may take; one that exceeds it is a failure.
 
     Parameters
     ----------
@@ -42,15 +42,15 @@ class Limits:
         return [self.seconds, self.gigabytes]
 
     def allow_more_than(self, others: "Limits") -> bool:
-        """Whether a mesh that was given up within others may be made within these."""
+        """Whether a mesh that exceeded others may be made within these."""
         return self.seconds > others.seconds or self.gigabytes > others.gigabytes
 
     def excess(self, seconds: float, gigabytes: float) -> str:
         """Say which limit a mesh has exceeded that has taken this much; empty when none."""
         if seconds > self.seconds:
-            return f"a mesh may take {self.seconds:g} seconds; this one took longer."
+            return f"mesh timed out after {self.seconds:g} s"
         if gigabytes > self.gigabytes:
-            return f"a mesh may take {self.gigabytes:g} GB of memory; this one took more."
+            return f"mesh exceeded {self.gigabytes:g} GB of memory"
         return ""
 
     @contextmanager
@@ -65,7 +65,7 @@ class Limits:
         Notes
         -----
         For the main thread of a process, which alone hears signals; in another, and where somebody else uses the alarm,
-        nothing is watched. Workers need none of it: their supervisor kills them (`zbuf_occlude.farm.supervisor`).
+        nothing is watched. Workers need none of it: the pool kills them (`zbuf_occlude.workers.pool`).
         """
         alarm = getattr(signal, "SIGALRM", None)  # Windows has none
         free = alarm is not None and signal.getsignal(alarm) in (signal.SIG_DFL, signal.SIG_IGN)
@@ -76,7 +76,7 @@ class Limits:
 
         def look(number: int, frame: Any) -> None:
             if excess := self.excess(time.monotonic() - began, resident_gigabytes(os.getpid())):
-                raise MeshError(f"{excess} Simplify it.")
+                raise MeshError(f"{excess}. Simplify it.")
 
         before = signal.signal(signal.SIGALRM, look)
         signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
@@ -88,7 +88,7 @@ class Limits:
 
 
 class GivenUp(NamedTuple):
-    """Why a mesh was given up, and within which limits: with others it may be tried again."""
+    """Why a mesh is not tried again, and the limits then: within wider ones it may be."""
 
     reason: str
     limits: Limits

@@ -1,4 +1,4 @@
-// THE definition of "blocked" in float64: zbuf_occlude/predicates.py word for word, so that both decide alike.
+// THE definition of "blocked" in float64: zbuf_occlude/geometry/predicates.py word for word, so that both decide alike.
 // `precise` forbids the compiler to fuse or reorder: cross(b, a) must stay the exact negative of cross(a, b).
 
 dvec3 cross64(dvec3 a, dvec3 b)

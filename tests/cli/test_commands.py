@@ -12,7 +12,7 @@ import trimesh
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS, load_mesh
 from zbuf_occlude.cli import COMMANDS
-from zbuf_occlude.dataset.ply import write_ply
+from zbuf_occlude.dataset.point_files import write_ply
 from zbuf_occlude.gl.probe import Probe
 from zbuf_occlude.meshes.clouds import load_cloud
 

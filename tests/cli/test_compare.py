@@ -1,6 +1,7 @@
 """`compare`, `report` and `figure` from the command line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
-from zbuf_occlude.cli.compare import announce
-from zbuf_occlude.compare.forecast import Forecast
-from zbuf_occlude.compare.presets import preset
+from zbuf_occlude.paper.table1 import CASES
 
 QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
 
@@ -32,7 +31,6 @@ def test_compare_then_report(run: Run, folder: Path, tmp_path: Path) -> None:
     assert "4 rows made, 0 found, 0 failed" in outcome.out
     assert "occupancy_grid:n=8,n_samples=3000" in outcome.out
     assert "compare: 100%" in outcome.err
-    assert outcome.err.startswith("4 rows, about 1 minute (")
     rows = [json.loads(line) for line in (out / "rows.jsonl").read_text().splitlines()]
     assert [row["case"] for row in rows] == ["thing_1", "thing_1", "thing_2", "thing_2"]
     assert rows[1]["options"] == {"n": 8, "n_samples": 3000}
@@ -99,25 +97,13 @@ def test_options_that_nothing_would_look_at_are_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_seconds_are_the_presets_too() -> None:
-    assert {case.budget for case in preset("table1b", root=None, seed=0)} == {30.0}
-    assert {case.budget for case in preset("table1b", root=None, seed=0, budget=0.5)} == {0.5}
-
-
-def test_it_says_beforehand_how_long_and_what_is_given_up() -> None:
-    text = announce(Forecast(40, 7_300.0, ["a · vertex_hsr"]), 120.0).splitlines()
-    assert text[0] == "40 rows, about 2.0 hours (once compiled, on an idle machine)"
-    assert text[1].startswith("1 row will hardly be done within 120 s and be given up: a · vertex_hsr. Raise --row-")
-    assert announce(Forecast(1, 10.0, []), 120.0).startswith("1 row, about 1 minute (")
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("fig4", "--method", "embree"), "fig4 (division of large faces) does not use --method. Leave it out."),
-        (("fig9", "thing.off", "--set", "a=1"), "fig9 (objects made by formulas) does not use --set, MESH."),
-        (("fig10", "--sydney", "."), "fig10 (clouds at four azimuths) does not use --sydney."),
-        (("fig10", "--up", "y"), "fig10 (clouds at four azimuths) does not use --up."),
+        (("fig4", "--method", "embree"), "fig4 does not use --method. Leave it out."),
+        (("fig9", "thing.off", "--set", "a=1"), "fig9 does not use"),
+        (("fig10", "--sydney", "."), "fig10 does not use --sydney."),
+        (("fig10", "--up", "y"), "a built-in shape does not use --up."),
     ],
 )
 def test_figures_refuse_what_they_do_not_use(
@@ -129,8 +115,29 @@ def test_figures_refuse_what_they_do_not_use(
 
 def test_figure(run: Run, folder: Path, tmp_path: Path) -> None:
     png = tmp_path / "four.png"
-    outcome = run("figure", "fig4", folder / "thing_2.off", "--out", png)
+    outcome = run("paper", "fig4", folder / "thing_2.off", "--out", png)
     assert outcome.code == 0, outcome.err
     assert outcome.out == f"fig4 of thing_2: {png}\n"
     assert np.asarray(Image.open(png).convert("L")).min() < 128
-    assert "--out must end in .png" in run("figure", "fig4", "--out", tmp_path / "four.tiff").err
+    old = run("figure", "fig4", "--out", tmp_path / "four.tiff").err.splitlines()
+    assert "`zbuf-occlude figure fig4` is now `zbuf-occlude paper fig4`" in old[0]
+    assert "--out must end in .png" in old[-1]
+    assert "No such option" in run("paper", "fig4", "--method", "embree", "--out", png).err
+
+
+def test_the_papers_commands_are_listed_without_what_they_import(run: Run) -> None:
+    listed = run("paper", "--help").out
+    for name in ("table1a", "table1b", "table2", "table3", "elevation", "augmentation", "realism", "fig4", "fig12"):
+        assert f"\n  {name} " in listed
+        assert run("paper", name, "--help").code == 0
+
+
+def test_table_1_by_its_own_name_and_by_its_old_one(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = [replace(case, subjects=case.subjects[:1]) for case in CASES["table1b"](None, 0)][:1]
+    monkeypatch.setitem(CASES, "table1b", lambda root, seed, budget: [replace(case, budget=budget) for case in few])
+    made = run("paper", "table1b", "--seconds", 0.5, "--judge-points", 50, "--out", tmp_path / "out")
+    assert made.code == 0, made.err
+    assert "1 rows made, 0 found, 0 failed" in made.out
+    again = run("compare", "--preset", "table1b", "--seconds", 0.5, "--judge-points", 50, "--out", tmp_path / "out")
+    assert "0 rows made, 1 found, 0 failed" in again.out
+    assert again.err.startswith("note: `zbuf-occlude compare --preset table1b` is now `zbuf-occlude paper table1b`")

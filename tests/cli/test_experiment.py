@@ -1,4 +1,4 @@
-"""experiment: a small study from the command line; help, and what is wrong in one line."""
+"""`paper elevation` and its like: a small study from the command line; help, and what is wrong in one line."""
 
 import json
 from dataclasses import replace
@@ -7,30 +7,30 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from tests.learn.hand_made import TINY
+from tests.paper.hand_made import TINY
 from tests.test_light_import import run as run_program
-from zbuf_occlude import Mesh
+from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes import MeshCollection, shapes
+from zbuf_occlude.meshes import MeshCollection
 
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """`--quick` is quicker: light networks, in this process; tests/learn/test_study.py has processes of their own."""
     pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
-    from tests.learn.light import put_in_place
+    from tests.paper.light import put_in_place
 
     put_in_place(monkeypatch)
-    monkeypatch.setattr("zbuf_occlude.learn.experiments.trials.n_cores", lambda: 1)
+    monkeypatch.setattr("zbuf_occlude.paper.trials.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.learn.experiments.elevation.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.paper.elevation.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
 def test_elevation(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "study"
-    done = run("experiment", "elevation", "--quick", "--out", out)
+    done = run("paper", "elevation", "--quick", "--out", out)
     assert done.code == 0, done.err
     assert f"2 classifiers trained or tested now; report: {out / 'study.html'}" in done.out
     assert "clouds: 100%" in done.err
@@ -38,9 +38,9 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
     assert "Traceback" not in done.err
     assert "VoxNet" in (out / "study.md").read_text()
     assert (out / "elevation.png").stat().st_size > 10_000
-    again = run("experiment", "elevation", "--quick", "--out", out)
+    again = run("paper", "elevation", "--quick", "--out", out)
     assert "0 classifiers trained or tested now" in again.out
-    full = run("experiment", "elevation", "--out", out)
+    full = run("paper", "elevation", "--out", out)
     assert full.code == 1
     assert "error: " in full.err
     assert "it holds another (tiny, built-in shapes), with other name, summary, models," in full.err
@@ -50,7 +50,7 @@ def test_elevation(run: Run, tmp_path: Path) -> None:
 def test_what_is_between_the_sizes(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "study"
     changes = ("--objects", 5, "--seeds", 2, "--models", "pointnet", "--points", "40", "--epochs", 2, "--voxels", 8)
-    done = run("experiment", "elevation", "--quick", *changes, "--out", out)
+    done = run("paper", "elevation", "--quick", *changes, "--out", out)
     assert done.code == 0, done.err
     assert "4 classifiers trained" in done.out
     study = json.loads((out / "study.json").read_text())
@@ -69,13 +69,13 @@ def test_meshes_that_fail_are_named_and_the_exit_code_says_so(
 ) -> None:
     first = two_hundred(shapes.collection())[0]
     monkeypatch.setattr(
-        "zbuf_occlude.learn.experiments.study.find_objects",
+        "zbuf_occlude.paper.study.find_objects",
         lambda *_, **__: MeshCollection(
             [replace(entry, load=fail) if entry.key == first.key else entry for entry in shapes.collection()]
         ),
     )
     for again in (False, True):
-        done = run("experiment", "elevation", "--quick", "--out", tmp_path / "study")
+        done = run("paper", "elevation", "--quick", "--out", tmp_path / "study")
         assert done.code == 3, done.err
         assert f"{0 if again else 2} classifiers trained" in done.out
         assert f"1 mesh failed:\n  {first.key}: the file is empty" in done.out
@@ -91,49 +91,58 @@ def fail() -> Mesh:
 def test_what_is_wrong_is_one_line(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "study"
     for arguments, code, message in (
-        (("experiment", "--out", out), 2, "Missing argument '{elevation|augmentation|realism|all}'"),
-        (("experiment", "augmentation", "--real", tmp_path, "--out", out), 2, "--real must go with realism, which is"),
-        (("experiment", "realism", "--sydney", tmp_path, "--out", out), 2, "--sydney must go with augmentation or all"),
-        (("experiment", "realism", "--quick", "--real", tmp_path, "--out", out), 1, "--real must be a folder in KITTI"),
-        (("experiment", "everything", "--out", out), 2, "'everything' is not one of"),
-        (("experiment", "all", "--quick"), 2, "Missing option '--out'"),
-        (("experiment", "all", "--quick", "--out", __file__), 2, "test_experiment.py' is a file."),
-        (("experiment", "all", "--quick", "--modelnet", out, "--out", out), 1, "there is no folder"),
-        (("experiment", "all", "--quick", "--modelnet", tmp_path / "no", "--out", out), 1, "modelnet.cs.princeton.edu"),
-        (("experiment", "all", "--quick", "--sydney", tmp_path, "--out", out), 1, "https://www.acfr.usyd.edu.au"),
-        (
-            ("experiment", "elevation", "--budget", "epochs", "--out", out),
-            2,
-            "--budget must go with augmentation or all",
-        ),
-        (("experiment", "all", "--sydney-up", "z", "--out", out), 2, "--sydney-up must go with --sydney"),
-        (("experiment", "all", "--epochs", 3, "--out", out), 2, "--epochs must go with elevation or augmentation"),
-        (("experiment", "all", "--points", "many", "--out", out), 2, "it must be N or N,N; got 'many'"),
-        (("experiment", "all", "--models", "alexnet", "--out", out), 2, "model must be one of voxnet"),
-        (("experiment", "all", "--quick", "--objects", 41, "--out", out), 2, "objects must lie in 5..40"),
-        (("experiment", "all", "--quick", "--voxels", 1, "--out", out), 2, "voxels must lie in 2..128"),
+        (("augmentation", "--real", tmp_path, "--out", out), 2, "No such option"),
+        (("realism", "--sydney", tmp_path, "--out", out), 2, "No such option"),
+        (("realism", "--quick", "--real", tmp_path, "--out", out), 1, "--real must be a folder in KITTI"),
+        (("everything", "--out", out), 2, "No such command 'everything'"),
+        (("table3", "--quick"), 2, "Missing option '--out'"),
+        (("table3", "--quick", "--out", __file__), 2, "test_experiment.py' is a file."),
+        (("table3", "--quick", "--modelnet", out, "--out", out), 1, "there is no folder"),
+        (("table3", "--quick", "--modelnet", tmp_path / "no", "--out", out), 1, "modelnet.cs.princeton.edu"),
+        (("table3", "--quick", "--sydney", tmp_path, "--out", out), 1, "https://www.acfr.usyd.edu.au"),
+        (("elevation", "--budget", "epochs", "--out", out), 2, "No such option"),
+        (("table3", "--sydney-up", "z", "--out", out), 2, "--sydney-up must go with --sydney"),
+        (("table3", "--epochs", 3, "--out", out), 2, "No such option"),
+        (("table3", "--points", "many", "--out", out), 2, "it must be N or N,N; got 'many'"),
+        (("table3", "--models", "alexnet", "--out", out), 2, "model must be one of voxnet"),
+        (("table3", "--quick", "--objects", 41, "--out", out), 2, "objects must lie in 5..40"),
+        (("table3", "--quick", "--voxels", 1, "--out", out), 2, "voxels must lie in 2..128"),
     ):
-        outcome = run(*arguments)
+        outcome = run("paper", *arguments)
         assert (outcome.code, message in outcome.err) == (code, True), outcome
         assert "Traceback" not in outcome.err
         assert not out.exists()
 
 
+def test_the_old_name_works_and_says_by_what_it_is_replaced(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    for arguments, new, message in (
+        (("all", "--objects", 41), "paper table3", "objects must lie in 5..40"),
+        (("elevation", "--budget", "epochs", "--real", "."), "paper elevation", "does not use --real, --budget."),
+    ):
+        outcome = run("experiment", *arguments, "--out", out)
+        assert outcome.code == 2
+        first, *_, last = outcome.err.splitlines()
+        assert first.startswith(f"note: `zbuf-occlude experiment {arguments[0]}` is now `zbuf-occlude {new}`")
+        assert message in last
+    assert "Missing argument '{elevation|augmentation|realism|all}'" in run("experiment", "--out", out).err
+
+
 def test_without_torch_help_teaches_and_the_rest_names_the_extra() -> None:
     start = (
-        "import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', 'experiment', *ARGUMENTS]\n"
+        "import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', 'paper', *ARGUMENTS]\n"
         "from zbuf_occlude.__main__ import main\n"
     )
-    helped = run_program(start.replace("*ARGUMENTS", "'--help'") + "main()")
-    for words in ("Table 3A", "Table 3B", "--sydney", "Examples:", "The same command again does only what is missing"):
+    helped = run_program(start.replace("*ARGUMENTS", "'table3', '--help'") + "main()")
+    for words in ("Table 3A and 3B", "--sydney", "Examples:", "The same command again does only what is missing"):
         assert words in helped
-    asked = start.replace("*ARGUMENTS", "'all', '--out', 'nowhere'") + (
+    asked = start.replace("*ARGUMENTS", "'table3', '--out', 'nowhere'") + (
         "sys.stderr = sys.stdout\n"
         "try:\n    main()\n"
         "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"
     )
     answer = run_program(asked)
-    assert "error: classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
+    assert "the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
     assert answer.endswith("exit 1")
     assert len(answer.splitlines()) == 2
     assert not Path("nowhere").exists()

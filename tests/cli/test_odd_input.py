@@ -319,7 +319,7 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
 ) -> None:
     corners = np.random.default_rng(0).uniform(size=(900, 3))  # far more area than its longest side says
     write_off(tetrahedron.parent / "soup_1.off", corners, np.arange(900).reshape(300, 3))
-    monkeypatch.setattr("zbuf_occlude.sampling.MAX_POINTS", 2_000)
+    monkeypatch.setattr("zbuf_occlude.geometry.sampling.MAX_POINTS", 2_000)
     recipe = Recipe("oracle", views="ring:1@30", n_points=None, density=200.0, sample_size=8)
     document = generate(Plan(MeshCollection.from_paths(tetrahedron.parent), recipe), tmp_path / "out")
     assert document["counts"]["clouds"] == 1

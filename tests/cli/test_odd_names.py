@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Run
 from zbuf_occlude import cli
-from zbuf_occlude.compare.tables import Table, marked_up, verbatim
+from zbuf_occlude.drawing.pages import Table, marked_up, verbatim
 from zbuf_occlude.errors import printable
 
 OFF = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n"
@@ -47,12 +47,12 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
     out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out\xfe<u>\x1b[31m"))
     odd = ("--views", "ring:2@20", "--sample-size", 16, "--workers", 1)
     for code, *arguments in (
-        (3, "generate", meshes, "--out", out, *SMALL, *odd, "--format", "ply"),
-        (3, "generate", meshes, "--out", out, *SMALL, *odd, "--format", "ply"),
+        (3, "generate", meshes, "--out", out, *SMALL, *odd),
+        (3, "generate", meshes, "--out", out, *SMALL, *odd),
         (0, "status", out),
         (0, "verify", out),
         (0, "show", out),
-        (0, "show", out, "--table2"),
+        (0, "paper", "table2", out),
         (0, "convert", out, "--format", "npz", "--out", out / "a\x1b\udcffb"),
     ):
         outcome = run(*arguments)

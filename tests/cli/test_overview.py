@@ -61,6 +61,26 @@ def test_what_published_tests_cannot_divide_is_said(run: Run, modelnet: Path, fo
     assert ("there must be 10 or more; here are 4. Training is not concerned" in outcome.err) is warned
 
 
+@pytest.mark.parametrize(("limit", "warned"), [(3, True), (8, True), (24, False)])
+def test_splits_of_different_classes_are_said(run: Run, limit: int, warned: bool) -> None:
+    """Built-in shapes: eight classes, three splits; what the table shows is what the warning says."""
+    outcome = run("generate", "--limit", limit, "--dry-run")
+    assert outcome.code == 0, outcome.err
+    warnings = [line for line in outcome.err.splitlines() if line.startswith("warning:")]
+    rows = {label: numbers for label, *numbers in table(outcome.err) if len(numbers) == 3 and numbers[0].isdigit()}
+    assert len(rows) == min(limit, 8)
+    assert any("0" in numbers for numbers in rows.values()) is warned
+    assert len(warnings) == warned
+    assert all(word in line for line in warnings for word in ("different classes", "train lacks", "--limit"))
+
+
+def test_splits_of_different_classes_without_a_limit(run: Run, modelnet: Path) -> None:
+    (modelnet / "brick" / "test").rename(modelnet / "brick" / "val")
+    outcome = run("generate", modelnet, "--dry-run")
+    assert "warning: the splits have different classes: val lacks ball; test lacks brick." in outcome.err
+    assert "--limit" not in outcome.err
+
+
 def test_labels_classes_and_splits(run: Run, modelnet: Path, tmp_path: Path) -> None:
     (tmp_path / "labels.csv").write_text("file,class,split\nball_0,sphere,test\nball_1.off,sphere,val\n")
     some = run("generate", modelnet, "--dry-run", "--classes", "ball", "--splits", "test")

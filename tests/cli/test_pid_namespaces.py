@@ -29,10 +29,10 @@ def test_parts_made_in_namespaces_of_their_own_are_one_dataset(meshes: Path, tmp
         pytest.skip("this machine may not make PID namespaces")
 
     def command(out: str) -> list[str]:
-        options = ["--method=exact", "--views=ring:500@20", "--points=40", "--sample-size=8", "--workers=1"]
+        options = ["--method=exact", "--views=ring:4096@20", "--points=40", "--sample-size=8", "--workers=1"]
         return [sys.executable, "-m", "zbuf_occlude", "generate", str(meshes), *options, "--out", str(tmp_path / out)]
 
-    # 500 views: a shard of each mesh
+    # 4,096 views of eight meshes: a group for each machine
     subprocess.run(command("alone"), check=True, capture_output=True)
     machines = [
         subprocess.Popen(
@@ -46,13 +46,16 @@ def test_parts_made_in_namespaces_of_their_own_are_one_dataset(meshes: Path, tmp
     assert [machine.returncode for machine in machines] == [0] * N_MACHINES, said
     merge = [sys.executable, "-m", "zbuf_occlude", "merge", str(tmp_path / "out")]
     subprocess.run(merge, check=True, capture_output=True)
+    assert len(list((tmp_path / "out" / "groups").iterdir())) == N_MACHINES
     assert contents(tmp_path / "out") == contents(tmp_path / "alone")
 
 
 def contents(out: Path) -> dict[str, object]:
-    """Every file of a dataset, the manifest without its times."""
+    """Every file of a dataset, the manifest without its times; the records of groups have times too."""
     found: dict[str, object] = {
-        str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()
+        str(path.relative_to(out)): path.read_bytes()
+        for path in out.rglob("*")
+        if path.is_file() and path.parent.name != "groups"
     }
     manifest = json.loads((out / "manifest.json").read_text())
     return found | {"manifest.json": {key: value for key, value in manifest.items() if key != "seconds"}}

@@ -10,8 +10,8 @@ import trimesh
 from PIL import Image
 
 from tests.cli.conftest import Run, write_off
+from zbuf_occlude import shapes
 from zbuf_occlude.cli.scan_pictures import SURROUNDINGS, around_the_object
-from zbuf_occlude.meshes import shapes
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def test_a_street(run: Run, car: Path, tmp_path: Path) -> None:
         (("--set-sensor", "columns"), "--set-sensor must be given KEY=VALUE; got 'columns'."),
         (("--size", "car=0"), "--size must be 'file', metres from 0.001 to 100000, or CLASS=metres"),
         (("--size", "1e-320"), "--size must be 'file', metres from 0.001"),
-        (("--set-sensor", "sigma=1e300"), "sigma of a sensor must be metres, at most 10000; got 1e+300."),
+        (("--set-sensor", "sigma=1e300"), "from 0 to 10000 metres; got 1e+300."),
         (("--hidden", "0.2"), "--hidden needs a scene that can hide"),
-        (("--scene", "none.json"), "a scene must be readable JSON"),
+        (("--scene", "none.json"), "a file must be readable; none.json: No such"),
         (("--picture", "a.gif"), "--picture must end in .png"),
         (("--picture", "/nowhere/a.png"), "--picture must be in a folder that there is; '/nowhere' is none."),
         (("--out", "/nowhere/scan.ply"), "--out must be in a folder that there is; '/nowhere' is none. Make it first."),
@@ -119,7 +119,7 @@ def test_visible_by_a_sensor(run: Run, car: Path, tmp_path: Path) -> None:
         (("--azimuth", "nan"), "nan is not a finite number"),
         (("--elevation", "inf"), "inf is not"),
         (("--scene", "ground", "--elevation", 40), "--elevation must go without a ground"),
-        (("--set-sensor", "lasers=3"), "must be made of numbers"),
+        (("--set-sensor", "lasers=3"), "lasers of a sensor must be rows of 2 numbers"),
     ],
 )
 def test_angles_that_nothing_can_be_done_with(run: Run, tmp_path: Path, arguments: Any, message: str) -> None:

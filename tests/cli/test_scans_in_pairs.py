@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 
 from tests.cli.conftest import Run
 from tests.cli.test_generate_scans import records_of
+from tests.pcd import read_pcd
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packed import PackedDataset
-from zbuf_occlude.dataset.pcd import read_pcd
 
 GIVEN = ("--sensor", "vlp-32c", "--set-sensor", "noise=0", "--range", "6..9", "--method", "embree", "--limit", "2")
 GIVEN += ("--size", "airplane=5", "--scene", "street", "--hidden", "0..0.3")
@@ -109,10 +109,5 @@ def test_every_layout_of_pairs_holds_scans(run: Run, tmp_path: Path, format: str
     plan, manifest = read_finished(out)
     assert plan.recipe.setup is not None
     assert manifest["counts"]["clouds"] >= 1
-    for record in records_of(out):
-        longest = np.ptp(record["data"].astype(float), axis=0).max()
-        assert longest <= 1.0 + 1e-3
-        if format == "shapenet55":
-            assert longest > 0.99
     verified = run("verify", out, "--samples", 2)
     assert verified.code == 0, verified.err + verified.out

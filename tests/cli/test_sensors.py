@@ -3,9 +3,10 @@
 import json
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, write_off
 from zbuf_occlude.sensors import SENSORS
 
 
@@ -32,8 +33,24 @@ def test_wrong_words(run: Run, tmp_path: Path) -> None:
         (("vlp-17",), "error: sensor must be one of vlp-16,"),
         (("--picture", tmp_path / "a.png"), "--picture shows one sensor's rays; name the sensor."),
         (("vlp-16", "--picture", tmp_path / "a.gif"), "must end in .png; got 'a.gif'"),
-        ((tmp_path / "none.yaml",), "a sensor's file must be readable"),
+        ((tmp_path / "none.yaml",), "a file must be readable"),
     ):
         outcome = run("sensors", *arguments)
         assert outcome.code == 2
         assert words in outcome.err
+
+
+def test_what_files_hold_makes_no_second_line(run: Run, tmp_path: Path) -> None:
+    mesh = write_off(tmp_path / "a.off", np.eye(3), np.array([[0, 1, 2]]))
+    (tmp_path / "s.yaml").write_text('kind: spinning\nlasers: [1]\ncolumns: 9\nname: "a\\nerror: b"\n')
+    (tmp_path / "s.json").write_text('{"objects": [{"mesh": "a.off\\nerror: b", "position": [0, 0, 0]}]}')
+    (tmp_path / "c.json").write_text(f'[{{"R": [[{"9" * 401}, 0, 0]], "t": [0, 0, 0]}}]')
+    where = ("--azimuth", 0, "--elevation", 0, "--range", 5, "--size", 1, "--out", tmp_path / "o.ply")
+    for command in (
+        ("sensors", tmp_path / "s.yaml"),
+        ("scan", mesh, "--sensor", "vlp-16", "--scene", tmp_path / "s.json", *where),
+        ("visible", mesh, "--method", "oracle", "--cameras", tmp_path / "c.json", "--out", tmp_path / "o.ply"),
+    ):
+        outcome = run(*command)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert len([words for words in outcome.err.splitlines() if words.startswith("error: ")]) == 1, outcome.err

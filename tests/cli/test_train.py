@@ -57,6 +57,33 @@ def test_points_and_several_folders(run: Run, modelnet: Path, tmp_path: Path) ->
     assert "must have clouds of the 20 points that the model was trained with, at least; theirs have 19" in outcome.err
 
 
+def test_splits_that_share_no_class_are_refused(run: Run, tmp_path: Path) -> None:
+    few, model = tmp_path / "few", tmp_path / "model"
+    assert run("generate", "--limit", 6, *SMALL, "--out", few).code == 0
+    outcome = run("train", few, *QUICK, "--out", model)
+    assert (outcome.code, model.exists()) == (1, False)
+    for word in ("error: ", "must share a class", "airplane", "bed", "--limit"):
+        assert word in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    """Of three classes one has no object to train on; of the two others three objects each."""
+    for name in ("cube", "ball", "brick"):
+        for number in (2, 3):
+            source = modelnet / ("ball" if name == "ball" else "brick") / "train"
+            target = modelnet / name / ("val" if name == "cube" else "train") / f"{name}_{number}.off"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(next(source.iterdir()).read_bytes())
+    (modelnet / "ball" / "val").mkdir()
+    (modelnet / "ball" / "train" / "ball_3.off").rename(modelnet / "ball" / "val" / "ball_3.off")
+    assert run("generate", modelnet, *SMALL, "--out", tmp_path / "clouds").code == 0
+    outcome = run("train", tmp_path / "clouds", *QUICK, "--out", tmp_path / "model")
+    assert outcome.code == 0, outcome.err
+    assert "warning: val has classes that are not trained on: cube" in outcome.err
+    assert "warning: test" not in outcome.err
+
+
 def test_what_is_wrong_is_one_line(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out, model = tmp_path / "clouds", tmp_path / "model"
     assert run("generate", modelnet, *SMALL, "--out", out).code == 0
@@ -100,6 +127,6 @@ def test_without_torch_help_teaches_and_the_rest_names_the_extra(command: str) -
         "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"
     )
     answer = run_program(asked)
-    assert "error: classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
+    assert "the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
     assert answer.endswith("exit 1")
     assert len(answer.splitlines()) == 2

@@ -4,13 +4,11 @@ import json
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 from trimesh.creation import icosphere
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.folder import checksums, read_finished
-from zbuf_occlude.dataset.verify import Verifying
+from zbuf_occlude.dataset.folder import checksums
 
 SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
 
@@ -27,7 +25,7 @@ def change(dataset: Path, field: str, value: object) -> None:
     with h5py.File(dataset / "ply_data_train0.h5", "r+") as h5:
         h5[field][...] = value
     manifest = json.loads((dataset / "manifest.json").read_text())
-    manifest["sha256"] = checksums(dataset, manifest["files"])
+    manifest["sha256"] = checksums(dataset, manifest["sha256"])
     (dataset / "manifest.json").write_text(json.dumps(manifest))
 
 
@@ -56,7 +54,7 @@ def test_rounding_is_no_fault_where_faces_are_small(run: Run, tmp_path: Path, mo
     many = ("--method", "exact", "--views", "fibonacci:50", "--points", 3000, "--sample-size", 1024, "--workers", 1)
     assert run("generate", mesh, "--out", out, *many, "--format", "packed").code == 0
     assert run("convert", out, "--format", "npz", "--out", again).code == 0
-    monkeypatch.setattr("zbuf_occlude.dataset.verify_meshes.POINTS_PER_CLOUD", 1024)
+    monkeypatch.setattr("zbuf_occlude.dataset.verify.POINTS_PER_CLOUD", 1024)
     for folder in (out, again):
         assert "points asked of the oracle: 0.000% are hidden" in run("verify", folder, mesh).out
 
@@ -137,26 +135,3 @@ def test_a_damaged_or_missing_cloud_of_the_many_of_a_list(run: Run, modelnet: Pa
     outcome = run("verify", out)
     assert outcome.code == 1
     assert f"{cloud.relative_to(out)} must be there; it is missing." in outcome.err
-
-
-@pytest.mark.parametrize("format", ["scanobjectnn", "modelnet40-c"])
-def test_clouds_of_files_that_hold_a_split_whole_are_read_by_all(
-    run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
-) -> None:
-    """Each cloud once, in runs; what one of them finds is told, and the checksums are made besides."""
-    out = tmp_path / "out"
-    assert run("generate", modelnet, "--out", out, *SMALL, "--format", format).code == 0
-    monkeypatch.setattr("zbuf_occlude.dataset.verify.CLOUDS_PER_FILE", 5)
-    plan, manifest = read_finished(out)
-    task = Verifying(plan, out, manifest["files"], manifest["counts"]["clouds_by_split"], manifest["sha256"])
-    found = [task.do(job) for job in range(len(task.jobs))]
-    for split in ("train", "test"):
-        assert [each.n_clouds[split] for each in found if split in each.n_clouds] == [4, 4, 4, 4]
-    assert not any(each.faults for each in found)
-    records = np.load(out / "clouds_train.npy")
-    records["n_visible"][-1] = 0
-    np.save(out / "clouds_train.npy", records)
-    outcome = run("verify", out)
-    assert outcome.code == 1
-    assert "fault: clouds_train.npy must have the checksum" in outcome.err
-    assert "fault: every cloud must come from a visible point; some of split train do not." in outcome.err

@@ -11,11 +11,9 @@ from tests.browser import MISSING, find_browser, open_page
 from tests.scenes import box, two_plates
 from zbuf_occlude import views
 from zbuf_occlude.compare import report
-from zbuf_occlude.compare.question import ask
-from zbuf_occlude.compare.run import Case, run
-from zbuf_occlude.compare.store import Store
-from zbuf_occlude.compare.subjects import Subject
-from zbuf_occlude.compare.tables import Table
+from zbuf_occlude.compare.cases import Case, Subject, ask
+from zbuf_occlude.compare.run import Store, run
+from zbuf_occlude.drawing.pages import Table, write_report
 from zbuf_occlude.errors import DatasetError
 
 SUBJECTS = [Subject("oracle"), Subject("embree"), *(Subject("occupancy_grid", {"n": n}) for n in (4, 8))]
@@ -80,11 +78,13 @@ def test_outcomes_of_a_worst_view_add_up(folder: Path) -> None:
     store = Store(folder)
     rows = [row for row in store.rows().values() if row["suite"] == "meshes"]
     for row in rows:
-        outcomes = store.load_worst(row["key"])
+        outcomes = store.load("worst", row["key"])["outcomes"]
         assert np.mean(outcomes == 2) == pytest.approx(row["worst"]["false_visible"])
         assert np.mean(outcomes == 3) == pytest.approx(row["worst"]["false_hidden"])
     assert any(row["worst"]["false_visible"] > 0 for row in rows)
-    assert not any((store.load_worst(row["key"]) >= 2).any() for row in rows if row["subject"] == "oracle")
+    assert not any(
+        (store.load("worst", row["key"])["outcomes"] >= 2).any() for row in rows if row["subject"] == "oracle"
+    )
 
 
 def test_packed_outcomes_are_four_to_a_byte() -> None:
@@ -145,7 +145,7 @@ def test_in_a_browser_the_cloud_is_drawn_and_turns(folder: Path, tmp_path: Path)
         page.ask(SELECT.format("subject", "oracle"))
         right = page.ask(LOOK)
         assert right["drawn"] > 1_000
-        assert right["falseVisible"] == 0, "the judge makes no errors"
+        assert right["falseVisible"] == 0, "the reference makes no errors"
         assert "azimuth" in page.ask("return document.getElementById('fact').textContent")
         images = page.ask("return [...document.images].map((image) => image.naturalWidth)")
         assert len(images) >= 4
@@ -175,7 +175,13 @@ def test_only_failures_still_make_a_report(tmp_path: Path) -> None:
     assert "no \\| luck" in (tmp_path / "report.md").read_text()
 
 
-def test_tables_in_both_forms() -> None:
+def test_tables_in_both_forms(tmp_path: Path) -> None:
     table = Table("T", ["a", "b"], [["`x<y`", "**1**"]], "note")
-    assert table.as_markdown() == "## T\n\n| a | b |\n| --- | ---: |\n| `x<y` | **1** |\n\nnote\n"
-    assert "<td><code>x&lt;y</code></td><td class=number><b>1</b></td>" in table.as_html()
+    text = "## T\n\n| a | b |\n| ---- | ---: |\n| `x<y` | **1** |\n\nnote\n"
+    assert table.as_markdown() == text
+    aligned = table.as_markdown(aligned=True).splitlines()
+    assert aligned[2:5] == ["| a     |     b |", "| ----- | ----: |", "| `x<y` | **1** |"]
+    page, markdown = write_report(tmp_path, "r", "R <1>", answers=["`a`"], facts=["b"], sections=[table])
+    assert "<td><code>x&lt;y</code></td><td class=number><b>1</b></td>" in page.read_text()
+    assert "<h1>R &lt;1&gt;</h1>" in page.read_text()
+    assert markdown.read_text() == f"# R <1>\n\n`a`\n\nb\n\n{text}"

@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,14 @@ import pytest
 
 from tests.scenes import box, two_plates
 from zbuf_occlude import Mesh, views
-from zbuf_occlude.compare import bench as bench_module
+from zbuf_occlude.compare import measure as measure_module
 from zbuf_occlude.compare import run as run_module
-from zbuf_occlude.compare.bench import Bench, SubjectFailed
-from zbuf_occlude.compare.judge import Judge
-from zbuf_occlude.compare.measure import affordable, measure
-from zbuf_occlude.compare.question import Question, ask, ask_vertices, thinned
-from zbuf_occlude.compare.run import Case, compare_masks, run
-from zbuf_occlude.compare.store import Store
-from zbuf_occlude.compare.subjects import Subject, default_subjects
+from zbuf_occlude.compare.cases import Case, Question, Subject, ask, ask_vertices, default_subjects, thinned
+from zbuf_occlude.compare.measure import Bench, MeasurementFailed, affordable, measure
+from zbuf_occlude.compare.reference import Reference
+from zbuf_occlude.compare.run import Store, compare_masks, run
 from zbuf_occlude.errors import MeshError, OptionError
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -97,18 +95,21 @@ class Hung:
 
 
 def test_a_death_and_a_hang_cost_one_row_each() -> None:
-    with Bench(limit=60.0) as bench:
-        with pytest.raises(SubjectFailed, match="its process ended with exit code 3"):
+    with closing(Bench(limit=60.0)) as bench:
+        with pytest.raises(MeasurementFailed, match="its process ended with exit code 3"):
             bench.measure(Killer(), "oracle", {}, 0.1)  # type: ignore[arg-type]
         assert bench.measure(plates(), "oracle", {}, 2.0).mask.shape == (2, 400), "a new process goes on"
-        bench._limit = 0.0  # it warms up all the same, that is not the row's time
-        with pytest.raises(SubjectFailed, match="took more than 0 s and was given up"):
+        bench.limit = 0.0  # it warms up all the same, that is not the row's time
+        with pytest.raises(MeasurementFailed, match="timed out after 0 s"):
             bench.measure(Hung(), "oracle", {}, 0.1)  # type: ignore[arg-type]
 
 
 def test_a_method_that_never_warms_up_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_module, "WARM_SECONDS", 0.0)
-    with Bench(limit=60.0) as bench, pytest.raises(SubjectFailed, match="took more than 0 s to warm up and was given"):
+    monkeypatch.setattr(measure_module, "WARM_SECONDS", 0.0)
+    with (
+        closing(Bench(limit=60.0)) as bench,
+        pytest.raises(MeasurementFailed, match="timed out after 0 s while warming up"),
+    ):
         bench.measure(plates(), "oracle", {}, 0.1)
 
 
@@ -149,13 +150,12 @@ def test_a_subject_whose_cost_is_the_faces_keeps_its_points(monkeypatch: pytest.
 
 def test_a_mask_of_fewer_views_and_points_is_judged_on_those(tmp_path: Path) -> None:
     question = plates(300)
-    judge = Judge(tmp_path, n_points=200)
-    verdict = judge.judge(question)
-    measurement = measure(question, "oracle", {}, 0.01, None)
+    verdict = Reference(tmp_path, n_points=200).judge(question)
+    measurement = measure(question, "oracle", {}, 0.01)
     one = compare_masks(_cut(measurement, 1, 150), verdict, question)
     assert (one["n_views"], one["n_points"], one["n"], one["agreement"]) == (1, 150, 150, 1.0)
     all_points = compare_masks(measurement, verdict, question)
-    assert all_points["n_points"] == 200, "no more than the judge looked at"
+    assert all_points["n_points"] == 200, "no more than the reference has"
 
 
 def _cut(measurement: Any, k: int, n: int) -> Any:
@@ -164,11 +164,11 @@ def _cut(measurement: Any, k: int, n: int) -> Any:
     return dataclasses.replace(measurement, mask=measurement.mask[:k, :n], view_ids=np.arange(k))
 
 
-def test_the_judge_remembers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reference_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     question = plates(50)
-    first = Judge(tmp_path).judge(question)
-    monkeypatch.setattr("zbuf_occlude.compare.judge.prepare_oracle", lambda mesh: pytest.fail("asked again"))
-    second = Judge(tmp_path).judge(plates(50))
+    first = Reference(tmp_path).judge(question)
+    monkeypatch.setattr("zbuf_occlude.compare.reference.prepare_oracle", lambda mesh: pytest.fail("asked again"))
+    second = Reference(tmp_path).judge(plates(50))
     assert all((getattr(first, name) == getattr(second, name)).all() for name in vars(first))
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from zbuf_occlude.compare.store import ROWS, Store
+from zbuf_occlude.compare.run import ROWS, Store
 from zbuf_occlude.errors import DatasetError
 
 
@@ -40,4 +40,4 @@ def test_a_damaged_line_is_named(tmp_path: Path) -> None:
 
 def test_a_missing_cloud_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="Run compare again"):
-        Store(tmp_path).load_worst("k")
+        Store(tmp_path).load("worst", "k")

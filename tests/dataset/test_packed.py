@@ -204,7 +204,7 @@ def test_other_processes_read_it_too(folder: Path, start: Any) -> None:
 
 
 def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
-    for path in folder.iterdir():
+    for path in filter(Path.is_file, folder.iterdir()):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     victim = tmp_path / "packed-000000.zip"
     content = bytearray(victim.read_bytes())

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tests.scenes import box
-from zbuf_occlude import OptionError
+from zbuf_occlude import OptionError, shapes
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import MODELNET8, find_preset, plan_of_originals
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
 
@@ -76,6 +75,14 @@ def test_presets_have_the_cameras_of_their_generators(
     across, upwards = directions[:, 1] / directions[:, 0], directions[:, 2] / directions[:, 0]
     assert np.abs(across).max() * focal_length == pytest.approx((width - 1) / 2, abs=0.05)
     assert np.abs(upwards).max() * focal_length == pytest.approx((height - 1) / 2, abs=0.05)
+
+
+@pytest.mark.parametrize(("preset", "away"), [("modelnet40-c-occlusion", 3.0), ("modelnet40-c-lidar", 5.0)])
+def test_modelnet40_cs_sensors_stand_as_far_from_an_object_of_longest_side_two(preset: str, away: float) -> None:
+    """data/occlusion.py, random_pose and lidar_pose; data/util.py, normalize."""
+    options = find_preset(preset).options
+    assert float(options["size"]) == 2.0
+    assert float(options["distance"]) * 2.0 == away
 
 
 def test_an_unknown_preset_says_which_there_are() -> None:

@@ -10,12 +10,12 @@ import gc, sys, tempfile
 from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from zbuf_occlude import numba_cache
+from zbuf_occlude.dataset.batch import make_batch, read_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.rehearsal import compile_ahead
-from zbuf_occlude.dataset.shard import run_shard
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
+from zbuf_occlude.jit import compiler
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 
@@ -25,13 +25,15 @@ def compiled():
 
 method, scene = sys.argv[1:]
 setup = scene and asdict(Setup(document_of(make("hdl-64e")), range=(10.0, 10.0), scene=scene))
-numba_cache.note_compiled = print
+compiler.note_compiled = print
 recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
 compile_ahead(recipe)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() as gl:
-    sidecar = run_shard(Plan(shapes.collection().interleaved().limit(2), recipe), 0, Path(out), gl)
-assert not sidecar.failures, sidecar.failures
+    plan = Plan(shapes.collection().interleaved().limit(2), recipe)
+    make_batch(plan, 0, Path(out), gl)
+    batch, _ = read_batch(plan, Path(out), 0)
+assert not batch.failures, batch.failures
 print(sorted(compiled() - ahead))
 """
 

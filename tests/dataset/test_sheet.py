@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from zbuf_occlude import views
-from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.dataset import sheet
 from zbuf_occlude.dataset.sheet import PANEL, TITLE, write_contact_sheet
+from zbuf_occlude.geometry.camera import view_matrices
 
 
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
@@ -67,14 +67,14 @@ def test_names_in_any_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     written = [sheet_of(tmp_path / f"{name}.png", np.eye(3), name)[:TITLE] for name in ("Стул", "Стол", "????")]
     assert not (written[0] == written[1]).all()
     assert not (written[1] == written[2]).all()
-    monkeypatch.setattr("zbuf_occlude.drawing.font_file_for", lambda text: None)
+    monkeypatch.setattr("zbuf_occlude.drawing.pictures.font_file_for", lambda text: None)
     assert sheet._written("椅子 <b>", 15)[0] == r"\u6905\u5b50 <b>"
     monkeypatch.setattr(sheet, "find_spec", lambda name: None)
     assert sheet._written("椅", 15)[0] == r"\u6905"
 
 
 def test_a_font_is_one_that_has_all_characters(monkeypatch: pytest.MonkeyPatch) -> None:
-    from zbuf_occlude import drawing
+    from zbuf_occlude.drawing import pictures as drawing
 
     monkeypatch.setattr(drawing, "_characters", lambda file: {0x6905, 0x20} if file == "kai.ttf" else {0x20})
     fonts = [SimpleNamespace(name="Latin", fname="latin.ttf"), SimpleNamespace(name="Kai", fname="kai.ttf")]

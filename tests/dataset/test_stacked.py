@@ -58,8 +58,8 @@ def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
     mesh = two_sheets(5e-5)
     for method, options in (("depth_buffer", {}), ("depth_buffer", {"tolerance": 4e-5}), ("exact", {})):
         recipe = Recipe(method=method, method_options=options, views="ring:2@40", n_points=2000, sample_size=16)
-        _, counts, _ = occlude(mesh, recipe, recipe.make_views(), "two", gl, lambda *arguments: None, 100)
-        found = stacked_of(counts)
+        (sampling,) = occlude(mesh, recipe, recipe.make_views(), "two", gl, 100)
+        found = stacked_of(sampling.counts)
         if method == "exact":
             assert found is None
         else:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from zbuf_occlude.camera import view_matrices
 from zbuf_occlude.dataset.clouds import fit
 from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
+from zbuf_occlude.geometry.camera import view_matrices
 
 SEED = np.uint64(12345)
 UNLIKELY = 1e-6

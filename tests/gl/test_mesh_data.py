@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from zbuf_occlude import shapes
 from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.meshes import shapes
 
 BALL = shapes.solids.icosphere(3)
 

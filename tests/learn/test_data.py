@@ -6,10 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
+from zbuf_occlude import shapes
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
-from zbuf_occlude.learn.data import MODELNET10, CloudSet, find_objects, load_clouds, make_clouds
-from zbuf_occlude.meshes import MeshCollection, shapes
+from zbuf_occlude.learn.data import CloudSet, load_clouds
+from zbuf_occlude.meshes import MeshCollection
+from zbuf_occlude.paper.objects import MODELNET10, find_objects, make_clouds
 
 
 def some_clouds(m: int = 6, n: int = 9) -> CloudSet:
@@ -165,7 +167,5 @@ def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
         (tmp_path / label / "train").mkdir(parents=True)
         (tmp_path / label / "train" / f"{label}_0001.off").write_text(triangle)
     assert find_objects(tmp_path, any_ten=True).classes == list(MODELNET10)
-    with pytest.raises(
-        MeshError, match=r"has no airplane, .*, lamp\. ModelNet10 will do for `experiment elevation` alo"
-    ):
+    with pytest.raises(MeshError, match=r"has no airplane, .*, lamp\. ModelNet10 will do for `paper elevation` alone"):
         find_objects(tmp_path)

@@ -11,9 +11,9 @@ from PIL import Image
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from zbuf_occlude.errors import ArgumentError  # noqa: E402
-from zbuf_occlude.learn.classifier import Classifier  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.learn.evaluate import BATCH, Evaluation, evaluate, predict  # noqa: E402
+from zbuf_occlude.learn.networks import Classifier  # noqa: E402
 
 CLASSES = ("bed", "car", "lamp", "sofa")
 EVALUATION = Evaluation(np.array([[3, 1, 0, 0], [2, 4, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]), CLASSES)

@@ -1,21 +1,44 @@
 """Occupancy grids and Fisher vectors: against their NumPy twins and closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
-from zbuf_occlude.learn.features import (  # noqa: E402
-    fisher_vectors,
-    fisher_vectors_numpy,
-    occupancy,
-    occupancy_numpy,
-)
+from zbuf_occlude.learn.features import CHANNELS, OBJECT_VOXELS, VOXELS, fisher_vectors, occupancy  # noqa: E402
 
 
 def clouds(n_clouds: int, n_points: int, scale: float) -> "torch.Tensor":
     generator = torch.Generator().manual_seed(5)
     return (torch.rand(n_clouds, n_points, 3, generator=generator) - 0.5) * scale
+
+
+def occupancy_numpy(points: np.ndarray) -> np.ndarray:
+    """What `occupancy` computes, by the histogram of each cloud."""
+    edges = (np.arange(VOXELS + 1) - VOXELS / 2) / OBJECT_VOXELS
+    counts = np.stack([np.histogramdd(cloud, bins=(edges, edges, edges))[0] for cloud in points])
+    return np.where(counts > 0, 1.0, -1.0).astype(np.float32)[:, None]
+
+
+def fisher_vectors_numpy(points: np.ndarray, n_gaussians: int) -> np.ndarray:
+    """What `fisher_vectors` computes, from the formulas as they stand in its paper, in float64."""
+    g = n_gaussians
+    axis = np.linspace(-1.0 + 1.0 / g, 1.0 - 1.0 / g, g)
+    centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight, deviation, n = 1.0 / g**3, 1.0 / g, points.shape[1]
+    distances = (points.astype(np.float64)[:, :, None] - centres) / deviation  # (b, n, g^3, 3)
+    density = np.exp(-0.5 * np.sum(distances**2, axis=3)) / ((2.0 * math.pi) ** 1.5 * deviation**3)
+    shares = weight * density / np.sum(weight * density, axis=2, keepdims=True)
+    by_weight = ((shares - weight) / math.sqrt(weight))[..., None] / n
+    by_mean = shares[..., None] * distances / (n * math.sqrt(weight))
+    by_deviation = shares[..., None] * (distances**2 - 1.0) / (n * math.sqrt(2.0 * weight))
+    both = [f(d, axis=1) for d in (by_mean, by_deviation) for f in (np.max, np.min, np.sum)]
+    vectors = np.concatenate([by_weight.max(axis=1), by_weight.sum(axis=1), *both], axis=2)  # (b, g^3, 20)
+    vectors = np.sign(vectors) * np.sqrt(np.abs(vectors))
+    vectors /= np.sqrt(np.maximum(np.sum(vectors**2, axis=1, keepdims=True), 1e-12))
+    return np.moveaxis(vectors, 2, 1).reshape(-1, CHANNELS, g, g, g)
 
 
 @pytest.mark.parametrize("scale", [0.3, 1.0, 2.0])

@@ -4,7 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
-from zbuf_occlude.learn.grid_conv import SMALL, GridConv  # noqa: E402
+from zbuf_occlude.learn.networks import SMALL, GridConv  # noqa: E402
 
 
 @pytest.mark.parametrize("size", [3, 5])

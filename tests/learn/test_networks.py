@@ -5,10 +5,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from zbuf_occlude import OptionError  # noqa: E402
-from zbuf_occlude.learn.classifier import Classifier, unit_sphere  # noqa: E402
 from zbuf_occlude.learn.models import MODELS, Model, find_model  # noqa: E402
-from zbuf_occlude.learn.pointnet import MaxLinear, PointNet  # noqa: E402
-from zbuf_occlude.learn.threedmfv import ThreeDmFV  # noqa: E402
+from zbuf_occlude.learn.networks import Classifier, MaxLinear, PointNet, ThreeDmFV, unit_sphere  # noqa: E402
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 
@@ -144,7 +142,7 @@ def test_pointnet_is_held_to_orthogonal_transforms() -> None:
 
 def test_the_regulariser_is_computed_in_full_precision(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mixed precision would round A A^T: for A = (1 + 1/128) I to multiples of 1/128, here."""
-    monkeypatch.setattr("zbuf_occlude.learn.pointnet.ORTHOGONALITY", 1.0)  # not to be lost in the cross-entropy
+    monkeypatch.setattr("zbuf_occlude.learn.networks.ORTHOGONALITY", 1.0)  # not to be lost in the cross-entropy
     torch.manual_seed(3)
     network = PointNet(4).eval()
     points, labels = network.normalise(clouds(3, 30)), torch.tensor([0, 1, 2])

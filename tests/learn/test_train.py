@@ -233,7 +233,7 @@ def test_fewer_points_are_the_same_clouds(tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
 def test_half_precision_is_near_the_full_one(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The dtypes that mixed precision on CUDA brings, on a processor: nothing clashes, the loss is nearly the same."""
-    monkeypatch.setattr("zbuf_occlude.learn.grid_conv.SMALL", 0)  # CUDA takes torch's convolution
+    monkeypatch.setattr("zbuf_occlude.learn.networks.SMALL", 0)  # CUDA takes torch's convolution
     torch.manual_seed(0)
     network = find_model(model).build(2)
     points = network.normalise(torch.from_numpy(boxes(4, 0).positions))
@@ -357,6 +357,6 @@ def test_want_of_memory_is_told_as_that(tmp_path: Path, monkeypatch: pytest.Monk
     def fail(*_: object) -> None:
         raise said
 
-    monkeypatch.setattr("zbuf_occlude.learn.classifier.Classifier.loss", fail)
+    monkeypatch.setattr("zbuf_occlude.learn.networks.Classifier.loss", fail)
     with pytest.raises(MemoryError, match="8 clouds of 40 points a step"):
         train(CONFIG, boxes(8, 0), boxes(4, 1), tmp_path)

@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from zbuf_occlude import Mesh, load_mesh, sample_surface
-from zbuf_occlude.colors import GREY
+from zbuf_occlude.geometry.colors import GREY
 
 TEXELS = np.arange(4 * 8 * 3, dtype=np.uint8).reshape(4, 8, 3) * 2
 """A texture of 8 x 4 texels, no two of one colour."""

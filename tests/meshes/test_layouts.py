@@ -82,6 +82,63 @@ def test_shapenets_splits_and_names_come_from_its_own_files(tmp_path: Path) -> N
     assert MeshCollection.from_paths(tmp_path)[0].split == "test"
 
 
+def test_a_split_that_there_is_not_refuses_by_its_line(tmp_path: Path) -> None:
+    """One unknown word had the whole list ignored, and everything in train."""
+    names = [f"02691156/{MODEL.format(i)}" for i in range(3)]
+    plant(tmp_path, *(f"{name}/models/model_normalized.obj" for name in names))
+    rows = [f"{i},02691156,02690373,{MODEL.format(i)},{split}" for i, split in enumerate(["train", "holdout", "test"])]
+    (tmp_path / "all.csv").write_text("\n".join(["id,synsetId,subSynsetId,modelId,split", *rows]))
+    with pytest.raises(OptionError, match=r"all\.csv, line 3 .*train, val or test.*'holdout'"):
+        MeshCollection.from_paths(tmp_path)
+    (tmp_path / "all.csv").write_text("no,such,columns\n1,2,3\n")
+    with pytest.raises(OptionError, match=r"all\.csv must be .*found: no, such, columns"):
+        MeshCollection.from_paths(tmp_path)
+
+
+def test_shapenet_packed_by_classes(tmp_path: Path) -> None:
+    """As its hub has it, SYNSET.zip with SYNSET/MODEL/models/...: like the folder unpacked, or unpacked in part."""
+    names = [f"{synset}/{MODEL.format(i)}" for i, synset in enumerate(["02691156", "02691156", "03001627", "04379243"])]
+    whole = plant(tmp_path / "whole", *(f"{name}/models/model_normalized.obj" for name in names))
+    packed = tmp_path / "packed"
+    packed.mkdir()
+    for number, synset in enumerate(["02691156", "03001627", "04379243"]):
+        archive(packed / f"{synset}.zip", whole / synset, f"{synset}/" if number < 2 else "")
+    splits = ["val", "test", "val", "test"]
+    rows = [f"{name.replace('/', ',')},{split}" for name, split in zip(names, splits, strict=True)]
+    table = "\n".join(["synsetId,modelId,split", *rows])
+    for root in (whole, packed):
+        (root / "all.csv").write_text(table)
+    expected, found = (MeshCollection.from_paths(root) for root in (whole, packed))
+    assert facts(found) == facts(expected)
+    assert [entry.split for entry in found] == splits
+    assert found.classes == ["airplane", "chair", "table"]
+    for one, other in zip(found, expected, strict=True):
+        assert one.load().vertices.tobytes() == other.load().vertices.tobytes()
+        assert one.load().origin.sha256 == other.load().origin.sha256
+    plant(packed, f"{names[2]}/models/model_normalized.obj")  # one class is unpacked: its archive is not read too
+    again = MeshCollection.from_paths(packed)
+    assert facts(again) == facts(expected)
+    assert ".zip" not in str(again[2].path)
+    assert ".zip" in str(again[0].path)
+
+
+def test_a_folder_of_archives_and_nothing_else(tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    (packed / "more").mkdir(parents=True)
+    archive(packed / "cup.zip", plant(tmp_path / "m", "a.off", "b.off"))
+    archive(packed / "more" / "jar.zip", tmp_path / "m", "jar/")
+    jars = MeshCollection.from_paths(packed / "more")
+    assert facts(jars) == [("jar/a.off", "jar", "train"), ("jar/b.off", "jar", "train")]
+    meshes = MeshCollection.from_paths(packed)
+    assert [entry.key for entry in meshes] == ["cup/a.off", "cup/b.off", "more/jar/a.off", "more/jar/b.off"]
+    plant(packed, "cup/c.off")  # beside meshes archives are no class folders
+    assert [entry.key for entry in MeshCollection.from_paths(packed)] == ["cup/c.off"]
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "02691156.zip").write_bytes(b"PK nonsense")
+    with pytest.raises(MeshError, match=r"02691156\.zip: it must be a ZIP archive"):
+        MeshCollection.from_paths(tmp_path / "bad")
+
+
 def test_shapenet_has_y_up(tmp_path: Path) -> None:
     plant(tmp_path, f"02691156/{MODEL.format(0)}/model.obj")
     (entry,) = MeshCollection.from_paths(tmp_path)
@@ -102,9 +159,31 @@ def test_3d_future(tmp_path: Path) -> None:
     info = [{"model_id": ids[0], "super-category": "Sofa", "category": "Lazy Sofa"}]
     (tmp_path / "model_info.json").write_text(json.dumps(info))
     meshes = MeshCollection.from_paths(tmp_path)
-    assert facts(meshes) == [(ids[0], "Lazy Sofa", "train"), (ids[1], "unknown", "train")]
+    assert facts(meshes) == [(ids[0], "Lazy Sofa", "train")]
     assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
-    assert "layout 3D-FUTURE; classes from model_info.json; it has no splits" in meshes.remarks[0]
+    for word in ("layout 3D-FUTURE", "classes from model_info.json", "left out: 1", "it has no splits"):
+        assert word in meshes.remarks[0]
+
+
+def test_of_3d_future_what_has_no_category_is_left_out_and_counted(tmp_path: Path) -> None:
+    """A super-category holds other categories: a class of its name beside theirs would be of the same things."""
+    plant(tmp_path, *(f"{i}/raw_model.obj" for i in "abcd"))
+    rows = [("a", "Wardrobe"), ("b", None), ("c", "Wardrobe"), ("d", "")]
+    info = [{"model_id": i, "super-category": "Cabinets", "category": category} for i, category in rows]
+    (tmp_path / "model_info.json").write_text(json.dumps(info))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert facts(meshes) == [("a", "Wardrobe", "train"), ("c", "Wardrobe", "train")]
+    assert "left out: 2" in meshes.remarks[0]
+    for row in info:
+        row["category"] = None
+    (tmp_path / "model_info.json").write_text(json.dumps(info))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert (len(meshes), meshes.classes) == (4, ["Cabinets"])
+    assert "super-category" in meshes.remarks[0]
+    (tmp_path / "model_info.json").unlink()
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert (len(meshes), meshes.classes) == (4, ["unknown"])
+    assert "it has no classes" in meshes.remarks[0]
 
 
 @pytest.mark.parametrize(
@@ -125,9 +204,22 @@ def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path) -> None:
     plant(tmp_path, *(f"glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
     lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2), UID.format(99)]}).encode()
     (tmp_path / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
+    for place in ("glbs", "glbs/000-000"):
+        assert len(MeshCollection.from_paths(tmp_path / place)) == 2
     meshes = MeshCollection.from_paths(tmp_path)
     assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
     assert "classes from lvis-annotations.json.gz; 1 objects that it has not are left out" in meshes.remarks[0]
+
+
+@pytest.mark.parametrize("above", ["", "downloads/"])
+def test_objaverse_from_a_folder_above(tmp_path: Path, above: str) -> None:
+    """The package objaverse downloads into objaverse/hf-objaverse-v1; LVIS's list lies in there."""
+    root = f"{above}hf-objaverse-v1"
+    plant(tmp_path, *(f"{root}/glbs/000-00{i}/{UID.format(i)}.glb" for i in range(3)))
+    lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2)]}).encode()
+    (tmp_path / root / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
+    meshes = MeshCollection.from_paths(tmp_path)
+    assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
 
 
 @pytest.mark.skipif(not FURNITURE.is_dir(), reason=f"{FURNITURE} is not there; set ZBUF_OCCLUDE_DATA")
@@ -174,12 +266,12 @@ def test_labels(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "must be CSV with the columns key,class.*found: no rows"),
+        ("", "must have a row of names and 1 to"),
         ("uid,colour\na,red\n", "found: uid, colour"),
         ("uid,class,split\na,cup,dev\n", "must name the splits train, val or test; it has 'dev'"),
         ("uid,class\n", "must be CSV"),
-        ("[1, 2]", "cannot be read: AttributeError"),
-        ('{"a": ', "cannot be read: JSONDecodeError"),
+        ("[1, 2]", "it is JSON of another form"),
+        ('{"a": ', "must be JSON; it cannot be read"),
         ("{}", "it holds none"),
         (
             "uid,class\nnone,cup\n",
@@ -259,7 +351,7 @@ def test_objaverse_and_shapenet_are_known_by_their_folders_too(tmp_path: Path) -
 
 def test_labels_that_are_neither_a_list_nor_an_object(tmp_path: Path) -> None:
     (tmp_path / "l.json").write_text('"chair"')
-    with pytest.raises(OptionError, match="it is neither a list nor an object"):
+    with pytest.raises(OptionError, match="it is JSON of another form"):
         read_labels(tmp_path / "l.json")
 
 
@@ -268,13 +360,17 @@ def test_lists_beside_the_meshes_that_cannot_be_read_are_as_if_not_there(tmp_pat
     for place, listed in (
         (f"a/{UID.format(0)}.glb", "lvis-annotations.json.gz"),
         ("b/02691156/one.glb", "taxonomy.json"),
-        ("b/02691156/one.glb", "PCN.json"),
         ("c/one/raw_model.obj", "model_info.json"),
     ):
         plant(tmp_path, place)
         packed = gzip.compress(content) if content[:1] == b"[" and listed.endswith(".gz") else content
         (tmp_path / place[0] / listed).write_bytes(packed)
         assert len(MeshCollection.from_paths(tmp_path / place[0])) == 1
+    if content != b"{}":  # what would put everything into train
+        plant(tmp_path, "d/02691156/one.glb")
+        (tmp_path / "d" / "PCN.json").write_bytes(content)
+        with pytest.raises(OptionError, match=r"PCN\.json must be .*cannot be read"):
+            MeshCollection.from_paths(tmp_path / "d")
     (tmp_path / "labels.json").write_bytes(content)
-    with pytest.raises(OptionError, match=r"must be CSV|must hold labels|must be a readable file"):
+    with pytest.raises(OptionError, match=r"must be JSON|must hold labels|must be a readable file"):
         read_labels(tmp_path / "labels.json")

@@ -200,14 +200,13 @@ def read_pcn(found: Contents) -> None:
         found.add((place,), {place.split("/")[1]: points})
     for name in ("PCN.json", "shapenet_synset_dict.json"):
         found.add((), {name: json.dumps(json.loads((found.out / name).read_text()), sort_keys=True)})
-    for split in SPLITS:
-        found.add((split,), {"files": sorted((found.out / f"{split}_files.txt").read_text().split())})
     read_rest(found)
 
 
 def read_scanobjectnn(found: Contents) -> None:
     """Read a file of each split, whose rows are those of the file of what the layout has no place for."""
-    for split, name in zip(SPLITS, ("training_objectdataset.h5", "test_objectdataset.h5"), strict=True):
+    for split, prefix in zip(SPLITS, ("training", "test"), strict=True):
+        name = f"{prefix}_objectdataset_augmentedrot_scale75.h5"
         with h5py.File(found.out / name) as file:
             arrays = {field: file[field][:] for field in file}
         found.add_rows(found.out / name, split, arrays, np.load(found.out / f"clouds_{split}.npy"))

@@ -120,10 +120,10 @@ def test_the_definition_is_not_consulted() -> None:
     """object_space is the independent check of predicates.py, so it must not use it."""
     code = (
         "import sys; from zbuf_occlude.visibility import exact_hsr, occupancy_grid, vertex_hsr, vertex_hsr_culled;"
-        "sys.exit('zbuf_occlude.predicates' in sys.modules)"
+        "sys.exit('zbuf_occlude.geometry.predicates' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-    meta = "import sys, zbuf_occlude.visibility.oracle; sys.exit('zbuf_occlude.predicates' in sys.modules)"
+    meta = "import sys, zbuf_occlude.visibility.oracle; sys.exit('zbuf_occlude.geometry.predicates' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", meta], check=False).returncode == 1  # it would be noticed
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, stacked
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.albedos import TYPICAL
 from zbuf_occlude.sensors import Scan, look_at, make

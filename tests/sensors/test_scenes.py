@@ -11,9 +11,9 @@ import pytest
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
 from tests.scenes import box
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
+from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
 from zbuf_occlude.scenes.albedos import ALBEDOS, TYPICAL, draw_albedos
 from zbuf_occlude.scenes.files import read_scene
@@ -243,14 +243,17 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "a scene must be readable JSON"),
-        ("[" * 100_000, "a scene must be readable JSON"),
+        ("{", "must be JSON; it cannot be read"),
+        ("[" * 100_000, "must be JSON; it cannot be read"),
         ("[]", "it has no list of objects"),
-        ('{"objects": [{"mesh": "a.off"}]}', "object 0 has no mesh or position"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "colour": 1}]}', "0 has colour"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0]}]}', "object 0 of .* must have numbers"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "size": 0}]}', "a size above 0"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0]}]}', "must name a file that is there; .*a.off is not"),
+        ('{"objects": [{"mesh": "a.off"}]}', "object 0: .*has no mesh or position"),
+        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "colour": 1}]}', "object 0: .*; got 'colour'"),
+        (
+            '{"objects": [{"mesh": "a.off", "position": [0, 0]}]}',
+            r"object 0: position must be 3 numbers.*; got \[0, 0\]",
+        ),
+        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "size": 0}]}', "size must be a number, from .*; got 0"),
+        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0]}]}', "must name a file that is there; .*a.off' is not"),
     ],
 )
 def test_a_wrong_scene_file(tmp_path: Path, text: str, message: str) -> None:

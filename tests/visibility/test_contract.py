@@ -113,6 +113,15 @@ def test_eyes_within_the_bounding_sphere(method: Method, occluder: Occluder) -> 
     assert disagreement(method, SCENE, occluder.visible(POINTS, WITHIN), POINTS, WITHIN) <= allowed
 
 
+def test_eyes_on_the_surface_are_answered(method: Method, occluder: Occluder) -> None:
+    """What is visible from there is not defined (docs/conventions.md), but a user's eye may lie there: no crash."""
+    corners = SCENE.corners[:: len(SCENE.faces) // 3]
+    eyes = np.concatenate([POINTS.positions[::500], corners[:, 0], corners[:, :2].mean(axis=1), corners.mean(axis=1)])
+    assert occluder.visible(POINTS, eyes).shape == (len(eyes), len(POINTS))
+    if not method.no_first_hits:
+        assert len(occluder.first_hits(eyes, np.ones_like(eyes)).face_ids) == len(eyes)
+
+
 def test_far_eyes(method: Method, occluder: Occluder) -> None:
     eyes = EYES * 250.0  # a thousand sizes away
     allowed = 0.0 if method.exact else 1 - AGREEMENT[method.name][0]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from zbuf_occlude.camera import Frusta, view_matrices
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.camera import Frusta, view_matrices
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.depth_test import depth_slopes, depth_test, project
 
 FRUSTUM = Frusta(*(np.float64(bound) for bound in (-0.5, 1.0, -1.0, 0.5, 1.0, 9.0)))

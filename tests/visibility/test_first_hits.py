@@ -9,7 +9,7 @@ import zbuf_occlude as zo
 from tests.scenes import SQUARE, box, stacked
 from tests.visibility.test_contract import SCENE
 from zbuf_occlude.errors import UnavailableError
-from zbuf_occlude.meshes.shapes import solids
+from zbuf_occlude.shapes import solids
 from zbuf_occlude.visibility import METHODS, oracle
 from zbuf_occlude.visibility.interface import FirstHits, Method, Occluder
 

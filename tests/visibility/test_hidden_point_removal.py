@@ -57,6 +57,21 @@ def test_an_eye_beyond_the_sphere_widens_it() -> None:
         assert 0 < occluder.visible(points, [[0.0, 0.0, 1e4]]).sum() < 2000
 
 
+@pytest.mark.parametrize("offset", [0.0, 1e-170])
+def test_a_point_at_the_eye_is_seen_and_changes_no_other_answer(offset: float) -> None:
+    mesh = sphere(16)
+    points = zo.sample_surface(mesh, n_points=500, seed=0)
+    with zo.prepare(mesh, "hidden_point_removal") as occluder:
+        for eye in ([0.0, 0.0, 0.0], [4.0, 0.0, 0.0]):
+            others = occluder.visible(points, [eye])
+            positions = np.concatenate([[eye], points.positions])
+            positions[0, 0] += offset
+            found = occluder.visible(zo.SurfacePoints.free(positions), [eye])
+            assert found[0, 0]
+            assert (found[:, 1:] == others).all()
+        assert occluder.visible(points.select([3]), points.positions[3:4]).all()
+
+
 @pytest.mark.parametrize("radius", [0.0, -1.0, float("inf"), float("nan")])
 def test_bad_radius(radius: float) -> None:
     with pytest.raises(zo.OptionError, match="radius must be positive and finite, in diagonals of the mesh; got"):

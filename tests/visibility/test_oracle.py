@@ -6,9 +6,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import zbuf_occlude as zo
+from tests.rational import sees
 from tests.scenes import box, holed_plate_over_plate, sphere, two_plates
-from zbuf_occlude.predicates import blocks
-from zbuf_occlude.rational import sees
+from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.visibility import oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]

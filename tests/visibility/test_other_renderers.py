@@ -13,7 +13,7 @@ SCRIPT = """
     import zbuf_occlude as zo
     from zbuf_occlude.gl.context import GlContext
     from zbuf_occlude.errors import GlError
-    from zbuf_occlude.meshes import shapes
+    from zbuf_occlude import shapes
 
     try:
         gl = GlContext.open("egl")

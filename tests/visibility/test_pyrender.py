@@ -15,7 +15,7 @@ import trimesh
 
 import zbuf_occlude as zo
 from tests.processes import ended
-from zbuf_occlude.camera import Frusta, fitted_frusta, view_matrices
+from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, view_matrices
 from zbuf_occlude.visibility import find_method, oracle, pyrender
 from zbuf_occlude.visibility.pyrender import PyrenderOccluder
 

@@ -6,8 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from zbuf_occlude import METHODS, Mesh, prepare, sample_surface
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import METHODS, Mesh, prepare, sample_surface, shapes
 
 METHODS_ON_CPU = [row for row in METHODS if not row.needs_gl and row.name != "pyrender"]
 """Those that render have their own story (tests/gl); pyrender renders in a process of its own."""

@@ -4,11 +4,11 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.camera import Frusta
+from zbuf_occlude.geometry.camera import Frusta
+from zbuf_occlude.geometry.predicates import blocks
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.point_data import MOST_HIDDEN
-from zbuf_occlude.predicates import blocks
-from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.vectors import cross, dot, minus
+from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.visibility.depth_test import project
 
 

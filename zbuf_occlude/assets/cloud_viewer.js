@@ -8,7 +8,7 @@
  *   viewer.setShown(code, false);                             // hide the points of one code
  *   viewer.turn(azimuth, elevation);
  *
- * cloud, as zbuf_occlude.viewer.pack_cloud makes it:
+ * cloud, as zbuf_occlude.drawing.pages.pack_cloud makes it:
  *   n          number of points
  *   positions  base64 of int16 x, y, z: 32767 is one longest side of the object from its centre
  *   normals    base64 of int8 x, y, z (127 is 1), either sign, or null

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.surroundings import check_surroundings
-from zbuf_occlude.farm.server import start_server
+from zbuf_occlude.workers.server import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -14,21 +14,23 @@ COMMANDS = {
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
-    "compare": "Measure methods against the exact judge and each other: rows, report, the paper's Table 1.",
+    "compare": "Measure methods against the exact reference and each other: rows, report.",
     "report": "Write the report of a comparison again from its rows.",
-    "figure": "Draw one of the paper's figures of any mesh.",
     "status": "Say how far a dataset is.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
     "merge": "Write the final files of a dataset whose shards were made by several machines.",
     "convert": "Write a dataset in another format.",
-    "show": "Draw a dataset: a gallery to turn by hand, a contact sheet; the paper's Table 2 with its row.",
+    "show": "Draw a dataset: a gallery to turn by hand, a contact sheet.",
     "train": "Train a classifier (VoxNet, PointNet, 3DmFV) on a dataset.",
     "evaluate": "Test a trained classifier: accuracy, confusion matrix, figures of each class.",
-    "experiment": "Repeat the paper's experiments with classifiers: elevation, augmentation; study.html.",
+    "paper": "Repeat the paper: its tables, its figures, its experiments with classifiers.",
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }
 """Name and one line of each command; the module of the same name holds it as `command`."""
+
+OLD_NAMES = ("experiment", "figure")
+"""Commands that go on working, and say by what they are replaced."""
 
 WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
 """Arguments by which `generate` starts no process on this machine."""
@@ -51,7 +53,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import the command's module and return the command."""
-        if name not in COMMANDS:
+        if name not in COMMANDS and name not in OLD_NAMES:
             return None
         command: click.Command = import_module(f"zbuf_occlude.cli.{name}").command
         return command

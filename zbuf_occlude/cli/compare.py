@@ -18,18 +18,15 @@ from zbuf_occlude.cli.options import (
     parse_settings,
     up_option,
 )
-from zbuf_occlude.cli.report import summary
-from zbuf_occlude.cli.summary import SOME_FAILED, counted
-from zbuf_occlude.compare.forecast import Forecast, forecast
-from zbuf_occlude.compare.judge import FOLDER, Judge
-from zbuf_occlude.compare.presets import OBJECTS_OF_THE_PAPER, PRESETS, of_meshes, preset
-from zbuf_occlude.compare.question import MOST_VIEWS
-from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.run import ROW_SECONDS, Case, run
-from zbuf_occlude.compare.subjects import Subject, default_subjects
+from zbuf_occlude.cli.paper import derived, replaced
+from zbuf_occlude.cli.report import write_and_summarise
+from zbuf_occlude.cli.summary import SOME_FAILED
+from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, of_meshes, scaling
+from zbuf_occlude.compare.run import ROW_SECONDS, run
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.paper.table1 import CASES
 from zbuf_occlude.views import forms
 
 BUILT_IN_MESHES = 8
@@ -51,10 +48,11 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
 @click.option(
     "--preset",
     "presets",
-    type=click.Choice(PRESETS),
+    type=click.Choice([*CASES, SCALING]),
     multiple=True,
-    help="The paper's Table 1A or 1B, or time against numbers of points and faces; repeatable. Methods, points and "
-    "views are the preset's; with MESH_OR_DIR given too, those options are for these meshes.",
+    help=f"{SCALING}: time against numbers of points and faces; {' and '.join(CASES)}: now `zbuf-occlude paper NAME`; "
+    "repeatable. Methods, points and views are the preset's; with MESH_OR_DIR given too, those options are for these "
+    "meshes.",
 )
 @click.option(
     "--modelnet",
@@ -88,7 +86,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     type=click.FloatRange(1),
     default=ROW_SECONDS,
     show_default=True,
-    help="A row that takes longer, all of its calls together, is given up, and says so.",
+    help="Timeout of a row, all of its calls together; a row that timed out says so.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
@@ -115,7 +113,7 @@ def command(
     up: str | None,
     **choice: Any,
 ) -> None:
-    """Compare methods of hidden-surface removal with the exact judge and with each other.
+    """Compare methods of hidden-surface removal with the exact reference (oracle) and with each other.
 
     MESH_OR_DIR: as for `generate`. Without any, and without a preset, one built-in shape of each class.
 
@@ -125,14 +123,13 @@ def command(
       report.html, report.md   the answer, tables, plots, and the worst views in 3D
       *.png                    the plots
 
-    Before the first row it says about how long all will take. The same command again resumes; failed rows are tried
-    again. Exit code 3: done, but some rows failed.
+    The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed.
 
     \b
     Examples:
       zbuf-occlude compare ModelNet40/chair --limit 5 --out comparison
       zbuf-occlude compare chair.off --method exact --method depth_buffer:resolution=1024 --out comparison
-      zbuf-occlude compare --preset table1a --preset table1b --modelnet ModelNet40 --out tables
+      zbuf-occlude compare --preset scaling --out scaling
     """
     refuse_idle(context, presets, alone=bool(presets) and not meshes)
     subjects = [parse_subject(text) for text in methods] or default_subjects()
@@ -143,11 +140,31 @@ def command(
         recipe.make_views()  # for its errors
         cases += of_meshes(collection, subjects, recipe.make_views, n_points=points, seed=seed, most_views=most_views)
     for name in presets:
-        cases += preset(name, root=modelnet, seed=seed, budget=seconds)
-    timed = DEFAULT_SECONDS if seconds is None else seconds
-    expected = forecast(cases, Judge(out / FOLDER, judge_points), budget=timed, limit=row_seconds)
-    echo(announce(expected, row_seconds), err=True)
-    total = expected.n_rows
+        if name in CASES:
+            replaced(f"compare --preset {name}", f"paper {name}")
+        cases += CASES[name](modelnet, seed, seconds) if name in CASES else scaling(seed, seconds)
+    run_cases(cases, out, judge_points, seconds, row_seconds)
+
+
+def paper_command(name: str) -> click.Command:
+    """Return the command that repeats Table 1A or 1B."""
+
+    def repeat(name: str, modelnet: Path | None, seed: int, seconds: float | None, **options: Any) -> None:
+        run_cases(CASES[name](modelnet, seed, seconds), seconds=seconds, **options)
+
+    options = {"out", "modelnet", "judge_points", "seconds", "row_seconds", "seed"}
+    text = (
+        f"Repeat the paper's Table {name[5:].upper()}: rows.jsonl, and a report with the table; as `compare` does.\n\n"
+        "The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed."
+    )
+    return derived(command, name, options, repeat, text)
+
+
+def run_cases(
+    cases: list[Case], out: Path, judge_points: int | None, seconds: float | None, row_seconds: float
+) -> None:
+    """Make the rows that are missing, and write the report."""
+    timed, total = DEFAULT_SECONDS if seconds is None else seconds, sum(len(case.subjects) for case in cases)
     with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
 
         def progress(text: str) -> None:
@@ -156,15 +173,14 @@ def command(
 
         tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
         bar.update(total - bar.n)
-    written = write_report(out)
-    echo(summary(out))
-    echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {written[0]}")
+    page = write_and_summarise(out)
+    echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {page}")
     if tally.failed:
         raise SystemExit(SOME_FAILED)
 
 
 def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
-    """Refuse options that nothing of what was asked for would look at.
+    """Refuse options that nothing of what was asked for uses.
 
     Raises
     ------
@@ -176,26 +192,11 @@ def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool
             f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
             "its own. Give meshes, or leave it out."
         )
-    if given(context, ("modelnet",)) and not set(presets) & set(OBJECTS_OF_THE_PAPER):
+    if given(context, ("modelnet",)) and not set(presets) & set(CASES):
         raise click.UsageError(
-            f"--modelnet must go with --preset {' or '.join(OBJECTS_OF_THE_PAPER)}, whose objects it holds. "
+            f"--modelnet must go with --preset {' or '.join(CASES)}, whose objects it holds. "
             "To compare its meshes give the folder as MESH_OR_DIR."
         )
-
-
-def announce(expected: Forecast, row_seconds: float) -> str:
-    """Say beforehand how long a comparison will take, and which rows are too slow for it."""
-    minutes = max(1, round(expected.seconds / 60))
-    hours = f"{minutes / 60:.1f} hours" if minutes >= 90 else counted(minutes, "minute")
-    lines = [f"{counted(expected.n_rows, 'row')}, about {hours} (once compiled, on an idle machine)"]
-    if expected.given_up:
-        shown = "; ".join(expected.given_up[:3])
-        more = f"; and {len(expected.given_up) - 3} more" if len(expected.given_up) > 3 else ""
-        lines.append(
-            f"{counted(len(expected.given_up), 'row')} will hardly be done within {row_seconds:g} s and be given up: "
-            f"{shown}{more}. Raise --row-seconds, or name other methods."
-        )
-    return "\n".join(lines)
 
 
 def parse_subject(text: str) -> Subject:

@@ -7,11 +7,10 @@ import click
 from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_options, pop_engine
-from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.engine import ENGINE, engine_options
+from zbuf_occlude.cli.options import OutFolder, given
 from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.formats import FORMATS
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.dataset.formats import FORMATS, find_format
 
 
 @click.command()
@@ -33,11 +32,15 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again goes
     on with what is missing.
     """
-    run = pop_engine(context, options, Limits())
-    total = sum(open_dataset(folder).n_clouds.values())
-    # drawn when the first clouds are told of, which is after all that refuses; never before
+    if idle := given(context, ENGINE):
+        echo(f"{idle[0]} is not needed: one process converts", err=True)
+    source = open_dataset(folder)
+    for remark in find_format(format).select(source.plan.meshes).remarks:
+        echo(remark, err=True)
+    total = sum(source.n_clouds.values())
+    # shown with the first clouds, after all that may refuse
     with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
-        document = convert(folder, out, format, run=run, progress=bar.update)
+        document = convert(folder, out, format, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
-    n_clouds = document["counts"]["clouds"]
+    n_clouds = sum(document["counts"]["clouds_by_split"].values())
     echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")

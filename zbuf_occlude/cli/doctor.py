@@ -8,9 +8,11 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.extras import tried
 from zbuf_occlude.gl.context import ENVIRONMENT
 from zbuf_occlude.gl.probe import Probe, probe_all
 from zbuf_occlude.visibility import METHODS
+from zbuf_occlude.visibility.interface import Method
 
 
 @click.command()
@@ -18,13 +20,14 @@ from zbuf_occlude.visibility import METHODS
 def command(as_json: bool) -> None:
     """Say which OpenGL backends work, on which renderer, and which methods can run.
 
-    Every backend is tried in a process of its own. Without ZBUF_OCCLUDE_GL (egl, osmesa, or egl:INDEX) the first that
-    works is taken. Exit code 0 when that, or the one that ZBUF_OCCLUDE_GL names, works, 1 when not.
+    Every backend, and every package that a method needs, is tried in a process of its own. Without ZBUF_OCCLUDE_GL
+    (egl, osmesa, or egl:INDEX) the first backend that works is taken. Exit code 0 when that, or the one that
+    ZBUF_OCCLUDE_GL names, works, 1 when not.
     """
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if serves(probe, named))
-    methods = {method.name: verdict(method.missing(), method.needs_gl, works) for method in METHODS}
+    methods = {method.name: verdict(lacking(method), method.needs_gl, works) for method in METHODS}
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
@@ -44,6 +47,12 @@ def serves(probe: Probe, named: str) -> bool:
     """Whether a probe is of the backend that the environment names, if it names one."""
     backend, _, index = named.partition(":")
     return not named or (probe.backend == backend and index in ("", str(probe.device_index)))
+
+
+def lacking(method: Method) -> str:
+    """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
+    module, _, _ = method.factory.partition(":")
+    return method.missing() or (tried(method.requires, module) if method.requires else "")
 
 
 def verdict(missing: str, needs_gl: bool, works: bool) -> str:

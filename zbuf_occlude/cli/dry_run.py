@@ -7,8 +7,8 @@ from pathlib import Path
 
 from zbuf_occlude.cli.options import nearest
 from zbuf_occlude.cli.summary import counted
-from zbuf_occlude.dataset.claim import State, look_for, removable
 from zbuf_occlude.dataset.estimate import estimate
+from zbuf_occlude.dataset.folder import State, look_for, removable
 from zbuf_occlude.dataset.plan import Plan
 
 MEGABYTE, HOUR = 1e6, 3600.0
@@ -44,7 +44,7 @@ def describe(plan: Plan, out: Path) -> str:
     return (
         f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
         f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
-        f"{points} in {counted(len(plan.shards), 'shard')}, "
+        f"{points} in {counted(len(plan.groups), 'group')}, "
         f"{how}\n"
         f"into {out} ({free / MEGABYTE:.0f} MB free)\n"
         f"fingerprint {plan.fingerprint}"

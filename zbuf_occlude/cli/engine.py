@@ -8,10 +8,10 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.options import given
-from zbuf_occlude.dataset.jobs import Run
-from zbuf_occlude.farm import local, ray
-from zbuf_occlude.farm.slurm import from_environment, parse_shard
 from zbuf_occlude.limits import Limits
+from zbuf_occlude.workers import local, ray
+from zbuf_occlude.workers.slurm import from_environment, parse_shard
+from zbuf_occlude.workers.task import Run
 
 ENGINE = ("engine", "workers", "ray_address", "ray_gpus")
 """Names of the parameters that `engine_options` adds, and `pop_engine` takes."""
@@ -62,11 +62,6 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     if engine == "ray":
         return partial(ray.run_jobs, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
-    return engine_here(workers, limits)
-
-
-def engine_here(workers: int | None, limits: Limits) -> Run:
-    """Return the engine of this machine; by default a worker per core."""
     return partial(local.run_jobs, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 

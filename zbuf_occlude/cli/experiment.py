@@ -1,4 +1,4 @@
-"""`zbuf-occlude experiment`: the paper's experiments with classifiers; clouds, training, tests, study.html."""
+"""`zbuf-occlude paper elevation|augmentation|table3|realism`: experiments with classifiers; old name `experiment`."""
 
 from pathlib import Path
 from typing import Any
@@ -8,17 +8,60 @@ from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
-from zbuf_occlude.learn.experiments.findings import sentences
-from zbuf_occlude.learn.experiments.names import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, REALISM
-from zbuf_occlude.learn.experiments.progress import Progress
-from zbuf_occlude.learn.experiments.report import write_study
-from zbuf_occlude.learn.experiments.results import read_results, read_study
-from zbuf_occlude.learn.experiments.sizes import FULL, QUICK, Size
 from zbuf_occlude.learn.models import MODELS, require_torch
-from zbuf_occlude.learn.sydney import UPS
+from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
+from zbuf_occlude.paper.results import read_results, read_study
+from zbuf_occlude.paper.study_report import write_study
+from zbuf_occlude.paper.study_tables import answers
+from zbuf_occlude.paper.sydney import UPS
 
-ALL = "all"
+BOTH, ALL = "table3", "all"
+"""The paper's experiments together, and what `experiment` called them."""
+UNUSED = {
+    ELEVATION: {"scans", "scans_up", "real", "budgets"},
+    AUGMENTATION: {"real"},
+    BOTH: {"real", "epochs"},
+    REALISM: {"scans", "scans_up", "budgets"},
+}
+"""Options that an experiment does not use; the two of `BOTH` differ in epochs."""
+TEXTS = {
+    ELEVATION: """Repeat 4.2, Table 3A: accuracy against the camera's elevation.
+
+    VoxNet, PointNet and 3DmFV are trained on clouds seen from some elevations of the camera and tested on others; and
+    why accuracy falls where the camera sees little of an object (Fig. 12).""",
+    AUGMENTATION: """Repeat 4.3 and 4.4, Table 3B: training sets.
+
+    Classifiers are trained on occluded clouds, on complete ones, on both; tested on complete ones, on occluded ones, on
+    real scans. And: does the method of hidden-surface removal matter?""",
+    BOTH: """Repeat Table 3A and 3B: `paper elevation` and `paper augmentation` in one study.""",
+    REALISM: """Ask what a LiDAR and a street do to a classifier; not in the paper.
+
+    Classifiers are trained on uniform occluded clouds, on a LiDAR's scans of single objects, and on its scans in
+    streets; each is tested on all three, and on real objects.""",
+}
+TEXT = """
+
+    \b
+    Writes into --out:
+      study.html, study.md   the answers, tables beside the paper's, plots
+      *.png                  the plots
+      results/*.json         one file a classifier: how it labelled each test set, how it was trained
+      classifiers/           the trained models, for `zbuf-occlude evaluate`
+      clouds/                the datasets, as of `zbuf-occlude generate`
+
+    The same command again does only what is missing; also after a kill, after another experiment in the same folder, or
+    with scans or a budget given for the first time. Without a GPU take --quick; --models to --epochs change one thing
+    of it, or of the full size. Exit code 3: done, but some meshes failed (they are named).
+
+    \b
+    Examples:
+      zbuf-occlude paper table3 --quick --out study
+      zbuf-occlude paper augmentation --quick --budget clouds --budget epochs --models voxnet --out budgets
+      zbuf-occlude paper elevation --quick --voxels 30 --seeds 3 --out voxels
+      zbuf-occlude paper augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
+"""
 
 
 @click.command()
@@ -34,12 +77,14 @@ ALL = "all"
 )
 @click.option(
     "--sydney",
+    "scans",
     type=click.Path(path_type=Path),
     metavar="ROOT",
     help="The unpacked Sydney Urban Objects dataset, for Test 3 on real scans; may be given later.",
 )
 @click.option(
     "--sydney-up",
+    "scans_up",
     type=click.Choice(UPS),
     help="Which direction of the scans' files is up.  [default: found from the scans]",
 )
@@ -78,118 +123,66 @@ ALL = "all"
     type=click.IntRange(1),
     metavar="N",
     help="Epochs, at most: of each classifier under --budget epochs; under --budget clouds of the one with the fewest "
-    "clouds, and the others are shown as many clouds. Not with `all`: 4.2 and 4.3 differ.",
+    "clouds, and the others are shown as many clouds.",
 )
-def command(
+def command(name: str, **options: Any) -> None:
+    """Repeat the paper's experiments with classifiers; now `zbuf-occlude paper NAME` (`table3` for `all`).
+
+    `zbuf-occlude paper NAME --help` says what an experiment does and writes.
+    """
+    new = BOTH if name == ALL else name
+    replaced(f"experiment {name}", f"paper {new}")
+    refuse_unused(name, UNUSED[new])
+    run(new, **options)
+
+
+def paper_command(name: str) -> click.Command:
+    """Return the command of an experiment."""
+    options = {str(parameter.name) for parameter in command.params} - {"name"} - UNUSED[name]
+    return derived(command, name, options, run, TEXTS[name] + TEXT)
+
+
+def run(
     name: str,
     out: Path,
     quick: bool,
-    modelnet: Path | None,
-    sydney: Path | None,
-    sydney_up: str | None,
-    real: Path | None,
-    voxels: int | None,
-    budgets: tuple[str, ...],
-    **changes: Any,
+    models: str | None,
+    seeds: int | None,
+    objects: int | None,
+    points: str | None,
+    epochs: int | None = None,
+    scans: Path | None = None,
+    scans_up: str | None = None,
+    budgets: tuple[str, ...] = (),
+    **options: Any,
 ) -> None:
-    """Repeat the paper's experiments with VoxNet, PointNet and 3DmFV, and compare with its numbers.
-
-    \b
-    elevation      4.2, Table 3A: trained on clouds seen from some elevations of the camera, tested on others; and
-                   why accuracy falls where the camera sees little of an object (Fig. 12)
-    augmentation   4.3 and 4.4, Table 3B: trained on occluded clouds, on complete ones, on both; tested on complete
-                   ones, on occluded ones, on real scans. And: does the method of hidden-surface removal matter?
-    all            both of these
-    realism        not the paper's: trained on uniform occluded clouds, on a LiDAR's scans of single objects, and on its
-                   scans in streets; each tested on all three, and on real objects
-
-    \b
-    Writes into --out:
-      study.html, study.md   the answers, tables beside the paper's, plots
-      *.png                  the plots
-      results/*.json         one file a classifier: how it labelled each test set, how it was trained
-      classifiers/           the trained models, for `zbuf-occlude evaluate`
-      clouds/                the datasets, as of `zbuf-occlude generate`
-
-    The same command again does only what is missing; also after a kill, with another NAME, or with --sydney or another
-    --budget given for the first time. Without a GPU take --quick; the last five options change one thing of it, or of
-    the full size. Exit code 3: done, but some meshes failed (they are
-    named).
-
-    \b
-    Examples:
-      zbuf-occlude experiment all --quick --out study
-      zbuf-occlude experiment augmentation --quick --budget clouds --budget epochs --models voxnet --out budgets
-      zbuf-occlude experiment elevation --quick --voxels 30 --seeds 3 --out voxels
-      zbuf-occlude experiment augmentation --modelnet ModelNet40 --sydney sydney-urban-objects-dataset --out study
-    """
-    if sydney is not None and name not in (AUGMENTATION, ALL):
-        raise click.UsageError(f"--sydney must go with {AUGMENTATION} or {ALL}, whose Test 3 is of scans.")
-    if sydney_up is not None and sydney is None:
+    """Run an experiment, write its report, and print its answers."""
+    if scans_up is not None and scans is None:
         raise click.UsageError("--sydney-up must go with --sydney, whose scans it is about.")
-    if real is not None and name != REALISM:
-        raise click.UsageError(f"--real must go with {REALISM}, which is tested on real objects.")
-    if budgets and name not in (AUGMENTATION, ALL):
-        raise click.UsageError(
-            f"--budget must go with {AUGMENTATION} or {ALL}: other training sets are as large as each other."
-        )
-    size = changed(QUICK if quick else FULL, name, **changes)
+    try:
+        numbers = None if points is None else [int(each) for each in points.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"it must be N or N,N; got {points!r}.", param_hint="--points") from None
+    names = None if models is None else [each.strip() for each in models.split(",") if each.strip()]
+    size = QUICK if quick else FULL
+    size = changed(size, models=names, seeds=seeds, objects=objects, points=numbers, epochs=epochs)
     require_torch()
-    from zbuf_occlude.learn.experiments.study import EXPERIMENTS, run_study  # late: imports PyTorch
+    from zbuf_occlude.paper.study import EXPERIMENTS, run_study  # late: imports PyTorch
 
-    wanted = EXPERIMENTS if name == ALL else (name,)
+    options |= {"scans": scans, "scans_up": scans_up, "budgets": tuple(dict.fromkeys(budgets)) or (CLOUDS,)}
     bars = Bars()
     try:
-        n_worked = run_study(
-            out,
-            size,
-            experiments=wanted,
-            modelnet=modelnet,
-            scans=sydney,
-            scans_up=sydney_up,
-            real=real,
-            budgets=tuple(dict.fromkeys(budgets)) or (CLOUDS,),
-            voxels=voxels,
-            progress=bars,
-        )
+        n_worked = run_study(out, size, experiments=EXPERIMENTS if name == BOTH else (name,), progress=bars, **options)
     finally:
         bars.close()
     written = write_study(out)
-    for sentence in sentences(read_results(out)):
+    for sentence in answers(read_results(out)):
         echo(sentence.replace("`", "").replace("**", ""))
     echo(f"{counted(n_worked, 'classifier')} trained or tested now; report: {written[0]}")
     if failed := read_study(out)["failed_meshes"]:
         head = f"{counted(len(failed), 'mesh', 'meshes')} failed:"
         echo("\n".join([head, *(f"  {key}: {why}" for key, why in failed.items())]))
         raise SystemExit(SOME_FAILED)
-
-
-def changed(
-    size: Size,
-    name: str,
-    models: str | None,
-    seeds: int | None,
-    objects: int | None,
-    points: str | None,
-    epochs: int | None,
-) -> Size:
-    """Return the size with what a person wants otherwise."""
-    if models is not None:
-        size = size.with_models([each.strip() for each in models.split(",") if each.strip()])
-    if seeds is not None:
-        size = size.with_seeds(seeds)
-    if objects is not None:
-        size = size.with_objects(objects)
-    if points is not None:
-        try:
-            size = size.with_points([int(each) for each in points.split(",")])
-        except ValueError:
-            raise click.BadParameter(f"it must be N or N,N; got {points!r}.", param_hint="--points") from None
-    if epochs is not None:
-        if name == ALL:
-            raise click.UsageError(f"--epochs must go with {ELEVATION} or {AUGMENTATION} alone: they differ in it.")
-        size = size.with_epochs(epochs)
-    return size
 
 
 class Bars(Progress):

@@ -1,17 +1,18 @@
-"""`zbuf-occlude figure`: one of the paper's figures, of any mesh, as a PNG."""
+"""`zbuf-occlude paper figN`: a figure of the paper, of any mesh, as a PNG; `zbuf-occlude figure` is its old name."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
+from zbuf_occlude import shapes
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import given, method_options, parse_settings, suffix_of, up_option
-from zbuf_occlude.compare.figures import FIGURES, Exhibit, make_mask
-from zbuf_occlude.learn.sydney import largest_scan, read_scan
-from zbuf_occlude.learn.sydney_frame import find_frame
+from zbuf_occlude.cli.options import method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes import shapes
 from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
+from zbuf_occlude.paper.sydney import find_frame, largest_scan, read_scan
 from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150
@@ -39,62 +40,51 @@ WITH_SCAN = "fig7"
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @up_option
-@click.pass_context
-def command(
-    context: click.Context,
-    /,
+def command(name: str, **options: Any) -> None:
+    """Draw a figure of the paper, of MESH or of a built-in shape; now `zbuf-occlude paper NAME`."""
+    replaced(f"figure {name}", f"paper {name}")
+    refuse_unused(name, unused(name))
+    draw(name, **options)
+
+
+def paper_command(name: str) -> click.Command:
+    """Return the command of a figure."""
+    options = {str(parameter.name) for parameter in command.params} - {"name"} - unused(name)
+    figure = FIGURES[name]
+    text = f"Draw the paper's Fig. {name[3:]}: {figure.summary}."
+    return derived(command, name, options, draw, text + (" Of MESH or of a built-in shape." if figure.kind else ""))
+
+
+def unused(name: str) -> set[str]:
+    """Return the options that a figure does not use."""
+    figure = FIGURES[name]
+    found = set() if figure.masked else {"method", "settings", "distance"}
+    found |= set() if name == WITH_SCAN else {"sydney"}
+    return found | (set() if figure.kind else {"mesh_file", "up"})
+
+
+def draw(
     name: str,
-    mesh_file: Path | None,
     out: Path,
-    method: str,
-    settings: tuple[str, ...],
-    sydney: Path | None,
-    distance: float,
     seed: int,
-    up: str | None,
+    mesh_file: Path | None = None,
+    up: str | None = None,
+    method: str = "exact",
+    settings: tuple[str, ...] = (),
+    distance: float = PAPER_DISTANCE,
+    sydney: Path | None = None,
 ) -> None:
-    """Draw a figure of the paper, of MESH or of a built-in shape.
-
-    \b
-    fig4    division of large faces into smaller ones
-    fig7    mesh, full sampling, occupancy grid, and an occluded cloud from three sides; with --sydney a real scan too
-    fig8    object with camera, result of HSR by vertices, cloud
-    fig9    objects made by mathematical formulas: those of `generate --shapes formulas`
-    fig10   clouds at four azimuths, from a fixed viewpoint and from the camera's
-    fig11   the same at four elevations
-    fig12   projected area of the visible part on the coordinate planes against elevation
-
-    --method says how hidden surfaces are removed in fig7 and fig10 to fig12.
-    """
+    """Draw a figure and write it."""
     suffix_of(out, (".png",))
-    chosen = FIGURES[name]
-    refuse_idle(context, name, mesh_file, up)
+    if mesh_file is None:
+        refuse_unused("a built-in shape", ["up"])
     mask = make_mask(method, parse_settings(method, settings))
+    kind = FIGURES[name].kind
     if mesh_file is not None:
         with Limits().watch():
             mesh = load_mesh(mesh_file, up=up)
-    elif chosen.kind:
-        mesh = shapes.make(chosen.kind, 0)
     else:
-        mesh = shapes.formulas.make("torus")
+        mesh = shapes.make(kind, 0) if kind else shapes.formulas.make("torus")
     scan = None if sydney is None else read_scan(largest_scan(sydney, "car").path, find_frame(sydney).up)
-    chosen.draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
-    echo(f"{name}{f' of {mesh.name}' if chosen.kind else ''}: {out}")
-
-
-def refuse_idle(context: click.Context, name: str, mesh_file: Path | None, up: str | None) -> None:
-    """Refuse what a figure would not look at.
-
-    Raises
-    ------
-    click.UsageError
-    """
-    chosen = FIGURES[name]
-    idle = [] if chosen.masked else given(context, ("method", "settings", "distance"))
-    idle += [] if name == WITH_SCAN else given(context, ("sydney",))
-    if mesh_file is not None and not chosen.kind:
-        idle.append("MESH")
-    if up is not None and mesh_file is None:
-        idle.append("--up")
-    if idle:
-        raise click.UsageError(f"{name} ({chosen.summary}) does not use {', '.join(idle)}. Leave it out.")
+    FIGURES[name].draw(Exhibit(mesh.normalized(), mask, seed, scan, distance)).savefig(out, dpi=DPI)
+    echo(f"{name}{f' of {mesh.name}' if kind else ''}: {out}")

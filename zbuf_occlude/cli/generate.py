@@ -1,6 +1,5 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.dry_run import check_place, costs, describe
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_here, engine_options, pop_engine, shard_option, share_of
+from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import (
     MeshPlace,
     OutFolder,
@@ -31,18 +30,15 @@ from zbuf_occlude.cli.options import (
 from zbuf_occlude.cli.overview import overview
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
-from zbuf_occlude.dataset.auto import AUTO, Choice, gain_of, resolve
+from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.jobs import n_shards_done
-from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.generate import generate, progress_of
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.garbage import nothing_to_collect
-from zbuf_occlude.kernels import without_scipy
+from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE
@@ -50,9 +46,6 @@ from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
-WORTH_A_TRIAL, LEAST_GAIN, LONGEST_TRIAL = 10.0, 1.2, 30.0
-"""Seconds of a run from which on `exact` is tried beside a software renderer; the gain that is worth a line; seconds
-after which a trial is given up."""
 
 LIMIT = "A mesh that takes more is a failure, not the end of the run."
 
@@ -133,7 +126,8 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=click.Choice(FRAMES),
     default="object",
     show_default=True,
-    help="object: the mesh's axes; camera: x right, y up, looking along -z. The pose is stored always.",
+    help="object: the mesh's axes, z up; in a published layout those of its original, y up in most; z-up: z up there "
+    "too; camera: x right, y up, looking along -z. The pose (z up) is stored always.",
 )
 @with_option(
     "What points have besides their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
@@ -225,14 +219,14 @@ def command(
         up,
         limit,
         out=out,
-        choose=choose,
+        choose=lambda meshes: choose(row.select(meshes)),
         labels=labels,
         classes=classes,
         splits=splits,
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"],
     )
-    echo(overview(collection, row, wanted), err=True)
+    echo(overview(collection, row, wanted, limited=limit is not None), err=True)
     check_sizes(setup, collection)
     made = Recipe(
         method=method,
@@ -278,13 +272,13 @@ def command(
             rehearse(plan.recipe, require_gpu)
     if not is_compiled(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
-        with without_scipy(), nothing_to_collect():  # a twentieth of the time
+        with without_scipy():
             compile_ahead(plan.recipe)
     failed = False
     for one, folder in plans:
-        mine = sum(map(len, one.shards[share[0] :: share[1]])) * one.clouds_per_mesh
-        began = time.perf_counter()
-        bar = tqdm(total=mine, unit=" clouds", desc="generate", smoothing=0.05)
+        mine = len(one.groups[share[0] :: share[1]])
+        total = sum(map(len, one.groups[share[0] :: share[1]])) * one.clouds_per_mesh
+        bar = tqdm(total=total, unit=" clouds", desc="generate", smoothing=0.05)
         with bar, logging_redirect_tqdm():
             document = generate(
                 one,
@@ -294,40 +288,29 @@ def command(
                 share=share,
                 limits=limits,
                 progress=bar.update,
-                written=beside(bar, n_parts(one) if share == (0, 1) else 0),
+                written=files_beside(bar),
             )
         if document:
             echo(summary(document, folder))
-            if time.perf_counter() - began > WORTH_A_TRIAL and (hint := faster_exact(one, document["renderer"])):
-                echo(hint)
             failed |= bool(document["failures"])
         else:
-            done = n_shards_done(one, folder)
-            echo(f"{done} of {len(one.shards)} shards of {folder} are done; then: zbuf-occlude merge {out}")
+            done = progress_of(one, folder)["groups_done"]
+            echo(
+                f"{mine} of {len(one.groups)} groups are this share; {done} of {folder} are done. "
+                f"When all are: zbuf-occlude merge {out}"
+            )
     if failed:
         raise SystemExit(SOME_FAILED)
 
 
-def beside(bar: Any, n: int) -> Callable[[int], None]:
-    """Return what says beside a bar of clouds how many of the n parts of the files are written, when it is told."""
+def files_beside(bar: Any) -> Callable[[int], None]:
+    """Return what shows beside a bar of clouds how many files are written, when it is called with that many more."""
     total = 0
 
-    def say(parts: int) -> None:
+    def show(files: int) -> None:
         nonlocal total
-        total += parts
-        if n:
-            bar.set_postfix_str(f"{total} of {n} parts written")
+        total += files
+        if total:
+            bar.set_postfix_str(f"{total} files written")
 
-    return say
-
-
-def faster_exact(plan: Plan, renderer: str) -> str:
-    """Say how much faster `exact` would be than a method that renders, and did so in software; "" if it would not."""
-    from zbuf_occlude.gl.context import is_software  # late: only methods that render touch GL
-
-    if plan.recipe.complete or not is_software(renderer):
-        return ""
-    # by a worker, which has loaded what it takes, as one of a worker per core
-    run = engine_here(None, Limits(seconds=LONGEST_TRIAL))
-    gain = gain_of("exact", plan.recipe.method, plan.recipe, plan.meshes, run)
-    return f"exact, and about {gain:.1f} times as fast here: --method exact" if gain > LEAST_GAIN else ""
+    return show

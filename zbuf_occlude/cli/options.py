@@ -15,7 +15,7 @@ from click.core import ParameterSource
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.labels import FORMS
 from zbuf_occlude.views import Views
@@ -229,7 +229,7 @@ up_option = click.option(
     "--up",
     type=click.Choice(["z", "y"]),
     default=None,
-    help="The axis that points up in the files. [default: y for glTF, else z]",
+    help="The axis that points up in the files. [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
 )
 
 
@@ -323,7 +323,7 @@ def collect(
         if not meshes:
             raise MeshError(f"--out must not be a folder of meshes; {out} has all that were given. Choose another.")
     else:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         meshes = shapes.formulas.collection() if formulas else shapes.collection()
         meshes = meshes if labels is None else meshes.labelled(labels)

@@ -10,10 +10,10 @@ MOST_ROWS = 60
 """Of a collection of more classes the largest of them are shown."""
 
 
-def overview(meshes: MeshCollection, format: Format, preset: Preset | None = None) -> str:
+def overview(meshes: MeshCollection, format: Format, preset: Preset | None = None, *, limited: bool = False) -> str:
     """Return remarks, the table of classes and splits, and warnings."""
     counts = Counter((entry.label, entry.split) for entry in meshes)
-    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, format, preset)])
+    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, format, preset, limited)])
 
 
 def _table(counts: Counter[tuple[str, str]]) -> list[str]:
@@ -33,7 +33,7 @@ def _table(counts: Counter[tuple[str, str]]) -> list[str]:
 
 
 def _warnings(
-    meshes: MeshCollection, counts: Counter[tuple[str, str]], format: Format, preset: Preset | None
+    meshes: MeshCollection, counts: Counter[tuple[str, str]], format: Format, preset: Preset | None, limited: bool
 ) -> list[str]:
     warnings = []
     if len(meshes) > 1:
@@ -44,6 +44,12 @@ def _warnings(
             )
         elif len(meshes.classes) == len(meshes) and any(entry.path is not None for entry in meshes):
             warnings.append("one object per class: are these folders of single models? --labels FILE says the classes.")
+    present = [split for split in SPLITS if any(at == split for _, at in counts)]
+    lacking = {split: [label for label in meshes.classes if not counts[label, split]] for split in present}
+    if any(lacking.values()):
+        said = "; ".join(f"{split} lacks {_few(labels)}" for split, labels in lacking.items() if labels)
+        cure = " Raise --limit, or leave it out." if limited else ""
+        warnings.append(f"the splits have different classes: {said}.{cure}")
     if preset is not None and len(meshes) < preset.n_objects:
         warnings.append(f"{preset.name} has {preset.n_objects:,} objects in its paper; here are {len(meshes):,}.")
     n_tested = sum(n for (_, split), n in counts.items() if split == "test")
@@ -53,3 +59,8 @@ def _warnings(
             f"{format.least_tested} or more; here are {n_tested}. Training is not concerned."
         )
     return [f"warning: {warning}" for warning in warnings]
+
+
+def _few(names: list[str]) -> str:
+    """Return the first names of a list, and the number of others."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

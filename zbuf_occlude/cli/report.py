@@ -5,27 +5,38 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.summary import counted
 from zbuf_occlude.compare.report import write_report
-from zbuf_occlude.compare.store import Store
+from zbuf_occlude.compare.run import Store
 from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
+from zbuf_occlude.paper.table1 import paper_tables
+from zbuf_occlude.visibility.interface import EYES_INSIDE
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
-    written = write_report(folder)
+    echo(f"report: {write_and_summarise(folder)}")
+
+
+def write_and_summarise(folder: Path) -> Path:
+    """Write the report, print its first screen, and return its page."""
+    written = write_report(folder, paper_tables)
     echo(summary(folder))
-    echo(f"report: {written[0]}")
+    return written[0]
 
 
 def summary(folder: Path) -> str:
     """Return the first screen's table as text; empty when the rows have no meshes."""
-    ranking = standings(row for row in Store(folder).rows().values() if row["suite"] == "meshes")
+    rows = [row for row in Store(folder).rows().values() if row["suite"] == "meshes"]
+    ranking = standings(rows)
     if not ranking:
         return "no meshes were compared; the report has the presets' tables"
     lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
     for one in representatives(ranking):
         time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
         lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>11}")
+    if n := sum(EYES_INSIDE in row.get("timed", {}).get("warnings", ()) for row in rows):
+        lines.append(f"warning: cameras inside the mesh's bounding box in {counted(n, 'row')}. Raise --distance?")
     return "\n".join(lines)

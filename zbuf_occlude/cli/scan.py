@@ -13,7 +13,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.ply import write_table
+from zbuf_occlude.dataset.point_files import write_table
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -106,7 +106,7 @@ def command(
         header = ",".join(names)
         atomic.write(out, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g"))
     hidden = ""
-    if setup.share is not None:
+    if setup.share is not None or setup.objects:
         hidden = f", {capture.hidden:.0%} of the object hidden by others"
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
@@ -131,7 +131,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
     if len(collection) > 1:
         others = collection[1:]
     else:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         others = shapes.collection()
     mesh, size = stand(loaded, first.label, setup)

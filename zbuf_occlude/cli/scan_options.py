@@ -9,7 +9,6 @@ from click.core import ParameterSource
 
 from zbuf_occlude import sensors
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import literal
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -129,12 +128,12 @@ def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
     OptionError
         As `zbuf_occlude.sensors.make`.
     """
-    numbers: dict[str, Any] = {}
+    numbers: dict[str, str] = {}
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or not key or not text:
             raise OptionError(f"--set-sensor must be given KEY=VALUE; got {setting!r}.")
-        numbers[key.strip()] = literal(text.strip())
+        numbers[key.strip()] = text.strip()
     sensor = sensors.make(name, **numbers)
     sensor.rays()  # for its errors
     return sensor

@@ -16,7 +16,7 @@ def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from zbuf_occlude.drawing import draw_cloud
+    from zbuf_occlude.drawing.pictures import draw_cloud
 
     figure = Figure(figsize=(13, 4.4), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)

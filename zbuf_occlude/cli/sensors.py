@@ -52,15 +52,7 @@ def _document(sensor: Sensor) -> dict[str, Any]:
     numbers = {
         name: {"value": value, "source": sensor.sources.get(name, "")} for name, value in sensor.numbers().items()
     }
-    return {"name": sensor.name, "kind": sensor.kind, "summary": sensor.summary, "numbers": _plain(numbers)}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _plain(each) for name, each in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else value
+    return {"name": sensor.name, "kind": sensor.kind, "summary": sensor.summary, "numbers": numbers}
 
 
 def _described(sensor: Sensor) -> list[str]:
@@ -72,7 +64,7 @@ def _described(sensor: Sensor) -> list[str]:
     ]
     for name, value in sensor.numbers().items():
         source = sensor.sources.get(name, "")
-        lines.append(f"  {name} = {_short(_plain(value))}" + (f"    [{source}]" if source else ""))
+        lines.append(f"  {name} = {_short(value)}" + (f"    [{source}]" if source else ""))
     return lines
 
 

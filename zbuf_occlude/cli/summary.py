@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.cli.echo import on
-from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.confidence import CONFIDENCE
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
+from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.collection import SPLITS
 
 BAD = 0.05
@@ -63,6 +63,14 @@ def uncolored(document: dict[str, Any]) -> list[str]:
     ]
 
 
+def inside(document: dict[str, Any]) -> list[str]:
+    """Warn of cameras inside the bounding box of their object."""
+    n = document["counts"].get("views_inside_the_bounding_box", 0)
+    if not n:
+        return []
+    return [f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. Raise --distance or --range?"]
+
+
 def picture(path: Path) -> str:
     """Say where a contact sheet is, or what it would take."""
     return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
@@ -89,6 +97,7 @@ def summary(document: dict[str, Any], out: Path) -> str:
         measured(error),
         *stacked(document),
         *uncolored(document),
+        *inside(document),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",

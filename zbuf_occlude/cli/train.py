@@ -37,8 +37,8 @@ HELD_OUT = 0.1
     help="Stop after this many epochs without a better validation.",
 )
 @click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
-@click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Of Adam, at the start.")
-@click.option("--points", "n_points", type=click.IntRange(1), help="Of each cloud.  [default: all]")
+@click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Initial learning rate of Adam.")
+@click.option("--points", "n_points", type=click.IntRange(1), help="Points of each cloud.  [default: all]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.  [default: rotate]")
 @click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.  [default: rescale]")
@@ -53,14 +53,14 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
 
     Clouds of the split train are learnt from; those of val say which epoch is best and when to stop. Without a split
-    val, a tenth of the objects of train is held out for that. Several DIRs must have the same classes, such as
+    val, 10 % of the objects of train are held out for that. Several DIRs must have the same classes, such as
     a dataset and the complete clouds beside it.
 
     \b
     Writes into --out:
       model.pt        weights of the best epoch, the classes, the options
       history.json    loss and validation of each epoch
-      checkpoint.pt   while it trains; the same command again goes on from there
+      checkpoint.pt   while it trains; the same command again resumes from it
 
     \b
     Examples:
@@ -80,6 +80,11 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
+    meshes = [entry for folder in folders for entry in open_dataset(folder).plan.meshes]
+    tested = {"val": validation.labelled, "test": sorted({e.label for e in meshes if e.split == "test"})}
+    for split, labels in tested.items():
+        if unknown := [label for label in labels if label not in training.labelled]:
+            echo(f"warning: {split} has classes that are not trained on: {', '.join(unknown)}", err=True)
     with tqdm(total=config.epochs, unit=" epochs", desc="train", smoothing=0.1) as bar:
 
         def progress(epoch: Any) -> None:

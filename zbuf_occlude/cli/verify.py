@@ -10,10 +10,10 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import MeshPlace, up_option
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
-from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.workers.task import Run
 
 
 @click.command()
@@ -60,7 +60,7 @@ def check(
     elif meshes:
         collection = MeshCollection.from_paths(meshes, up=up)
     elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
+        from zbuf_occlude import shapes  # late: only needed without files
 
         collection = shapes.collection()
     echo(folder)

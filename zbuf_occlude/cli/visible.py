@@ -24,9 +24,9 @@ from zbuf_occlude.cli.options import (
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
-from zbuf_occlude.dataset.ply import write_ply
+from zbuf_occlude.dataset.point_files import write_ply
+from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.mesh import box_around
 from zbuf_occlude.meshes.clouds import load_cloud
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.scan import pose_of_camera
@@ -99,7 +99,9 @@ def command(
         samples = sample_surface(asked, n_points=points, seed=seed)
     view = camera(box)
     eyes = view.eyes
+    warn_inside(box, eyes)
     with prepare(asked, method, **options) as occluder:
+        occluder.warns_of_eyes_inside = False
         cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
         renderer = occluder.renderer
     normals = cloud.normals_towards(eyes[0]) if positions is None else None
@@ -125,9 +127,17 @@ def write_scan(
         raise click.UsageError(f"{', '.join(idle)} must go without a sensor, which decides itself. Leave it out.")
     caster = named_caster(context)
     mesh = load_mesh(path, up=up)
-    found = scan(mesh, sensor, pose_of_camera(camera(mesh).poses[0]), seed=seed, method=caster)
+    view = camera(mesh)
+    warn_inside(mesh, view.eyes)
+    found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=seed, method=caster)
     write_cloud(out, found.positions, found.normals)
     echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
+
+
+def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
+    """Warn of a camera inside the bounding box."""
+    if mesh.in_box(eyes).any():
+        echo("warning: the camera is inside the mesh's bounding box. Raise --distance?", err=True)
 
 
 def write_cloud(

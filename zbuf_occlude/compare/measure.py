@@ -1,4 +1,4 @@
-"""Measure one method on one question: build time, time a view, memory, and the mask. Runs in the bench's process."""
+"""Measure one method on one question, in a child process: preparation, seconds a view, memory, and the mask."""
 
 import statistics
 import time
@@ -9,47 +9,73 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.compare.question import Question
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.visibility import prepare
+from zbuf_occlude.compare.cases import Question
+from zbuf_occlude.compare.child import Child, ChildFailed
+from zbuf_occlude.errors import OccludeError
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 ENOUGH_SECONDS, ENOUGH_REPEATS, FEWEST_REPEATS = 0.5, 7, 3
 """The call is repeated until it has run so long or so often; the median counts."""
 PROBE_POINTS = 1000
+WARM_SECONDS = 900.0
+"""What a method may take on a cube: mostly compiling, on a busy machine with nothing compiled."""
+
+
+class MeasurementFailed(Exception):  # noqa: N818  (not an error of ours: a result, and a row)
+    """The method raised, crashed or timed out; the message is the reason."""
+
+
+class Bench:
+    """Runs measurements in a child process, one at a time; a child that crashed or timed out is replaced.
+
+    `limit` is the timeout of a measurement in seconds; compiling, which is done once, does not count.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._child: Child | None = None
+
+    def close(self) -> None:
+        """End the child."""
+        if self._child is not None:
+            self._child.close()
+
+    def measure(self, question: Question, method: str, options: dict[str, Any], budget: float) -> "Measurement":
+        """Measure a method on a question, as `measure`; raises MeasurementFailed."""
+        self._call(WARM_SECONDS, warm, method, options)
+        return self._call(self.limit, measure, question, method, options, budget)
+
+    def _call(self, timeout: float, *call: Any) -> Any:
+        self._child = self._child or Child()
+        self._child.start(*call)
+        try:
+            return self._child.answer(timeout)
+        except ChildFailed as failure:
+            self._child.kill()
+            self._child = None
+            raise MeasurementFailed(f"{failure}{' while warming up' if call[0] is warm else ''}") from None
+        except OccludeError as error:
+            raise MeasurementFailed(str(error)) from None
+        except Exception as error:  # a method may fail in any way; that is a row
+            raise MeasurementFailed(f"{type(error).__name__}: {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What one method did with one question.
+    """What one method did with one question; times are wall clock, or processor time of all cores."""
 
-    Parameters
-    ----------
-    mask : (k', n') bool
-        The answer to the views and points that the time allowed.
-    view_ids : (k',) int
-        Which of the question's eyes were asked; the points are the question's first n'.
-    build_seconds, seconds_per_view, cpu_seconds_per_view : float
-        Wall clock of `prepare`; wall clock and processor time (all cores) of `visible` divided by the views in it.
-    repeats : int
-    peak_memory : int or None
-        Bytes by which the process grew at most, from before `prepare` on; None where the system does not say.
-    renderer : str
-    tests_per_view : float or None
-        Pairs of point and face tested, for methods that count them.
-    warnings : list of str
-    """
-
-    mask: BoolArray
-    view_ids: Any
-    build_seconds: float
-    seconds_per_view: float
+    mask: BoolArray  # (k', n'): the answer to the views and points that the budget allowed
+    view_ids: Any  # (k',): which eyes were asked; the points are the question's first n'
+    build_seconds: float  # of `prepare`
+    seconds_per_view: float  # of `visible`, divided by its views
     cpu_seconds_per_view: float
     repeats: int
-    peak_memory: int | None
+    peak_memory: int | None  # growth of the process in bytes, from before `prepare` on
     renderer: str
-    tests_per_view: float | None
+    tests_per_view: float | None  # pairs of point and face, for methods that count them
     warnings: list[str] = field(default_factory=list)
 
     def describe(self) -> dict[str, Any]:
@@ -63,36 +89,25 @@ class Measurement:
         }
 
 
-def measure(question: Question, method: str, options: dict[str, Any], budget: float, gl: Any) -> Measurement:
+def measure(question: Question, method: str, options: dict[str, Any], budget: float) -> Measurement:
     """Prepare a method, ask it, and take the time.
 
-    Parameters
-    ----------
-    question : Question
-    method : str
-    options : dict
-    budget : float
-        Seconds that all timed calls together should take. Where all views would take longer fewer are asked, where
-        one view would, fewer points.
-    gl : GlContext or None
-        For methods that need GL.
-
-    Notes
-    -----
-    The method has run on a cube before (`warm`), so that neither compiling nor importing is timed. It runs on a growing
-    part of the question first, which says how much of it the budget allows.
+    `budget` is what all timed calls together should take, in seconds: where all views would take longer fewer are
+    asked, where one view would, fewer points. The method has run on a cube before (`warm`), so that neither compiling
+    nor importing is timed; it runs on a growing part of the question first, which says how much of it the budget
+    allows.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        before = _resident()
-        _forget_peak()
+        before = _process_memory("VmRSS")
+        _reset_peak()
         start = time.perf_counter()
-        with prepare(question.mesh, method, gl=gl, **options) as occluder:
+        with prepare(question.mesh, method, gl=_gl_for(method), **options) as occluder:
             build = time.perf_counter() - start
             view_ids, n = affordable(occluder, question, budget)
             points, eyes = question.points.select(np.arange(n)), question.views.eyes[view_ids]
             mask, wall, cpu = timed(occluder, points, eyes, budget)
-            tests = getattr(occluder, "n_tests", None)
+            tests, peak = getattr(occluder, "n_tests", None), _process_memory("VmHWM")
             return Measurement(
                 mask=mask,
                 view_ids=view_ids,
@@ -100,7 +115,7 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
                 seconds_per_view=statistics.median(wall) / len(eyes),
                 cpu_seconds_per_view=statistics.median(cpu) / len(eyes),
                 repeats=len(wall),
-                peak_memory=max(0, _peak() - before) if _peak() else None,
+                peak_memory=max(0, peak - before) if peak else None,
                 renderer=occluder.renderer,
                 tests_per_view=None if tests is None else float(np.mean(tests)),
                 warnings=sorted({str(w.message) for w in caught if issubclass(w.category, UserWarning)}),
@@ -110,7 +125,7 @@ def measure(question: Question, method: str, options: dict[str, Any], budget: fl
 def timed(
     occluder: Occluder, points: SurfacePoints, eyes: Any, budget: float
 ) -> tuple[BoolArray, list[float], list[float]]:
-    """Ask again and again; return the answer and the wall and processor seconds of each call."""
+    """Ask repeatedly; return the answer and the wall and processor seconds of each call."""
     wall: list[float] = []
     cpu: list[float] = []
     while True:
@@ -125,7 +140,7 @@ def timed(
 
 
 def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[Any, int]:
-    """Return which views and how many points may be asked, so that one call stays within a third of the budget."""
+    """Return which views and how many points may be asked, so that one call takes a third of the budget at most."""
     n_all, n_views = len(question.points), len(question.views)
     allowed = budget / FEWEST_REPEATS
 
@@ -154,7 +169,7 @@ def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[A
     return np.unique(np.linspace(0, n_views - 1, k).round().astype(int)), n
 
 
-def warm(method: str, options: dict[str, Any], gl: Any) -> None:
+def warm(method: str, options: dict[str, Any]) -> None:
     """Run the method on a cube, so that what happens only once has happened."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
@@ -162,33 +177,36 @@ def warm(method: str, options: dict[str, Any], gl: Any) -> None:
     cube = Mesh(corners, np.array(faces), name="cube")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with prepare(cube, method, gl=gl, **options) as occluder:
-            points = sample_surface(cube, n_points=200)
-            eyes = np.array([[4.0, 1.0, 2.0], [-1.0, 4.0, 3.0]])
-            occluder.visible(points, eyes)
+        with prepare(cube, method, gl=_gl_for(method), **options) as occluder:
+            occluder.visible(sample_surface(cube, n_points=200), np.array([[4.0, 1.0, 2.0], [-1.0, 4.0, 3.0]]))
 
 
-def _status(name: str) -> int:
-    """A field of the process's status in bytes; 0 where the system has none."""
+_gl: Any = None
+"""The only GL context of the child."""
+
+
+def _gl_for(method: str) -> Any:
+    """Return the GL context where a method needs one, opened by the first."""
+    global _gl
+    if not find_method(method).needs_gl:
+        return None
+    if _gl is None:
+        from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+        _gl = GlContext.open()
+    return _gl
+
+
+def _process_memory(name: str) -> int:
+    """Return a field of /proc/self/status in bytes; 0 where there is none."""
     try:
         with open("/proc/self/status", encoding="utf-8") as file:
-            for line in file:
-                if line.startswith(name):
-                    return int(line.split()[1]) * 1024
+            return next((int(line.split()[1]) * 1024 for line in file if line.startswith(name)), 0)
     except OSError:
-        pass
-    return 0
+        return 0
 
 
-def _resident() -> int:
-    return _status("VmRSS")
-
-
-def _peak() -> int:
-    return _status("VmHWM")
-
-
-def _forget_peak() -> None:
+def _reset_peak() -> None:
     """Let the peak start again from what is resident now; where that is not allowed peaks only grow."""
     try:
         with open("/proc/self/clear_refs", "w", encoding="utf-8") as file:

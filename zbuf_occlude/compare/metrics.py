@@ -1,13 +1,12 @@
-"""What a wrong answer costs: a table of pure functions of a method's mask, the judge's and where pairs lie."""
+"""Errors of an answer: pure functions of a method's mask, the reference's, and where the pairs lie."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 SILHOUETTE_EDGES = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Upper ends of the bins of distance from the nearest silhouette, in footprints; a last bin has no upper end."""
@@ -22,28 +21,14 @@ TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of view and point that a method and the judge both answered.
+    """Pairs of view and point that a method and the reference both answered."""
 
-    Parameters
-    ----------
-    answer, truth : (k, n) bool
-        The method's mask and the judge's, True = visible.
-    decided : (k, n) bool
-        False in the boundary band.
-    silhouette : (k, n) float
-        Distance from the nearest silhouette in footprints.
-    incidence : (k, n) float
-        Angle between line of sight and normal, degrees.
-    positions : (n, 3) float
-        World space, in longest sides of the mesh.
-    """
-
-    answer: BoolArray
-    truth: BoolArray
-    decided: BoolArray
-    silhouette: FloatArray
-    incidence: FloatArray
-    positions: FloatArray
+    answer: BoolArray  # (k, n), True = visible
+    truth: BoolArray  # (k, n), the reference's
+    decided: BoolArray  # (k, n), False in the boundary band
+    silhouette: FloatArray  # (k, n), distance from the nearest silhouette in footprints
+    incidence: FloatArray  # (k, n), angle between line of sight and normal, degrees
+    positions: FloatArray  # (n, 3), world space, in longest sides of the mesh
 
     def view(self, i: int) -> "Pairs":
         """Return the pairs of the i-th view alone."""
@@ -58,13 +43,7 @@ def outcomes(answer: BoolArray, truth: BoolArray) -> np.ndarray[Any, np.dtype[np
 
 
 def count_errors(answer: BoolArray, truth: BoolArray, where: BoolArray | None = None) -> dict[str, int]:
-    """Count pairs and errors, `where` given only among those pairs.
-
-    Returns
-    -------
-    dict
-        n, false_visible, false_hidden.
-    """
+    """Count pairs and errors, `where` given only among those pairs: n, false_visible, false_hidden."""
     where = np.ones_like(truth) if where is None else where
     return {
         "n": int(where.sum()),
@@ -88,19 +67,10 @@ def as_fractions(counts: dict[str, int]) -> dict[str, float]:
 def count_by_bin(
     answer: BoolArray, truth: BoolArray, values: FloatArray, edges: tuple[float, ...]
 ) -> list[dict[str, Any]]:
-    """Count errors by the bin that each pair's value falls in.
+    """Count errors by the bin that each pair's value (k, n) falls in.
 
-    Parameters
-    ----------
-    answer, truth : (k, n) bool
-    values : (k, n) float
-    edges : tuple of float
-        Upper ends, increasing; what lies above the last goes into one more bin if there is any.
-
-    Returns
-    -------
-    list of dict
-        upto (None for the last, open bin) and the counts of `count_errors`.
+    `edges` are the upper ends, increasing; what lies above the last goes into one more bin if there is any. Each bin
+    is the counts of `count_errors` and `upto`, None for the open one.
     """
     which = np.searchsorted(edges, values, side="left")
     bins: list[dict[str, Any]] = [
@@ -112,16 +82,7 @@ def count_by_bin(
 def incidence_degrees(points: SurfacePoints, eyes: FloatArray) -> FloatArray:
     """Return the angle between each line of sight and the point's normal, of either sign: 0 head on, 90 grazing.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        n points with unit normals.
-    eyes : (k, 3) float
-        World space.
-
-    Returns
-    -------
-    (k, n) float64, degrees in [0, 90].
+    (k, n) degrees of n points with unit normals and (k, 3) eyes in world space.
     """
     towards = eyes[:, None] - points.positions[None]
     length = np.maximum(np.linalg.norm(towards, axis=2), np.finfo(np.float64).tiny)
@@ -130,22 +91,11 @@ def incidence_degrees(points: SurfacePoints, eyes: FloatArray) -> FloatArray:
 
 
 def chamfer(positions: FloatArray, answer: BoolArray, truth: BoolArray) -> float | None:
-    """Return the Chamfer distance between the clouds that two masks cut out of one set of points.
+    """Return the Chamfer distance between the clouds that two masks (n,) cut out of positions (n, 3).
 
-    Parameters
-    ----------
-    positions : (n, 3) float
-    answer, truth : (n,) bool
-
-    Returns
-    -------
-    float or None
-        Mean distance from each cloud's points to the other's nearest, both directions added; in the positions' units.
-        None where one of the clouds is empty and the other is not.
-
-    Notes
-    -----
-    Points in both clouds have distance 0, so only the disagreements are searched: O(wrong x n).
+    The mean distance from each cloud's points to the other's nearest, both directions added; None where one of the
+    clouds is empty and the other is not. Points in both have distance 0, so only the disagreements are searched:
+    O(wrong x n).
     """
     if not answer.any() or not truth.any():
         return 0.0 if answer.any() == truth.any() else None
@@ -171,33 +121,22 @@ def _to_nearest(positions: FloatArray, cloud: FloatArray) -> FloatArray:
     return nearest
 
 
-def _overall(name: str) -> Callable[[Pairs], float]:
-    return lambda pairs: as_fractions(count_errors(pairs.answer, pairs.truth))[name]
+def measures_per_view(pairs: Pairs) -> dict[str, Any]:
+    """Return what is measured of each view and of all: shares of the pairs, and errors outside the boundary band."""
+    return {
+        **as_fractions(count_errors(pairs.answer, pairs.truth)),
+        "outside": as_fractions(count_errors(pairs.answer, pairs.truth, pairs.decided)),
+        "band": float((~pairs.decided).mean()),
+        "visible": float(pairs.answer.mean()),
+        "visible_judge": float(pairs.truth.mean()),
+    }
 
 
-class Metric(NamedTuple):
-    """One row of the table: what a report can say about an answer."""
-
-    name: str
-    """Its key in a row of `rows.jsonl`."""
-    measure: Callable[[Pairs], Any]
-    """Anything that JSON can hold."""
-    per_view: bool = False
-    """Whether it is taken for each view too."""
-
-
-METRICS = (
-    Metric("n", _overall("n"), per_view=True),
-    Metric("agreement", _overall("agreement"), per_view=True),
-    Metric("false_visible", _overall("false_visible"), per_view=True),
-    Metric("false_hidden", _overall("false_hidden"), per_view=True),
-    Metric("outside", lambda p: as_fractions(count_errors(p.answer, p.truth, p.decided)), per_view=True),
-    Metric("band", lambda p: float((~p.decided).mean()), per_view=True),
-    Metric("visible", lambda p: float(p.answer.mean()), per_view=True),
-    Metric("visible_judge", lambda p: float(p.truth.mean()), per_view=True),
-    Metric("by_silhouette", lambda p: count_by_bin(p.answer, p.truth, p.silhouette, SILHOUETTE_EDGES)),
-    Metric("by_incidence", lambda p: count_by_bin(p.answer, p.truth, p.incidence, INCIDENCE_EDGES)),
-    Metric("chamfer", mean_chamfer),
-)
-"""Fractions of all pairs; `outside`: the same outside the boundary band; `band`: the share of pairs in
-it; `visible`, `visible_judge`: visible fractions; counts by bin; the clouds' Chamfer distance. A new one is one row."""
+def measures(pairs: Pairs) -> dict[str, Any]:
+    """Return what is measured of all views together, as JSON has it; a new measure is one line."""
+    return {
+        **measures_per_view(pairs),
+        "by_silhouette": count_by_bin(pairs.answer, pairs.truth, pairs.silhouette, SILHOUETTE_EDGES),
+        "by_incidence": count_by_bin(pairs.answer, pairs.truth, pairs.incidence, INCIDENCE_EDGES),
+        "chamfer": mean_chamfer(pairs),
+    }

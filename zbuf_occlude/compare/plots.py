@@ -1,7 +1,7 @@
 """The plots of a report: from rows to matplotlib figures, nothing computed but means and fits."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,33 +35,28 @@ def all_plots(rows: Sequence[Row]) -> dict[str, Figure]:
     """Return every plot that the rows have data for, by file name without its ending."""
     judged = [row for row in rows if row["suite"] == "meshes"]
     ranking = standings(judged)
-    scaling = [row for row in rows if row["suite"] == "scaling" and row["status"] == "ok"]
-    makers: dict[str, Callable[[], Figure | None]] = {
-        "pareto": lambda: pareto(ranking) if ranking else None,
-        "resolution": lambda: error_against_setting(judged),
-        "elevation": lambda: error_against_elevation(judged, ranking),
-        "where": lambda: error_by_place(judged, ranking),
-        "scaling": lambda: time_against_size(scaling) if scaling else None,
+    timed = [row for row in rows if row["suite"] == "scaling" and row["status"] == "ok"]
+    figures = {
+        "pareto": pareto(ranking) if ranking else None,
+        "resolution": error_against_setting(judged),
+        "elevation": error_against_elevation(judged, ranking),
+        "where": error_by_place(judged, ranking),
+        "scaling": time_against_size(timed) if timed else None,
     }
-    return {name: figure for name, make in makers.items() if (figure := make()) is not None}
+    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
-def canvas(width: float, height: float, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure of this many inches and its axes side by side, in the report's style."""
+def canvas(width: float, height: float, columns: int = 1, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure of a size in inches, and its axes (rows, columns), or (columns,) of one row; in one style."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    axes = list(figure.subplots(1, columns, squeeze=False)[0])
-    for each in axes:
-        dressed(each)
-    return figure, axes
-
-
-def dressed(axes: Axes) -> None:
-    """Give axes the report's style."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color="#e6e6e6", linewidth=0.7)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=9, colors=GREY)
+    panels = figure.subplots(rows, columns, squeeze=False, **options)
+    for axes in panels.flat:
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="#e6e6e6", linewidth=0.7)
+        axes.set_axisbelow(True)
+        axes.tick_params(labelsize=9, colors=GREY)
+    return figure, panels[0] if rows == 1 else panels
 
 
 def colour(method: str) -> str:
@@ -69,24 +64,15 @@ def colour(method: str) -> str:
     return COLOURS.get(method, "#888888")
 
 
-def percent_axis(axes: Axes, smallest: float) -> float:
-    """Make y a logarithmic axis of percentages with a place for 0 at its foot; return that place."""
-    zero = 10.0 ** (np.floor(np.log10(smallest)) - 1.0)
+def percent_log(axes: Axes, zero: float = 0.0) -> None:
+    """Make y a logarithmic axis of percentages, numbers at 1, 2 and 5; or of powers of ten with a place for 0."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(numticks=12))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if zero else (1.0, 2.0, 5.0), numticks=12 if zero else 20))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y <= zero * 1.001 else f"{100 * y:g} %"))
-    axes.set_ylim(zero * 0.3, 1.0)
-    axes.axhline(zero * 3.16, color="#cccccc", linewidth=0.8, linestyle=(0, (2, 3)))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    return float(zero)
-
-
-def percent_log(axes: Axes) -> None:
-    """Make y a logarithmic axis of percentages without a place for 0; numbers at 1, 2 and 5."""
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    if zero:
+        axes.set_ylim(zero * 0.3, 1.0)
+        axes.axhline(zero * 3.16, color="#cccccc", linewidth=0.8, linestyle=(0, (2, 3)))
 
 
 def plain_axis(axis: Any) -> None:
@@ -98,8 +84,9 @@ def plain_axis(axis: Any) -> None:
 def pareto(ranking: Sequence[Standing]) -> Figure:
     """Error against time of all subjects, settings of one method joined, the Pareto front drawn as a staircase."""
     figure, (axes,) = canvas(7.2, 5.0)
-    positive = [s.wrong for s in ranking if s.wrong > 0]
-    zero = percent_axis(axes, min(positive, default=1e-3))
+    least = min((s.wrong for s in ranking if s.wrong > 0), default=1e-3)
+    zero = float(10.0 ** (np.floor(np.log10(least)) - 1.0))  # the place of 0
+    percent_log(axes, zero)
     place = {s.subject: (1e3 * s.seconds, max(s.wrong, zero)) for s in ranking}
     best = sorted((place[name] for name in front(ranking)), key=lambda at: at[0])
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#bbbbbb", linewidth=5, alpha=0.5)

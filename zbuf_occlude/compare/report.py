@@ -1,25 +1,30 @@
 """The report of a comparison: report.html (one self-contained file), report.md and plots, from stored rows alone."""
 
 import base64
-import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from zbuf_occlude.compare import tables
-from zbuf_occlude.compare.paper import paper_tables
 from zbuf_occlude.compare.plots import all_plots
-from zbuf_occlude.compare.store import ROWS, Store
-from zbuf_occlude.compare.summary import Row, Standing, milliseconds, share, standings
-from zbuf_occlude.compare.tables import Table, marked_up
+from zbuf_occlude.compare.run import ROWS, Store
+from zbuf_occlude.compare.summary import (
+    Row,
+    Standing,
+    advice,
+    front,
+    milliseconds,
+    representatives,
+    seconds_for_all_points,
+    share,
+    standings,
+)
+from zbuf_occlude.drawing import pages
+from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, pack_cloud, verbatim
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.viewer import asset, json_for_page, pack_cloud, viewer_script
 
-TITLE = "Hidden-surface removal: how wrong, how fast, when to use which"
 OUTCOMES = (
     ("truly hidden", (208, 212, 216), False),
     ("truly visible", (86, 132, 180), True),
@@ -34,30 +39,15 @@ CAPTIONS = {
     "where": "Where the errors lie: distance from the nearest silhouette, angle of incidence",
     "scaling": "How cost grows: N points, M faces; exponents fitted to the three largest",
 }
-DPI = 110
+NONE = "–"
 
 
-def write_report(folder: Path) -> list[Path]:
-    """Write the report of a comparison's folder.
+def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Table]] = lambda rows: []) -> list[Path]:
+    """Write the report of a comparison's folder; return the paths of report.html, report.md and the plots.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds rows.jsonl, and what belongs to its worst views.
-
-    Returns
-    -------
-    list of Path
-        report.html, report.md and the plots.
-
-    Raises
-    ------
-    DatasetError
-        No rows, or a damaged file.
-
-    Notes
-    -----
-    Computes no visibility. The HTML holds everything it shows; the Markdown refers to the plots beside it.
+    `extra_tables` makes further tables of all rows, such as those of presets. Computes no visibility. The HTML holds
+    everything it shows; the Markdown refers to the plots beside it. Raises DatasetError where there is no row, or a
+    damaged file.
     """
     store = Store(folder)
     rows = list(store.rows().values())
@@ -67,121 +57,143 @@ def write_report(folder: Path) -> list[Path]:
         )
     judged = [row for row in rows if row["suite"] == "meshes"]
     ranking = standings(judged)
-    figures = {name: as_png(figure) for name, figure in all_plots(rows).items()}
-    written = []
-    for name, png in figures.items():
-        written.append(folder / f"{name}.png")
-        written[-1].write_bytes(png)
-    sections: list[Table | str] = ["resolution", "elevation", "where", *paper_tables(rows), "scaling"]
-    if ranking:
-        sections += [tables.all_subjects(ranking), tables.by_mesh(judged)]
-    if failed := tables.failures(rows):
-        sections.append(failed)
-    sections.append(definitions(rows))
-    sections = [s for s in sections if isinstance(s, Table) or s in figures]
-    page, text = folder / "report.html", folder / "report.md"
-    page.write_text(as_html(store, rows, ranking, figures, sections), encoding="utf-8")
-    text.write_text(as_markdown(rows, ranking, figures, sections), encoding="utf-8")
-    return [page, text, *written]
+    plots = {name: Picture(name, as_png(figure), CAPTIONS[name]) for name, figure in all_plots(rows).items()}
+    first: list[Section] = [table_of_answers(ranking)] if ranking else []
+    first += [replace(plots["pareto"], heading="", caption=CAPTIONS["pareto"])] if ranking else []
+    sections: list[Section] = [plots[name] for name in ("resolution", "elevation", "where") if name in plots]
+    sections += extra_tables(rows)
+    sections += [plots["scaling"]] if "scaling" in plots else []
+    sections += [table_of_subjects(ranking), table_by_mesh(judged)] if ranking else []
+    sections += [*table_of_failures(rows), definitions(rows)]
+    return pages.write_report(
+        folder,
+        "report",
+        "Hidden-surface removal: how wrong, how fast, when to use which",
+        answers=[finding(ranking)] if any(s.wrong == 0.0 for s in ranking) else [],
+        facts=[measured_on(rows)],
+        first=first,
+        sections=sections,
+        page="comparison.html.j2",
+        worst_views=worst_views(store, rows, ranking),
+        outcomes=OUTCOMES,
+    )
 
 
-def opening(rows: Sequence[Row], ranking: Sequence[Standing]) -> list[str]:
-    """Return the report's first sentences: the finding, and what it was measured on."""
+def finding(ranking: Sequence[Standing]) -> str:
+    """Return the answer in a sentence: the fastest that is never wrong, the depth buffer and the paper's grid."""
+    best = min((s for s in ranking if s.wrong == 0.0), key=lambda s: s.seconds)
+    text = (
+        f"**`{best.subject}`** was right in all {best.pairs:,} judged answers and took "
+        f"{milliseconds(best.seconds)} ms per view"
+    )
+    least = next((s for s in ranking if s.method == "depth_buffer"), None)
+    if least and least.wrong > 0:
+        text += f"; the best depth buffer errs {share(least.wrong)} in {milliseconds(least.seconds)} ms"
+    if grids := [s.wrong for s in ranking if s.method == "occupancy_grid"]:
+        text += f"; the paper's occupancy grid errs {share(min(grids))} to {share(max(grids))}"
+    return text + "."
+
+
+def measured_on(rows: Sequence[Row]) -> str:
+    """Return what was measured, and on which machine."""
     ok = [row for row in rows if row["status"] == "ok"]
-    cases = {row["case"] for row in ok}
     renderers = sorted({row["timed"]["renderer"] for row in ok} - {"none"})
-    facts = f"{len(ok)} rows on {len(cases)} meshes or cases; {', '.join(sorted({row['machine'] for row in rows}))}; "
-    facts += f"OpenGL: {', '.join(renderers) or 'not used'}"
+    text = f"{len(ok)} rows on {len({row['case'] for row in ok})} meshes or cases; "
+    text += f"{', '.join(sorted({row['machine'] for row in rows}))}; OpenGL: {', '.join(renderers) or 'not used'}"
     if any(word in name.lower() for name in renderers for word in ("llvmpipe", "softpipe", "swrast")):
-        facts += " (a software rasteriser: on a GPU the times of methods that render are others)"
-    sentences = [facts + "."]
-    right = [s for s in ranking if s.wrong == 0.0]
-    if right:
-        best = min(right, key=lambda s: s.seconds)
-        least = next((s for s in ranking if s.method == "depth_buffer"), None)
-        finding = (
-            f"**`{best.subject}`** was right in all {best.pairs:,} judged answers and took "
-            f"{milliseconds(best.seconds)} ms per view"
-        )
-        if least and least.wrong > 0:
-            finding += f"; the best depth buffer errs {share(least.wrong)} in {milliseconds(least.seconds)} ms"
-        if grids := [s for s in ranking if s.method == "occupancy_grid"]:
-            low, high = min(s.wrong for s in grids), max(s.wrong for s in grids)
-            finding += f"; the paper's occupancy grid errs {share(low)} to {share(high)}"
-        sentences.insert(0, finding + ".")
-    return sentences
+        text += " (a software rasteriser: on a GPU the times of methods that render are others)"
+    return text + "."
+
+
+def table_of_answers(ranking: Sequence[Standing]) -> Table:
+    """Return the first screen's table: which method is how wrong, how fast, and when to use which."""
+    words, best = advice(ranking), front(ranking)
+    rows = [
+        [
+            f"**`{one.subject}`**" if one.subject in best else f"`{one.subject}`",
+            share(one.wrong),
+            approximately(one),
+            words[one.subject],
+        ]
+        for one in representatives(ranking)
+    ]
+    return Table("", ["method", "wrong", "ms per view", "use it"], rows, texts=(0, 3))
+
+
+def approximately(one: Standing) -> str:
+    """Write a standing's time, marked when it was scaled up from fewer points."""
+    return ("≈ " if one.extrapolated else "") + milliseconds(one.seconds)
+
+
+def table_of_subjects(ranking: Sequence[Standing]) -> Table:
+    """Return the table of every subject with every measure, means over the meshes."""
+    columns: dict[str, Callable[[Standing], str]] = {
+        "subject": lambda s: f"`{s.subject}`",
+        "wrong": lambda s: share(s.wrong),
+        "false visible": lambda s: share(s.false_visible),
+        "false hidden": lambda s: share(s.false_hidden),
+        "in the band": lambda s: share(s.band),
+        "Chamfer": lambda s: NONE if s.chamfer is None else f"{s.chamfer:.2g}",
+        "ms per view": approximately,
+        "ms to prepare": lambda s: milliseconds(s.build),
+        "M points/s": lambda s: f"{s.points_per_second / 1e6:.3g}",
+        "peak MiB": lambda s: NONE if s.memory is None else f"{s.memory / 2**20:,.0f}",
+        "meshes": lambda s: f"{s.n_meshes}",
+        "pairs": lambda s: f"{s.pairs:,}",
+    }
+    return Table(
+        "Every subject",
+        list(columns),
+        [[cell(one) for cell in columns.values()] for one in ranking],
+        "Wrong, false visible, false hidden: shares of the judged pairs of view and point outside the boundary band, "
+        "as many as the last column says (a slow method is asked from fewer of the views), "
+        "mean over the meshes. Chamfer: between the method's cloud and the reference's, in longest sides. Times: "
+        "geometric means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while "
+        "preparing and asking, the largest over the meshes.",
+    )
+
+
+def table_by_mesh(rows: Sequence[Row]) -> Table:
+    """Return the table of error and time of each subject on each mesh."""
+    cells: dict[tuple[str, str], str] = {}
+    heads: dict[str, str] = {}
+    for row in rows:
+        case, faces = row["case"], row.get("mesh", {}).get("faces")
+        heads[case] = f"{verbatim(case)} ({faces:,} faces)" if faces else heads.get(case, verbatim(case))
+        if row["status"] == "ok":
+            wrong = share(1.0 - row["judged"]["outside"]["agreement"])
+            cells[case, row["subject"]] = f"{wrong} · {milliseconds(seconds_for_all_points(row))} ms"
+    subjects = [one.subject for one in standings(rows)]
+    body = [[f"`{subject}`", *(cells.get((case, subject), NONE) for case in heads)] for subject in subjects]
+    return Table("Mesh by mesh: wrong outside the band · time a view", ["subject", *heads.values()], body)
+
+
+def table_of_failures(rows: Sequence[Row]) -> list[Table]:
+    """Return the table of what failed or cannot run here, equal reasons together; none where nothing did."""
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for row in rows:
+        if row["status"] != "ok":
+            reasons.setdefault((row["subject"], row["status"], row["reason"]), []).append(row["case"])
+    body = [
+        [f"`{subject}`", status, verbatim(", ".join(cases)), verbatim(reason)]
+        for (subject, status, reason), cases in reasons.items()
+    ]
+    return [Table("What did not run", ["subject", "", "on", "because"], body, texts=range(4))] if body else []
 
 
 def definitions(rows: Sequence[Row]) -> Table:
     """Return what the report's words mean."""
-    judged = [row["judged"] for row in rows if row["status"] == "ok" and "judged" in row]
-    band = max((j["band"] for j in judged), default=0.0)
-    words = [
-        ["wrong", "the answer differs from the judge's: `oracle`, brute force over all faces in float64"],
-        ["false visible", "the method shows a point that the judge finds hidden"],
-        ["false hidden", "the method drops a point that the judge finds visible"],
-        [
-            "boundary band",
-            "pairs whose answer changes when the line's end moves by 1e-6 of the diagonal, or with half or twice the "
-            f"contact tolerance; at most {share(band)} of the pairs of a row",
-        ],
-        ["footprint", "what a pixel of a 512 x 512 image around the mesh covers: 1/512 of its diagonal"],
-        [
-            "time a view",
-            "median wall clock of a call with all views, divided by them; warmed up, preparing not counted",
-        ],
-    ]
-    return Table("Words", ["", ""], words, texts=2)
-
-
-def as_html(
-    store: Store,
-    rows: Sequence[Row],
-    ranking: Sequence[Standing],
-    figures: dict[str, bytes],
-    sections: Sequence[Table | str],
-) -> str:
-    """Return the page."""
-    lead, *facts = opening(rows, ranking) if ranking else ["", *opening(rows, ranking)]
-    data = worst_views(store, rows, ranking)
-    parts = [
-        f"<h2>{CAPTIONS[one]}</h2>{image(figures[one], CAPTIONS[one])}" if isinstance(one, str) else one.as_html()
-        for one in sections
-    ]
-    return Template(asset("report.html")).substitute(
-        title=TITLE,
-        style=asset("page.css"),
-        opening="".join(
-            [f"<p class=lead>{marked_up(lead)}</p>", *(f"<p class=facts>{marked_up(fact)}</p>" for fact in facts)]
-        ),
-        answer=tables.answer(ranking).as_html() if ranking else "",
-        pareto=(
-            image(figures["pareto"], "error against time") + f"<figcaption class=note>{CAPTIONS['pareto']}</figcaption>"
-            if "pareto" in figures
-            else ""
-        ),
-        viewer=_viewer_html() if data["clouds"] else "",
-        sections="\n".join(parts),
-        viewer_script=viewer_script(),
-        data=json_for_page(data),
-        page_script=asset("report.js"),
-    )
-
-
-def as_markdown(
-    rows: Sequence[Row], ranking: Sequence[Standing], figures: dict[str, bytes], sections: Sequence[Table | str]
-) -> str:
-    """Return the same in Markdown, plots as files beside it."""
-    parts = [f"# {TITLE}\n", *(f"{sentence}\n" for sentence in opening(rows, ranking))]
-    if ranking:
-        parts.append(tables.answer(ranking).as_markdown())
-    if "pareto" in figures:
-        parts.append(f"![error against time](pareto.png)\n\n{CAPTIONS['pareto']}\n")
-    parts += [
-        f"## {CAPTIONS[one]}\n\n![{CAPTIONS[one]}]({one}.png)\n" if isinstance(one, str) else one.as_markdown()
-        for one in sections
-    ]
-    return "\n".join(parts)
+    band = max((row["judged"]["band"] for row in rows if row["status"] == "ok" and "judged" in row), default=0.0)
+    words = {
+        "wrong": "the answer differs from the reference's: `oracle`, brute force over all faces in float64",
+        "false visible": "the method shows a point that is hidden in the reference",
+        "false hidden": "the method drops a point that is visible in the reference",
+        "boundary band": "pairs whose answer changes when the line's end moves by 1e-6 of the diagonal, or with half "
+        f"or twice the contact tolerance; at most {share(band)} of the pairs of a row",
+        "footprint": "what a pixel of a 512 x 512 image around the mesh covers: 1/512 of its diagonal",
+        "time a view": "median wall clock of a call with all views, divided by them; warmed up, preparing not counted",
+    }
+    return Table("Words", ["", ""], list(words.items()), texts=range(2))
 
 
 def worst_views(store: Store, rows: Sequence[Row], ranking: Sequence[Standing]) -> dict[str, Any]:
@@ -190,33 +202,28 @@ def worst_views(store: Store, rows: Sequence[Row], ranking: Sequence[Standing]) 
     order = {one.subject: i for i, one in enumerate(ranking)}
     shown = [row for row in rows if row["suite"] == "meshes" and row["status"] == "ok" and "worst" in row]
     for row in sorted(shown, key=lambda row: (row["case"], order[row["subject"]])):
-        question = store.load_question(row["question"])
+        question = store.load("questions", row["question"])
         if row["case"] not in clouds:
-            clouds[row["case"]] = {
-                **pack_cloud(
-                    question["positions"],
-                    centre=question["centre"],
-                    longest=float(question["longest"]),
-                    normals=question["normals"],
-                ),
-                "worst": {},
-            }
-        outcomes = store.load_worst(row["key"])
-        towards = question["eyes"][row["worst"]["view"]] - question["centre"]
+            cloud = pack_cloud(
+                question["positions"],
+                centre=question["centre"],
+                longest=float(question["longest"]),
+                normals=question["normals"],
+            )
+            clouds[row["case"]] = {**cloud, "worst": {}}
+        outcomes = store.load("worst", row["key"])["outcomes"]
+        x, y, z = question["eyes"][row["worst"]["view"]] - question["centre"]
         clouds[row["case"]]["worst"][row["subject"]] = {
             "n": len(outcomes),
             "outcomes": pack_outcomes(outcomes),
-            "azimuth": float(np.degrees(np.arctan2(towards[1], towards[0]))),
-            "elevation": float(np.degrees(np.arcsin(towards[2] / np.linalg.norm(towards)))),
+            "azimuth": float(np.degrees(np.arctan2(y, x))),
+            "elevation": float(np.degrees(np.arctan2(z, np.hypot(x, y)))),
             "false_visible": row["worst"]["false_visible"],
             "false_hidden": row["worst"]["false_hidden"],
         }
     telling = [s for s in ranking if s.method == "depth_buffer"] or [s for s in ranking if s.wrong > 0] or [*ranking]
-    return {
-        "clouds": clouds,
-        "palette": [colour for _, colour, _ in OUTCOMES],
-        "first": telling[-1].subject if telling else "",
-    }
+    palette, first = [colour for _, colour, _ in OUTCOMES], telling[-1].subject if telling else ""
+    return {"clouds": clouds, "palette": palette, "first": first}
 
 
 def pack_outcomes(outcomes: Any) -> str:
@@ -226,31 +233,3 @@ def pack_outcomes(outcomes: Any) -> str:
     four = codes.reshape(-1, 4)
     packed = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
     return base64.b64encode(packed.astype(np.uint8).tobytes()).decode()
-
-
-def _viewer_html() -> str:
-    legend = "".join(
-        f'<label><input type="checkbox" value="{code}"{" checked" if shown else ""}>'
-        f'<i style="background: rgb{colour}"></i>{name}</label>'
-        for code, (name, colour, shown) in enumerate(OUTCOMES)
-    )
-    return (
-        "<h2>Worst views</h2>"
-        "<p>What each subject gets wrong from the eye where it errs most. Drag to turn, wheel to zoom, double click to "
-        'go back.</p><div class="viewer"><canvas id="worst-view" aria-label="point cloud of the worst view"></canvas>'
-        '<div><label>mesh<select id="mesh"></select></label><label>method<select id="subject"></select></label>'
-        f'<div class="legend">{legend}</div><button id="camera">from the camera</button>'
-        '<button id="aside">from aside</button><p id="fact" class="note"></p></div></div>'
-    )
-
-
-def image(png: bytes, text: str) -> str:
-    """Return a picture as an element of a page that needs no other file."""
-    return f'<img alt="{text}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-
-
-def as_png(figure: Figure) -> bytes:
-    """Return a figure as a PNG file's bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
-    return buffer.getvalue()

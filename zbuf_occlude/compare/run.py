@@ -1,8 +1,11 @@
-"""Run a comparison: every case, every subject, one row each; what has a row is not run again."""
+"""Run a comparison: every case, every subject, one row each, kept in a folder; what has a row is not run again."""
 
+import json
+import os
 import platform
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,48 +14,96 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.compare import metrics
-from zbuf_occlude.compare.bench import Bench, SubjectFailed
-from zbuf_occlude.compare.judge import FOLDER, Judge, Verdict
-from zbuf_occlude.compare.measure import Measurement
-from zbuf_occlude.compare.question import Question, row_key
-from zbuf_occlude.compare.store import Store
-from zbuf_occlude.compare.subjects import Subject
-from zbuf_occlude.errors import OccludeError
+from zbuf_occlude.compare.cases import Case, Question, Subject, row_key
+from zbuf_occlude.compare.measure import Bench, Measurement, MeasurementFailed
+from zbuf_occlude.compare.reference import FOLDER, Reference, Verdict
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.errors import DatasetError, OccludeError
 from zbuf_occlude.versions import n_cores, versions
 from zbuf_occlude.visibility import find_method
 
+ROWS = "rows.jsonl"
 ROW_SECONDS = 120.0
-"""What a row may take by default, all of its calls together."""
+"""Timeout of a row, all of its calls together, by default."""
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A question and the subjects it is put to.
+class Store:
+    """A comparison's folder; a row is appended as soon as it is made, so that a crash later does not lose it.
 
     Parameters
     ----------
-    suite : str
-        "meshes", or the preset it belongs to; the report has a section for each.
-    label : str
-        What the report calls the case.
-    make : function
-        Makes the question when its turn comes; may raise OccludeError.
-    subjects : sequence of Subject
-    judged : bool
-        Whether the answers are compared with the judge's, or only timed.
-    facts : dict
-        Copied into each row.
-    budget : float, optional
-        Seconds of timed calls for each row, where the case needs other than the comparison's.
+    folder : Path
+        ``rows.jsonl``: one JSON object a line; of several of one suite, case and subject the last counts.
+        ``questions/FINGERPRINT.npz``: positions (n, 3) float32, normals (n, 3) float32, eyes (k, 3), centre, longest.
+        ``worst/KEY.npz``: outcomes (n',) uint8 of the question's first n' points in the row's worst view.
     """
 
-    suite: str
-    label: str
-    make: Callable[[], Question]
-    subjects: Sequence[Subject]
-    judged: bool = True
-    facts: dict[str, Any] | None = None
-    budget: float | None = None
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def rows(self) -> dict[tuple[str, str, str], dict[str, Any]]:
+        """Read the rows by suite, case and subject. A last line that was cut off by a crash is left out.
+
+        Raises DatasetError for a line that is not a row.
+        """
+        path = self.folder / ROWS
+        rows: dict[tuple[str, str, str], dict[str, Any]] = {}
+        lines = path.read_text(encoding="utf-8").split("\n") if path.exists() else []
+        for number, line in enumerate(lines, start=1):
+            if not line:
+                continue
+            try:
+                row = json.loads(line)
+                rows[row["suite"], row["case"], row["subject"]] = row
+            except (ValueError, KeyError, TypeError) as error:
+                if number == len(lines):  # no newline after it: its writing was cut off
+                    continue
+                raise DatasetError(
+                    f"every line of {path} must be a row; line {number} is not ({error}). Remove the line."
+                ) from None
+        return rows
+
+    def append(self, row: dict[str, Any]) -> None:
+        """Add a row, in place of a last line that was cut off."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / ROWS
+        with open(path, "a+b") as file:
+            if file.tell():
+                file.truncate(path.read_bytes().rfind(b"\n") + 1)
+            file.write((json.dumps(row) + "\n").encode())
+            file.flush()
+            os.fsync(file.fileno())
+
+    def save_question(self, question: Question) -> None:
+        """Keep a question's points and eyes for the report."""
+        if not self._path("questions", question.fingerprint).exists():
+            self.save(
+                "questions",
+                question.fingerprint,
+                positions=question.points.positions.astype(np.float32),
+                normals=question.points.normals.astype(np.float32),
+                eyes=question.views.eyes,
+                centre=question.mesh.centre,
+                longest=np.float64(question.mesh.longest_side),
+            )
+
+    def save(self, kind: str, name: str, **arrays: Any) -> None:
+        """Keep arrays of a question, or of a row's worst view."""
+        path = self._path(kind, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write(path, lambda file: np.savez_compressed(file, **arrays))
+
+    def load(self, kind: str, name: str) -> dict[str, Any]:
+        """Read what `save` kept."""
+        path = self._path(kind, name)
+        try:
+            with np.load(path) as stored:
+                return {name: stored[name] for name in stored.files}
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"{path} must be readable; {error}. Run compare again to make it.") from None
+
+    def _path(self, kind: str, name: str) -> Path:
+        return self.folder / kind / f"{name}.npz"
 
 
 @dataclass
@@ -73,37 +124,22 @@ def run(
     judge_points: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Tally:
-    """Make the rows that a folder lacks.
+    """Make the rows that a folder lacks; it is made when missing.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-    out : Path
-        The comparison's folder; made when it is missing.
-    budget : float
-        Seconds of timed calls for each row.
-    limit : float
-        Seconds after which a subject is given up.
-    judge_points : int, optional
-        As in `Judge`.
-    progress : function
-        Called once for each row, with what comes next.
-
-    Notes
-    -----
-    A row is made again when the question or the versions have changed, or when it failed: the cause may be gone.
+    `budget` are seconds of timed calls for each row, `limit` is the timeout of a row, `judge_points` as in
+    `Reference`; `progress` is called once for each row, with what comes next. A row is made again when the question or
+    the versions have changed, or when it failed: the cause may be gone.
     """
-    store, judge = Store(out), Judge(out / FOLDER, judge_points)
+    store, reference = Store(out), Reference(out / FOLDER, judge_points)
     known = store.rows()
     tally = Tally()
-    with Bench(limit) as bench:
+    with closing(Bench(limit)) as bench:
         for case in cases:
             try:
                 question = case.make()
             except OccludeError as error:
                 for subject in case.subjects:
-                    row = {"key": "", **_heading(case, subject)}
-                    store.append(row | {"status": "failed", "reason": str(error)})
+                    store.append({"key": "", **_heading(case, subject), "status": "failed", "reason": str(error)})
                     tally.failed += 1
                     progress(case.label)
                 continue
@@ -115,8 +151,18 @@ def run(
                     tally.found += 1
                     continue
                 row = {"key": key, **_heading(case, subject), **question.describe()}
-                seconds = budget if case.budget is None else case.budget
-                row |= _measured(row, case, subject, question, seconds, bench, judge, store)
+                missing = find_method(subject.method).missing()
+                try:
+                    if missing:
+                        row |= {"status": "unavailable", "reason": missing}
+                    else:
+                        seconds = budget if case.budget is None else case.budget
+                        measured = bench.measure(question, subject.method, dict(subject.options), seconds)
+                        row |= {"status": "ok", "timed": measured.describe()}
+                        if case.judged:
+                            row |= _judged(key, question, measured, reference, store)
+                except MeasurementFailed as failure:
+                    row |= {"status": "failed", "reason": str(failure)}
                 store.append(row)
                 tally.made += row["status"] == "ok"
                 tally.failed += row["status"] != "ok"
@@ -138,79 +184,46 @@ def _heading(case: Case, subject: Subject) -> dict[str, Any]:
     }
 
 
-def _measured(
-    row: dict[str, Any],
-    case: Case,
-    subject: Subject,
-    question: Question,
-    budget: float,
-    bench: Bench,
-    judge: Judge,
-    store: Store,
-) -> dict[str, Any]:
-    """What measuring and judging add to a row."""
-    missing = find_method(subject.method).missing()
-    if missing:
-        return {"status": "unavailable", "reason": missing}
-    try:
-        measurement = bench.measure(question, subject.method, dict(subject.options), budget)
-    except SubjectFailed as failure:
-        return {"status": "failed", "reason": str(failure)}
-    result: dict[str, Any] = {"status": "ok", "timed": measurement.describe()}
-    if not case.judged:
-        return result
-    verdict = judge.judge(question)
-    result["judged"] = compare_masks(measurement, verdict, question)
-    worst = int(np.argmax([wrong_share(view) for view in result["judged"]["views"]]))
-    view_id = int(measurement.view_ids[worst])
-    truth = judge.truth_of_view(question, view_id)
-    n = min(measurement.mask.shape[1], len(truth))
-    answer, truth = measurement.mask[worst, :n], truth[:n]
+def _judged(key: str, question: Question, measured: Measurement, reference: Reference, store: Store) -> dict[str, Any]:
+    """Compare a measurement's mask with the reference; keep its worst view for the report."""
+    judged = compare_masks(measured, reference.judge(question), question)
+    errors = [view["outside"]["false_visible"] + view["outside"]["false_hidden"] for view in judged["views"]]
+    worst = int(np.argmax(errors))
+    view_id = int(measured.view_ids[worst])
+    truth = reference.truth_of_view(question, view_id)
+    n = min(measured.mask.shape[1], len(truth))
+    answer, truth = measured.mask[worst, :n], truth[:n]
     store.save_question(question)
-    store.save_worst(row["key"], metrics.outcomes(answer, truth))
-    result["worst"] = {"view": view_id, **metrics.as_fractions(metrics.count_errors(answer, truth))}
-    return result
+    store.save("worst", key, outcomes=metrics.outcomes(answer, truth))
+    shares = metrics.as_fractions(metrics.count_errors(answer, truth))
+    return {"judged": judged, "worst": {"view": view_id, **shares}}
 
 
-def wrong_share(view: dict[str, Any]) -> float:
-    """Share of a view's judged points, outside the boundary band, on which a row errs."""
-    outside = view["outside"]
-    return float(outside["false_visible"] + outside["false_hidden"])
+def compare_masks(measured: Measurement, verdict: Verdict, question: Question) -> dict[str, Any]:
+    """Compare an answer with the reference's, on the views and points that both have.
 
-
-def compare_masks(measurement: Measurement, verdict: Verdict, question: Question) -> dict[str, Any]:
-    """Hold an answer against the judge's, on the views and points that both have.
-
-    Returns
-    -------
-    dict
-        n_views, n_points: of the pairs judged. Every measure of `metrics.METRICS` over all of them. views: for each
-        view its angles in degrees and the measures that are taken per view.
+    The result has n_views and n_points of the pairs judged, every measure of `metrics.METRICS` over all of them, and
+    for each of the views its angles in degrees and the measures that are taken per view.
     """
-    ids = measurement.view_ids
-    n = min(measurement.mask.shape[1], verdict.truth.shape[1])
+    ids = measured.view_ids
+    n = min(measured.mask.shape[1], verdict.truth.shape[1])
     pairs = metrics.Pairs(
-        answer=measurement.mask[:, :n],
+        answer=measured.mask[:, :n],
         truth=verdict.truth[ids, :n],
         decided=verdict.decided[ids, :n],
         silhouette=verdict.silhouette[ids, :n],
         incidence=verdict.incidence[ids, :n],
         positions=question.points.positions[:n] / question.mesh.longest_side,
     )
-    per_view = [metric for metric in metrics.METRICS if metric.per_view]
-    return {
-        "n_views": len(ids),
-        "n_points": n,
-        **{metric.name: metric.measure(pairs) for metric in metrics.METRICS},
-        "views": [
-            {
-                "azimuth": float(np.degrees(question.views.azimuth[view])),
-                "elevation": float(np.degrees(question.views.elevation[view])),
-                **{metric.name: metric.measure(pairs.view(i)) for metric in per_view},
-            }
-            for i, view in enumerate(ids)
-        ],
-    }
+    views = [
+        {
+            "azimuth": float(np.degrees(question.views.azimuth[view])),
+            "elevation": float(np.degrees(question.views.elevation[view])),
+            **metrics.measures_per_view(pairs.view(i)),
+        }
+        for i, view in enumerate(ids)
+    ]
+    return {"n_views": len(ids), "n_points": n, **metrics.measures(pairs), "views": views}
 
 
 @cache

@@ -13,46 +13,24 @@ Row = dict[str, Any]
 class Standing:
     """What one subject did over all meshes on which it ran.
 
-    Parameters
-    ----------
-    subject, method : str
-    exact : bool
-        Whether the method claims to equal the oracle outside the boundary band.
-    n_meshes : int
-    pairs : int
-        Pairs of view and point judged outside the boundary band.
-    wrong, false_visible, false_hidden : float
-        Fractions of those pairs, mean over the meshes.
-    band : float
-        Fraction of pairs in the band, mean over the meshes.
-    chamfer : float or None
-        In longest sides, mean over the meshes.
-    seconds : float
-        A view of all the question's points, geometric mean over the meshes.
-    extrapolated : bool
-        Whether `seconds` was, somewhere, scaled up from fewer points.
-    build : float
-        Seconds to prepare a mesh, geometric mean.
-    memory : float or None
-        Bytes, the largest.
-    points_per_second : float
-        Geometric mean.
+    Errors are fractions of the judged pairs outside the boundary band, mean over the meshes; times are geometric
+    means.
     """
 
     subject: str
     method: str
-    exact: bool
+    exact: bool  # whether the method claims to equal the oracle outside the boundary band
     n_meshes: int
-    pairs: int
+    pairs: int  # of view and point, judged outside the boundary band
     wrong: float
     false_visible: float
     false_hidden: float
-    band: float
-    chamfer: float | None
-    seconds: float
-    extrapolated: bool
-    build: float
-    memory: float | None
+    band: float  # fraction of pairs in the band
+    chamfer: float | None  # in longest sides
+    seconds: float  # of a view of all the question's points
+    extrapolated: bool  # whether `seconds` was, somewhere, scaled up from fewer points
+    build: float  # seconds to prepare a mesh
+    memory: float | None  # bytes, the largest
     points_per_second: float
 
 
@@ -97,28 +75,11 @@ def seconds_for_all_points(row: Row) -> float:
 
 def front(ranking: Sequence[Standing]) -> set[str]:
     """Return the subjects that nothing beats in both error and time: the Pareto front."""
-    return {
-        a.subject
-        for a in ranking
-        if not any(
-            b.wrong <= a.wrong and b.seconds <= a.seconds and (b.wrong < a.wrong or b.seconds < a.seconds)
-            for b in ranking
-        )
-    }
+    return {a.subject for a in ranking if not any(_beats(b, a) for b in ranking)}
 
 
 def advice(ranking: Sequence[Standing]) -> dict[str, str]:
-    """Say of every subject when to use it, from what was measured alone.
-
-    Parameters
-    ----------
-    ranking : sequence of Standing
-        As `standings` returns it.
-
-    Returns
-    -------
-    dict of subject to str
-    """
+    """Say of every subject of a ranking (of `standings`) when to use it, from what was measured alone."""
     best = front(ranking)
     right = [s for s in ranking if s.wrong == 0.0]
     fastest_right = min(right, key=lambda s: s.seconds) if right else None

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written under a temporary name, synced as a rule, renamed."""
+"""Files that are whole or not there (temporary name, sync, rename), and errors of damaged ones that name the file."""
 
 import errno
 import io
@@ -6,10 +6,17 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tarfile import TarError
+from tokenize import TokenError
 from typing import IO, Any
+from zipfile import BadZipFile
+
+from zbuf_occlude.errors import DatasetError
 
 _TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
 
@@ -98,3 +105,51 @@ def write_lines(path: Path, lines: list[str]) -> None:
     """Write a text file of one entry a line."""
     text = "".join(line + "\n" for line in lines)
     write(path, lambda file: file.write(text.encode()))
+
+
+REMEDY = "Copy it again from where it was made, or make the dataset again, with --overwrite."
+DAMAGES = (
+    ArithmeticError,
+    AttributeError,  # of HDF5, where a group stands for a dataset
+    BadZipFile,
+    EOFError,
+    LookupError,
+    OSError,
+    RuntimeError,  # of HDF5, and of ZIP members that claim to be encrypted or packed in another way
+    SyntaxError,  # of NumPy, whose headers are Python
+    TarError,
+    TokenError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+"""What h5py, NumPy, tarfile, zipfile and json raise, and what is done with their values, of bytes changed by chance."""
+
+
+@contextmanager
+def reading(path: Path, remedy: str = REMEDY) -> Iterator[None]:
+    """Say of a file or folder that cannot be read, or whose content is not what was written, which it is.
+
+    Parameters
+    ----------
+    path : Path
+        What is read in the block.
+    remedy : str
+        What to do.
+
+    Raises
+    ------
+    DatasetError
+        In place of whatever its reader raised.
+    """
+    try:
+        yield
+    except DatasetError:  # it was said already
+        raise
+    except FileNotFoundError:
+        raise DatasetError(f"{path} must be there; it is missing. {remedy}") from None
+    except DAMAGES as error:
+        text = " ".join(str(error).split())[:200]
+        reason = f"no {text}" if isinstance(error, KeyError) else text or type(error).__name__
+        raise DatasetError(f"{path} must be as it was written; it cannot be read ({reason}). {remedy}") from None

@@ -2,24 +2,32 @@
 
 import importlib.util
 import os
+import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from zbuf_occlude.dataset.generate import run_here
-from zbuf_occlude.dataset.jobs import Run
 from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.trial import LARGE, PATIENCE, Trial
 from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
+from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.visibility import find_method
+from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.views import parse as parse_views
+from zbuf_occlude.visibility import find_method, prepare
 
 AUTO = "auto"
 
 LOOKED_AT = 8
 """Of a collection this many meshes are loaded to see how large they are."""
+
+LARGE = 1 << 24
+"""Bytes. A larger file is not loaded only to be looked at."""
+PATIENCE = 10.0
+"""Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
+TRIED_VIEWS, DENSE = "modelnet8", 20_000
+"""Views of a trial, and its points where the recipe gives a density."""
 
 BYTES_PER_FACE = 40.0
 """Of a file too large to be looked at the number of faces is guessed from its size."""
@@ -104,7 +112,7 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
         return recipe
     if recipe.method_options:
         raise OptionError(f"--set needs a named method; got --method {AUTO}. Name the one the option is of.")
-    gain = gain_of("exact_gl", "exact", recipe, meshes) if _has_gpu() else 0.0
+    gain = gain_on_gpu(recipe, meshes)
     sizes = [size for mesh_id in _some(meshes) if (size := _sizes(meshes[mesh_id], recipe))]
     n_faces, n_points = np.median(sizes, axis=0) if sizes else (0, recipe.n_points or 0)
     embree = importlib.util.find_spec("embreex") is not None
@@ -112,17 +120,36 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     return replace(recipe, method=choice.method, reason=choice.reason)
 
 
-def gain_of(method: str, other: str, recipe: Recipe, meshes: MeshCollection, run: Run = run_here) -> float:
-    """Try how many times as fast as another a method makes a mesh (`Trial`); 0 where that cannot be tried."""
-    gains = [0.0]
+def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
+    """Return how many times as fast as `exact` `exact_gl` answers on this machine's GPU; 0 where there is none.
 
-    def done(_: int, gain: float) -> tuple[int, ...]:
-        gains.append(gain)
-        return ()
+    Both are asked, after a smaller question that compiles, about the mesh of middling size of a few.
+    """
+    from zbuf_occlude.gl.context import GlContext  # late: only this choice touches GL
 
-    with suppress(OccludeError, OSError, MemoryError):
-        run(Trial(method, other, recipe, meshes, _some(meshes)), [0], done)
-    return gains[-1]
+    loaded = []
+    with suppress(OccludeError, OSError, MemoryError), GlContext.open() as gl:
+        if gl.is_software:
+            return 0.0
+        for mesh_id in _some(meshes):
+            with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
+                loaded.append(meshes[mesh_id].load())
+        mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
+        eyes = (
+            parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
+            .around(mesh.centre, mesh.longest_side)
+            .eyes
+        )
+        points = sample_surface(mesh, n_points=recipe.n_points or DENSE, seed=0)
+        seconds = {}
+        for method in ("exact", "exact_gl"):
+            for asked in (points.select(np.arange(100)), points):
+                began = time.perf_counter()
+                with prepare(mesh, method, gl=gl if find_method(method).needs_gl else None) as occluder:
+                    occluder.visible(asked, eyes)
+                seconds[method] = time.perf_counter() - began
+        return seconds["exact"] / seconds["exact_gl"]
+    return 0.0
 
 
 def _some(meshes: MeshCollection) -> tuple[int, ...]:
@@ -141,14 +168,3 @@ def _sizes(entry: MeshEntry, recipe: Recipe) -> tuple[float, float] | None:
         return None
     by_area = (recipe.density or 0.0) * float(mesh.areas.sum()) / mesh.longest_side**2
     return len(mesh.faces), recipe.n_points or by_area
-
-
-def _has_gpu() -> bool:
-    """Whether OpenGL opens here, and not in software."""
-    from zbuf_occlude.gl.context import GlContext  # late: only this choice touches GL
-
-    try:
-        with GlContext.open() as gl:
-            return not gl.is_software
-    except GlError:
-        return False

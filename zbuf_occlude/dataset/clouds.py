@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.colors import GREY
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 
@@ -75,7 +75,8 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     there are (unless complete) `SCAN_COLUMNS`, a row per point, and
 
     size : float64, metres of the object's longest side
-    hidden : float32, share of the object that others hide; hidden_reached : int32, whether it is as was asked for
+    hidden : float32, share of the object that others hide; hidden_reached : int32, 1 where it is as was asked for, or
+        nothing was asked for, else 0
 
     With `Recipe.sample_size` None, fields that have a row per point are of objects, an array for each cloud
     (`zbuf_occlude.dataset.ragged`).

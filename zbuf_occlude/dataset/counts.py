@@ -34,6 +34,8 @@ class Counts:
     n_clouds : int
     n_blind_views : int
         Views that see nothing, and give no cloud.
+    n_inside : int
+        Cameras inside the bounding box of their mesh.
     n_with_repeats : int
         Clouds with fewer visible points than they hold.
     n_checked : int
@@ -56,6 +58,7 @@ class Counts:
 
     n_clouds: int = 0
     n_blind_views: int = 0
+    n_inside: int = 0
     n_with_repeats: int = 0
     n_checked: int = 0
     false_visible: int = 0

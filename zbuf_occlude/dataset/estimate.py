@@ -9,16 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from zbuf_occlude.dataset.batch import make_mesh, new_store
 from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.jobs import n_at_once
-from zbuf_occlude.dataset.parts import n_parts
+from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.formats.packed import Archive
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.shard import make_mesh, new_store
 from zbuf_occlude.errors import ArgumentError, MeshError
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.visibility import find_method
 
+OPEN_GROUPS = 2
+"""Groups whose batches and files may both be on the disk."""
 LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
 """This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
 
@@ -58,7 +59,6 @@ def estimate(plan: Plan) -> Estimate:
     GlError, UnavailableError
         The method cannot run here.
     """
-    shard_of = {mesh_id: shard for shard, mesh_ids in enumerate(plan.shards) for mesh_id in mesh_ids}
     chosen = np.random.default_rng(seed_of(plan.recipe.seed, "estimate")).permutation(len(plan.meshes)).tolist()
     with ExitStack() as stack:
         folder, gl = Path(stack.enter_context(tempfile.TemporaryDirectory())), None
@@ -66,22 +66,22 @@ def estimate(plan: Plan) -> Estimate:
             from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
 
             gl = stack.enter_context(GlContext.open())
-        _make(plan, chosen[0], shard_of[chosen[0]], gl, folder)  # it loads what was compiled
+        _make(plan, chosen[0], gl, folder)  # loads what was compiled
         made: list[_Made] = []
         began = time.perf_counter()
         for mesh_id in chosen[:MOST_MESHES]:
             if len(made) >= LEAST_MESHES and time.perf_counter() - began > SECONDS:
                 break
-            made.append(_make(plan, mesh_id, shard_of[mesh_id], gl, folder))
+            made.append(_make(plan, mesh_id, gl, folder))
     n, seconds = len(plan.meshes), [each.seconds for each in made]
     spread = float(np.std(seconds, ddof=1)) if len(made) > 1 else seconds[0]
-    in_shards = n * float(np.mean([each.n_bytes for each in made]))
+    n_bytes = n * float(np.mean([each.n_bytes for each in made]))
     return Estimate(
         len(made),
         sum(each.failed for each in made),
         n * float(np.mean(seconds)),
         2 * n * spread / math.sqrt(len(made)) if len(made) < n else 0.0,
-        *_on_disk(plan, in_shards),
+        *_on_disk(plan, n_bytes),
     )
 
 
@@ -93,25 +93,30 @@ class _Made(NamedTuple):
     failed: bool
 
 
-def _make(plan: Plan, mesh_id: int, shard: int, gl: Any, folder: Path) -> _Made:
+def _make(plan: Plan, mesh_id: int, gl: Any, folder: Path) -> _Made:
     began, store, failed = time.process_time(), new_store(plan), False
     try:
         make_mesh(plan, mesh_id, gl, store)
     except (MeshError, ArgumentError):
         failed = True
     made = time.process_time()
-    n_bytes = sum(size for size, _ in store.write(folder / "shard", shard))
+    if isinstance(store, Archive):
+        store.write(folder / "archive")
+        return _Made(time.process_time() - began, (folder / "archive").stat().st_size, failed)
+    pieces = [piece for of_file in store.pieces().values() for piece in of_file]
+    with open(folder / "batch", "wb") as file:
+        file.writelines(pieces)
     writing = time.process_time() - made
-    times = 1 if find_format(plan.format).all_points else 2  # shards are written, and then files
-    return _Made(made - began + times * writing, n_bytes, failed)
+    return _Made(made - began + 2 * writing, sum(map(len, pieces)), failed)  # in a batch, then in files
 
 
 def _on_disk(plan: Plan, n_bytes: float) -> tuple[float, float]:
-    """Return the bytes of the dataset, and the most on the disk at any moment, from those of all shards."""
+    """Return the bytes of the dataset, and the most on the disk at any moment, from those of all batches."""
     row = find_format(plan.format)
-    if row.all_points:
+    if plan.format == PACKED:
         return n_bytes, n_bytes
     size = plan.recipe.sample_size
-    files = plan.n_clouds * record_type(plan.recipe).itemsize if size is not None else n_bytes
-    n = n_parts(plan)
-    return files, files * (1 + n_at_once(n) / n)
+    files = n_bytes if size is None else plan.n_clouds * record_type(plan.recipe).itemsize
+    if row.exported_from:
+        return files, files + n_bytes
+    return files, files * (1 + min(1.0, OPEN_GROUPS / len(plan.groups)))

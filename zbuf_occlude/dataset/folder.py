@@ -1,28 +1,45 @@
-"""A dataset's folder: what its files are called, and its plan and manifest read back."""
+"""A dataset's folder: what its files are called, its plan and manifest read back, and whose it is.
+
+Only what a dataset's own plan, records and manifest name is ever removed; any other file stops a removal.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from zbuf_occlude.dataset.damage import reading
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.atomic import reading
+from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.garbage import nothing_to_collect
 from zbuf_occlude.meshes.collection import SPLITS
 
 PLAN, MANIFEST = "plan.json", "manifest.json"
-SHARDS = "shards"
+GROUPS = "groups"
+"""Folder of what is known of each group that is done, a JSON file each."""
+WORK = "work"
 """Folder of unfinished work."""
+STORED = "stored"
+"""Folder of the dataset that a layout of others is exported from, while that is made."""
+EXPORT_NAMES = "export.json"
+"""File of the work folder that lists what an export writes."""
 CONTACT_SHEET, GALLERY = "contact_sheet.png", "gallery.html"
 SHAPE_NAMES, MESH_KEYS = "shape_names.txt", "mesh_keys.txt"
 ORIGINAL = "original"
-"""Folder, in a dataset's own, of the dataset of complete clouds that some presets want beside it."""
+"""Folder of the dataset of complete clouds that some presets make too."""
+LOCK = "lock"
 
 PLAN_REMEDY = "Copy it again from where it was made; or delete the folder yourself, and make the dataset again."
-"""Without a plan nothing says what in the folder is the dataset's, so nothing is deleted."""
+"""Without its plan nothing says which files of a folder are the dataset's, so nothing is deleted."""
 
 Kinds = Mapping[str, Any]
 """What a JSON object must have: for each name a type or types, or, for an object in it, its own `Kinds`."""
@@ -43,15 +60,14 @@ _OF_MANIFEST: Kinds = {
     "seed": int,
     "sha256": dict,
 }  # fmt: skip
-"""What the commands read of it."""
+"""What the commands read of a manifest."""
 
 
 def datasets_in(out: Path) -> list[Path]:
-    """Return a dataset's folder and, where it has one, that of its complete clouds."""
+    """Return a dataset's folder and, where there is one, that of its complete clouds."""
     return [out, *([out / ORIGINAL] if (out / ORIGINAL / PLAN).exists() else [])]
 
 
-@nothing_to_collect()
 def read_plan(out: Path) -> Plan:
     """Read back the plan of a dataset's folder.
 
@@ -74,7 +90,6 @@ def read_plan(out: Path) -> Plan:
     return plan
 
 
-@nothing_to_collect()
 def read_manifest(out: Path) -> dict[str, Any] | None:
     """Return the manifest of a folder whose dataset is complete, None for one that is not.
 
@@ -98,7 +113,7 @@ def read_manifest(out: Path) -> dict[str, Any] | None:
 
 
 def read_object(path: Path, kinds: Kinds) -> dict[str, Any]:
-    """Read a JSON object that has what it must have; else raise what `damage.reading` puts into words."""
+    """Read a JSON object that has what it must have; raise what `atomic.reading` turns into a message if not."""
     document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     _check_kinds(document, kinds, "it")
     return document
@@ -132,27 +147,6 @@ def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
     return plan, manifest
 
 
-def checksums(
-    out: Path, files: Mapping[str, list[str]], known: Mapping[str, str] = MappingProxyType({})
-) -> dict[str, str]:
-    """Return the SHA-256 of each file of a dataset, in hexadecimal, by name; of a list of files, with all it lists.
-
-    Parameters
-    ----------
-    out : Path
-    files : mapping of split to file names
-        As in the manifest. What labels and mesh ids stand for, and lists of files, are taken in beside them.
-    known : mapping of file name to checksum
-        Of files that are not read for it.
-    """
-    data = {name for of_split in files.values() for name in of_split}
-    beside = {name for name in (SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)) if (out / name).exists()} - data
-    return {
-        **{name: checksum(out, name, known, of_data=True) for name in sorted(data)},
-        **{name: checksum(out, name, known) for name in sorted(beside)},
-    }
-
-
 def list_of(split: str) -> str:
     """Return the name of the list of a split's files, which some formats have."""
     return f"{split}_files.txt"
@@ -164,14 +158,214 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def checksum(out: Path, name: str, known: Mapping[str, str] = MappingProxyType({}), *, of_data: bool = False) -> str:
-    """Return the SHA-256 of one file; of a list that stands for a split's data, with all it lists."""
-    if name in known:
-        return known[name]
-    with reading(out / name):
-        if not (of_data and name.endswith("_files.txt")):
-            return sha256_of(out / name)
-        digest = hashlib.sha256((out / name).read_bytes())
-        for listed in (out / name).read_text().splitlines():
-            digest.update(checksum(out, listed, known).encode())
-    return digest.hexdigest()
+def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    """Return the SHA-256 of files of a dataset by name, and of those that say what labels, meshes and files there are.
+
+    Parameters
+    ----------
+    out : Path
+    names : iterable of str
+    known : mapping of file name to checksum
+        Of files that are not read again.
+    """
+    beside = {name for name in (SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)) if (out / name).exists()}
+    found = {}
+    for name in sorted(beside.union(names)):
+        with reading(out / name):
+            found[name] = known[name] if name in known else sha256_of(out / name)
+    return found
+
+
+class State(Enum):
+    """What a folder is."""
+
+    EMPTY = "empty, or not there"
+    FOREIGN = "somebody's"
+    UNFINISHED = "a dataset of ours, not finished"
+    FINISHED = "a dataset of ours"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a folder is, the plan of a dataset of ours, and why it is none."""
+
+    state: State
+    plan: Plan | None = None
+    reason: str = ""
+
+
+def look(out: Path) -> Found:
+    """Find out what a folder is; nothing is changed."""
+    if not out.is_dir() or not set(out.iterdir()) - set(atomic.leftovers([out])):
+        return Found(State.EMPTY)
+    if not (out / PLAN).exists():
+        return Found(State.FOREIGN, reason=f"{out} must be empty or hold a dataset; it has other files.")
+    try:
+        plan = read_plan(out)
+    except DatasetError as error:
+        return Found(State.FOREIGN, reason=str(error))
+    return Found(State.FINISHED if (out / MANIFEST).exists() else State.UNFINISHED, plan)
+
+
+def claim(plan: Plan, out: Path) -> None:
+    """Make the folder this plan's, or find that it is already; nothing in it is removed.
+
+    Raises
+    ------
+    DatasetError
+        It holds something else, or another plan.
+    """
+    if look_for(plan, out) is State.EMPTY:
+        out.mkdir(parents=True, exist_ok=True)
+        try:
+            document = {"fingerprint": plan.fingerprint, **plan.document}
+            atomic.write_json(out / PLAN, document, exclusive=True)
+        except FileExistsError:  # another run was faster
+            _check_same(plan, read_plan(out), out)
+
+
+def look_for(plan: Plan, out: Path) -> State:
+    """Find out what a folder is, which a plan's dataset is to be in; nothing is changed.
+
+    Raises
+    ------
+    DatasetError
+        It holds something else, or another plan.
+    """
+    found = look(out)
+    if found.state is State.FOREIGN:
+        raise DatasetError(f"{found.reason} Choose another folder.")
+    if found.plan is not None:
+        _check_same(plan, found.plan, out)
+    return found.state
+
+
+def _check_same(plan: Plan, theirs: Plan, out: Path) -> None:
+    if theirs.fingerprint != plan.fingerprint:
+        differences = plan.differences(theirs.document) or ["the views are others"]
+        more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
+        raise DatasetError(
+            f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "
+            f"in which {'; '.join(differences[:3])}{more}. Choose another folder, or generate with --overwrite."
+        )
+
+
+@contextmanager
+def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
+    """Hold some groups of a dataset for this run alone; the lock ends with the process, however that ends.
+
+    With `wait`, another run that holds one is waited for.
+
+    Raises
+    ------
+    DatasetError
+        Another run holds one of them.
+    """
+    (out / WORK).mkdir(exist_ok=True)
+    try:
+        fcntl = import_module("fcntl")
+    except ImportError:  # only Unix has it
+        yield
+        return
+    with open(out / WORK / LOCK, "wb") as file:
+        for group in groups:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, group)  # a byte a group
+            except BlockingIOError:
+                raise DatasetError(
+                    f"{out} must be made by one run at a time; another is making group {group}. Wait until it ends, "
+                    "or give each run its own --shard I/N."
+                ) from None
+            except OSError:  # a file system without locks
+                break
+        yield
+
+
+def remove(out: Path) -> None:
+    """Remove a dataset of ours from its folder, with the complete clouds of it.
+
+    Raises
+    ------
+    DatasetError
+        As of `removable`; nothing was removed.
+    """
+    for folder, plan in removable(out):
+        own, _ = sorted_out(folder, plan)
+        (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left is no finished dataset
+        _remove_files(folder, [name for name in own if name != PLAN])
+        (folder / PLAN).unlink()  # last: until then the folder is known to be ours
+    with suppress(OSError):
+        (out / ORIGINAL).rmdir()
+
+
+def removable(out: Path) -> list[tuple[Path, Plan]]:
+    """Return the folders and plans of a dataset of ours and of its complete clouds; nothing is changed.
+
+    Raises
+    ------
+    DatasetError
+        The folder, or something in it, is not ours.
+    """
+    datasets = [(each, found.plan) for each in (out / ORIGINAL, out) if (found := look(each)).plan is not None]
+    if (found := look(out)).state is State.FOREIGN:
+        raise DatasetError(f"{found.reason} Choose another folder.")
+    for folder, plan in datasets:
+        if others := sorted_out(folder, plan)[1]:
+            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+            raise DatasetError(
+                f"{folder} must hold nothing but its dataset to be overwritten; it has other files: {others[0]}{more}. "
+                "Nothing was removed. Move them away, or choose another folder."
+            )
+    return datasets
+
+
+def remove_work(out: Path, plan: Plan) -> None:
+    """Remove what a finished dataset no longer needs: unfinished work, and temporary files of killed processes."""
+    own, _ = sorted_out(out, plan)
+    names = [each for each in own if each.split("/")[0] in (WORK, STORED) or atomic.is_temporary(each.split("/")[-1])]
+    _remove_files(out, names)
+
+
+def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
+    """Return the files in a dataset's folder that are the dataset's, and the files and folders that are not."""
+    names = {PLAN, MANIFEST, CONTACT_SHEET, GALLERY, SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)}
+    names |= set(find_format(plan.format).names(plan)) | set(_recorded(out))
+    folders = {"", GROUPS, WORK, STORED} | {str(parent) for name in names for parent in Path(name).parents} - {"."}
+    own, others = list[str](), list[str]()
+    for path, subfolders, files in os.walk(out):
+        here = "" if (found := os.path.relpath(path, out)) == "." else f"{found}/"
+        for name in list(subfolders):
+            whole = f"{here}{name}"
+            ours = whole in folders or whole.startswith((f"{WORK}/export", f"{STORED}/"))
+            if os.path.islink(os.path.join(path, name)) or not ours:
+                subfolders.remove(name)
+                if here or name != ORIGINAL or look(out / ORIGINAL).plan is None:
+                    others.append(f"{whole}/")
+        for name in files:
+            whole = f"{here}{name}"
+            is_own = whole in names or _OWN.match(whole) or atomic.is_temporary(name)
+            (own if is_own else others).append(whole)
+    return own, sorted(others)
+
+
+_OWN = re.compile(rf"{GROUPS}/\d{{6}}\.json$|{WORK}/(\d{{6}}\.batch$|{LOCK}$|{EXPORT_NAMES}$|export/)|{STORED}/")
+
+
+def _recorded(out: Path) -> Iterator[str]:
+    """Yield the names of files that a manifest, records of groups, or an export that was begun say are there."""
+    for path in (out / MANIFEST, *(out / GROUPS).glob("*.json"), out / WORK / EXPORT_NAMES):
+        with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # damaged: what it names stays
+            document = json.loads(path.read_bytes())
+            yield from document["sha256"] if "sha256" in document else document["names"]
+
+
+def _remove_files(out: Path, names: Iterable[str]) -> None:
+    """Remove files, and the folders that are empty then."""
+    folders = set[Path]()
+    for name in names:
+        (out / name).unlink(missing_ok=True)
+        folders.update((out / name).parents)
+    for folder in sorted(folders, key=lambda each: len(each.parts), reverse=True):
+        if out in folder.parents:
+            with suppress(OSError):  # something else is in it
+                folder.rmdir()

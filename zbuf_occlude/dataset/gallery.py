@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.dataset import atomic, table2
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.sheet import upright
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud, viewer_script
 from zbuf_occlude.errors import printable
-from zbuf_occlude.viewer import asset, coloured, json_for_page, pack_cloud, viewer_script
 
 RAINBOW = [tuple(round(255 * c) for c in hsv_to_rgb(0.68 * (1 - i / 63), 0.85, 0.8)) for i in range(64)]
 """From low to high: blue, green, red."""
@@ -46,7 +46,7 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
         The dataset's clouds.
     manifest : dict
     folder : Path
-        Of the dataset, for its size.
+        Of the dataset, for its name.
     """
     classes = source.plan.classes
     considered = np.concatenate([next(source.batches(split, CONSIDERED)) for split in source.order])
@@ -58,7 +58,7 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
     counts, error = manifest["counts"], manifest["error"]
     n_meshes = counts["meshes"] - counts["meshes_failed"]
     facts = [
-        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(classes)} classes",
+        f"{counts['clouds']:,} clouds of {n_meshes:,} meshes in {len(source.plan.meshes.classes)} classes",
         f"{counts['views']} views x {counts['variations']} variations",
         f"method {manifest['options']['method']}, renderer {manifest['renderer']}",
         f"seed {manifest['seed']}",
@@ -72,7 +72,6 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
         title=html.escape(printable(f"Occluded point clouds: {folder.absolute().name}")),
         style=asset("page.css"),
         facts=html.escape(printable("; ".join(facts)) + "."),
-        table2=_table([*table2.PAPER, table2.row_of(folder)]),
         viewer_script=viewer_script(),
         data=json_for_page({"classes": rows}),
         page_script=asset("gallery.js"),
@@ -128,10 +127,3 @@ def _colourings(record: Any) -> dict[str, Any]:
         found[name] = coloured(codes, RAINBOW)
     found["instance"] = coloured(record["instance"][:POINTS] % len(COLOURS), list(COLOURS))
     return found
-
-
-def _table(rows: list[table2.Row]) -> str:
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in table2.HEADINGS)
-    lines = ["".join(f"<td>{html.escape(text)}</td>" for text in table2.cells(row)) for row in rows]
-    body = "".join(f"<tr>{line}</tr>" for line in lines[:-1]) + f"<tr class=ours>{lines[-1]}</tr>"
-    return f"<table id=table2><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

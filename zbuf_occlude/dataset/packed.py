@@ -3,14 +3,14 @@
     clouds = PackedDataset("occluded", split="train")
     clouds[7].positions, clouds[7].label                 # all visible points of one view, in the mesh's own units
 
-A shard is a ZIP archive; any language reads it. For mesh 17 of the plan and its variation 2 it holds
+Each file is a ZIP archive; any language reads it. For mesh 17 of the plan and its variation 2 it holds
 
     000017/mesh.json    key, label, split; n_points of each variation; low, step: positions are low + step * q;
                         centre, longest_side; blind: for each variation the views that see nothing
     000017/2.steps      q of all points, three 16-bit integers each (`zbuf_occlude.dataset.packing`)
     000017/2.faces      the face each point lies on
     000017/2.visible    for each view of the plan a row of bits, one per point
-    000017/2.scans      of scans instead of 2.visible: their points, not rounded (`zbuf_occlude.dataset.packed_scans`);
+    000017/2.scans      of scans instead of 2.visible: their points, not rounded (`packing.pack_scans`);
                         all else is then of the object as it stood before the sensor, in metres
     000017/2.normals    with `Recipe.attributes`: unit normals, as the faces are wound, three floats each
     000017/2.colors     likewise: red, green, blue
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.packed_files import PackedFiles
+from zbuf_occlude.dataset.formats.packed import PackedFiles
 from zbuf_occlude.dataset.source import Numbers
 from zbuf_occlude.errors import DatasetError
 

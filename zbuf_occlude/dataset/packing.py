@@ -1,17 +1,23 @@
-"""How the points of an object, and which of them each view sees, become few bytes; pure functions of arrays.
+"""How the points of an object, which of them each view sees, and scans become bytes; pure functions of arrays.
 
 Numbers that grow slowly from point to point become small ones: each is replaced by its difference to the one before,
 folded so that small negative ones are small too (0, -1, 1, -2, 2 become 0, 1, 2, 3, 4), and the bytes are regrouped:
 first the lowest byte of all, then the next. What is left for the archive's compression (deflate) is mostly zeros.
+
+Scans are not rounded, so that clouds drawn of them are those of any other format, byte for byte. They are NumPy's
+arrays, one after the other: offsets (k + 1,), the table of the k places, a row per scan, a row per point.
 """
 
+import io
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.dataset.clouds import ScanPoints
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.views import Views
 
 BITS = 16
 STEPS = 2**BITS - 1
@@ -105,6 +111,50 @@ def unpack_mask(content: bytes, n_views: int, n_points: int) -> BoolArray:
     _check(content, n_views * width, "visibility bits")
     rows = np.frombuffer(content, np.uint8).reshape(n_views, width)
     return np.unpackbits(rows, axis=1, count=n_points).view(np.bool_)
+
+
+def pack_scans(points: ScanPoints, mask: BoolArray, places: Views) -> bytes:
+    """Return the bytes of k scans whose points stand one after the other; `mask` (k, n) says whose each point is."""
+    of_points: dict[str, NDArray[Any]] = {"position": points.positions, "face_id": points.face_ids, **points.columns}
+    offsets = np.cumsum([0, *np.count_nonzero(mask, axis=1)], dtype=np.int64)
+    file = io.BytesIO()
+    for array in (offsets, places.table, _table(dict(points.facts)), _table(of_points)):
+        np.save(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def unpack_scans(content: bytes) -> tuple[ScanPoints, BoolArray, Views]:
+    """Return what was packed.
+
+    Raises
+    ------
+    ValueError, KeyError
+        It is something else.
+    """
+    file = io.BytesIO(content)
+    offsets, table, facts, rows = (np.load(file, allow_pickle=False) for _ in range(4))
+    lengths = np.diff(offsets)
+    if len(table) != len(lengths) or len(facts) != len(lengths) or offsets[-1] != len(rows):
+        raise ValueError(f"{len(lengths)} scans, where there are {len(table)} places and {len(rows)} points")
+    columns = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
+    points = ScanPoints(
+        columns.pop("position"),
+        columns.pop("face_id"),
+        columns["normal"],
+        columns.get("color"),
+        columns=columns,
+        facts={name: facts[name] for name in facts.dtype.names or ()},
+    )
+    mask = np.repeat(np.arange(len(lengths)), lengths) == np.arange(len(lengths))[:, None]
+    return points, mask, Views.from_table(table)
+
+
+def _table(columns: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    kinds = [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in columns.items()]
+    rows: NDArray[Any] = np.empty(len(next(iter(columns.values()))), kinds)
+    for name, values in columns.items():
+        rows[name] = values
+    return rows
 
 
 def _pack(values: NDArray[Any]) -> bytes:

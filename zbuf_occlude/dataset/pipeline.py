@@ -1,18 +1,19 @@
-"""The flow, spelled out: mesh -> surface points -> views -> visibility mask -> what a dataset keeps, for one mesh."""
+"""The flow, spelled out for one mesh: surface points -> views -> visibility mask."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.stacked import count_stacked
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, curve_order, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -25,15 +26,33 @@ MOST_TESTS = 1_000_000_000
 
 _LOG = logging.getLogger(__name__)
 
-Kept = TypeVar("Kept")
-Keep = Callable[[SurfacePoints, BoolArray, Views, str, int], Kept]
-"""What is kept of one sampling: of its points, the mask, the views in world units, the mesh's key, the variation."""
+
+class Sampling(NamedTuple):
+    """One sampling of a mesh, and who sees what of it.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        n points; of scans those of all views, one after the other.
+    mask : (k, n) bool
+        Points that each view sees.
+    views : Views
+        World units.
+    counts : Counts
+        Of its clouds, and of what was asked again of the oracle.
+    renderer : str
+        "none" without OpenGL.
+    """
+
+    points: SurfacePoints
+    mask: BoolArray
+    views: Views
+    counts: Counts
+    renderer: str
 
 
-def occlude(
-    mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, keep: Keep[Kept], n_checked: int
-) -> tuple[list[Kept], Counts, str]:
-    """Make all clouds of one mesh, of points on its surface; scans are made by `zbuf_occlude.dataset.scans`.
+def occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
+    """Yield the samplings of one mesh, variation by variation; `zbuf_occlude.dataset.scans` does it for sensors.
 
     Parameters
     ----------
@@ -45,31 +64,19 @@ def occlude(
     key : str
         The mesh's key; all randomness comes from it and the recipe's seed.
     gl : GlContext or None
-    keep : callable
-        Called for each variation.
     n_checked : int
         About this many pairs of view and point of each variation are asked again of the oracle.
-
-    Returns
-    -------
-    kept : list
-        What `keep` returned, variation by variation.
-    counts : Counts
-        Of its clouds, of what cleaning took away, of what was asked again of the oracle, and of sheets too near.
-    renderer : str
-        "none" without OpenGL.
     """
     views = views.around(mesh.centre, mesh.longest_side)
-    kept, renderer = [], "none"
-    counts = Counts(faces_dropped=mesh.dropped, n_without_colors=lacks_colors(mesh, recipe))
     with ExitStack() as stack:
-        occluder = None
+        occluder, renderer = None, "none"
         if not recipe.complete:
             options = dict(recipe.method_options or {})
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **options))
+            occluder.warns_of_eyes_inside = False  # the manifest counts them
             renderer = occluder.renderer
         for variation in range(recipe.variations):
-            points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
+            points, counts = sample(mesh, recipe, seed_of(recipe.seed, key, variation)), Counts()
             if occluder is None:
                 mask = np.ones((len(views), len(points)), dtype=bool)
             else:
@@ -78,23 +85,27 @@ def occlude(
                 counts += check(mesh, points, views, mask, rng, n_checked, WorstView(0.0, key, variation, 0))
                 if variation == 0:
                     counts += count_stacked(mesh, points, occluder.tolerance, key)
+                    counts += Counts(n_inside=int(mesh.in_box(views.eyes).sum()))
             if views.windows is not None:
                 mask = mask & views.shows(points.positions)
             n_visible = np.array([np.count_nonzero(seen) for seen in mask])  # fast, unlike along an axis
-            counts += Counts(
-                n_clouds=int((n_visible > 0).sum()),
-                n_blind_views=int((n_visible == 0).sum()),
-                n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
-            )
-            kept.append(keep(points, mask, views, key, variation))
-    return kept, counts, renderer
+            yield Sampling(points, mask, views, counts + count_clouds(n_visible, recipe), renderer)
+
+
+def count_clouds(n_visible: NDArray[np.intp], recipe: Recipe) -> Counts:
+    """Count the clouds of views that see `n_visible` (k,) points."""
+    return Counts(
+        n_clouds=int((n_visible > 0).sum()),
+        n_blind_views=int((n_visible == 0).sum()),
+        n_with_repeats=int(((n_visible > 0) & (n_visible < (recipe.sample_size or 0))).sum()),
+    )
 
 
 def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfacePoints:
     """Sample the object once for a variation; `density` counts points per area with the longest side taken as 1.
 
     The points come face by face, and within a face in Morton order: neighbours in space are neighbours in memory,
-    which every method likes and which makes packed datasets small. (The order within a cloud is random all the same.)
+    which makes every method fast and packed datasets small. (The order within a cloud is random all the same.)
     """
     if recipe.density is None:
         points = sample_surface(mesh, n_points=recipe.n_points, seed=seed)
@@ -105,13 +116,12 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
     return points.select(curve_order(points, mesh.bounds[0], mesh.longest_side))
 
 
-def lacks_colors(mesh: Mesh, recipe: Recipe) -> int:
-    """Return 1 for a mesh of which colours are wanted and some are lacking, else 0; the log says which."""
-    if "colors" not in recipe.attributes or (mesh.colors is not None and mesh.colors.is_whole):
-        return 0
-    for reason in () if mesh.colors is None else mesh.colors.lacking:
+def count_mesh(mesh: Mesh, recipe: Recipe) -> Counts:
+    """Count what cleaning dropped, and whether wanted colours are lacking; the log says which."""
+    lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
+    for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
-    return 1
+    return Counts(faces_dropped=mesh.dropped, n_without_colors=int(lacking))
 
 
 def check(
@@ -132,6 +142,7 @@ def check(
     some_views = rng.choice(len(views), n_views, replace=False)
     some_points = rng.choice(len(points), min(-(-n_pairs // n_views), len(points)), replace=False)
     with prepare(mesh, "oracle") as oracle:
+        oracle.warns_of_eyes_inside = False
         truth = oracle.visible(points.select(some_points), views.eyes[some_views])
     answer = mask[np.ix_(some_views, some_points)]
     shares = (answer != truth).mean(axis=1)

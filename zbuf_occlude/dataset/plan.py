@@ -1,4 +1,4 @@
-"""The plan of a dataset: which meshes, views and variations, cut into shards. Pure: the same input, the same plan."""
+"""The plan of a dataset: meshes x views x variations, in groups, batches and files. The same input, the same plan."""
 
 import hashlib
 import json
@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.dataset.dealing import MeshIds, Parts, Shards, dealt
+from zbuf_occlude.dataset.classes import CLASSES_OF
+from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE, Batches, Files, MeshIds, Placement, deal
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
-from zbuf_occlude.sampling import MAX_POINTS
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors.setup import Setup
@@ -24,22 +25,19 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
 
 SCALES = ("cloud", "object", "mesh")
-FRAMES = ("object", "camera")
+FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
-DATA_VERSION = 7
-"""Raised whenever the same plan gives other bytes than before, so that nothing half made is gone on with."""
-CLOUDS_PER_FILE = 2048
-"""Clouds of a file in the formats that put many into one."""
-CLOUDS_PER_SHARD, FEWEST_PER_SHARD = 500, 125
-"""A shard is cut when it has this many clouds: seconds of work, some tens of megabytes, little to do again."""
-SHARDS = 32
-"""A small dataset is cut into this many, if not into fewer than the fewest clouds: so workers end together."""
-CLOUDS_PER_GROUP = 64 * CLOUDS_PER_FILE
-"""Clouds are mixed among about this many: of each shard a file then takes a run of eight, long enough to read fast."""
+DATA_VERSION = 8
+"""Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
+CLOUDS_PER_GROUP = 4 * CLOUDS_PER_FILE
+"""Clouds of a group, about: its files are written, and shared among machines, together."""
+CLOUDS_PER_BATCH, FEWEST_PER_BATCH, BATCHES = 500, 125, 32
+"""Clouds of a batch in a large dataset: seconds of work. A small one has `BATCHES` batches, if that many have the
+fewest clouds, so that workers end together."""
 
 PAIRS_CHECKED = 37_000
 """Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than
@@ -79,7 +77,8 @@ class Recipe:
         the object are moved and scaled alike, so that the whole of it is centred and its longest side 1; "mesh": the
         object's own coordinates.
     frame : str
-        "object": the mesh's axes; "camera": eye space (x right, y up, the camera looks along -z).
+        "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
+        layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
     complete : bool
@@ -155,7 +154,7 @@ class Recipe:
     @property
     def equal_size(self) -> int:
         """Points of each cloud, where all have as many."""
-        assert self.sample_size is not None  # formats that hold clouds of one size have refused others
+        assert self.sample_size is not None  # formats that hold clouds of one size refuse others
         return self.sample_size
 
     @property
@@ -171,7 +170,7 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Meshes x views x variations, dealt to groups, which are cut into shards.
+    """Meshes x views x variations, dealt to groups of files.
 
     Parameters
     ----------
@@ -179,7 +178,7 @@ class Plan:
         In the order in which they are worked on.
     recipe : Recipe
     format : str
-        Name in the table of formats: what is kept of a mesh, and what the final files are.
+        Name of the format or layout of the files.
     views : Views, optional
         Distances in longest sides, about the origin; the recipe's by default. Where each mesh has its own (`views_of`),
         these only say how many.
@@ -188,22 +187,21 @@ class Plan:
     meshes: MeshCollection
     recipe: Recipe
     format: str = "hdf5"
-    views: Views = None  # type: ignore[assignment]  # set below; whoever has a Plan has views
+    views: Views = None  # type: ignore[assignment]  # set below; every Plan has views
 
     def __post_init__(self) -> None:
         if self.views is None:
             object.__setattr__(self, "views", self.recipe.make_views())
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what workers are sent: arrays that they share, and no document, which would name every mesh anew."""
-        dealt_once = ("classes", "fingerprint", "split_of", "groups", "shards", "parts")
-        sent = ("meshes", "recipe", "format", "views", *dealt_once)
-        return {name: getattr(self, name) for name in sent}
+        """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
+        computed = ("classes", "fingerprint", "split_of", "groups", "batches", "files")
+        return {name: getattr(self, name) for name in ("meshes", "recipe", "format", "views", *computed)}
 
     @cached_property
     def classes(self) -> list[str]:
-        """Names of the classes; the index in here is the label of a cloud."""
-        return self.meshes.classes
+        """Names of the classes, a published list where the format has one; the index in here is a cloud's label."""
+        return list(CLASSES_OF.get(self.format, ())) or self.meshes.classes
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
@@ -229,53 +227,43 @@ class Plan:
         """The splits that have meshes."""
         return [SPLITS[split] for split in np.unique(self.split_of)]
 
-    @cached_property
-    def parts(self) -> Parts:
-        """The files of formats that put many clouds into one, group by group."""
-        n_meshes = np.array([np.bincount(self.split_of[ids], minlength=len(SPLITS)) for ids in self.groups])
-        return Parts(-(-n_meshes * self.clouds_per_mesh // CLOUDS_PER_FILE))
-
-    def parts_of(self, group: int) -> range:
-        """Return the parts that the clouds of a group go into."""
-        return self.parts.of_group(group)
-
     @property
     def n_checked(self) -> int:
         """Pairs of view and point of each sampling of a mesh that are asked again of the oracle."""
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
     @cached_property
+    def clouds_per_group(self) -> int:
+        """Clouds of a group, about."""
+        return CLOUDS_PER_GROUP
+
+    @cached_property
+    def clouds_per_batch(self) -> int:
+        """Clouds of a batch, about."""
+        return min(CLOUDS_PER_BATCH, max(FEWEST_PER_BATCH, self.n_clouds // BATCHES))
+
+    @cached_property
     def groups(self) -> list[MeshIds]:
         """Mesh indices of each group, ascending: the clouds of a group are mixed, and written into files of its own."""
-        n_groups = max(1, min(round(self.n_clouds / CLOUDS_PER_GROUP), len(self.meshes)))
-        return dealt(len(self.meshes), n_groups, seed_of(self.recipe.seed, "groups"))
+        n_groups = max(1, min(round(self.n_clouds / self.clouds_per_group), len(self.meshes)))
+        return deal(len(self.meshes), n_groups, seed_of(self.recipe.seed, "groups"))
 
     @cached_property
-    def shards(self) -> Shards:
-        """Mesh indices of each shard, group by group. Does not depend on the number of workers."""
-        return Shards(self.groups, max(1, self.clouds_per_shard // self.clouds_per_mesh))
+    def batches(self) -> Batches:
+        """Mesh indices of each batch, group by group; the number of workers does not matter."""
+        return Batches(self.groups, max(1, self.clouds_per_batch // self.clouds_per_mesh))
 
     @cached_property
-    def clouds_per_shard(self) -> int:
-        """Clouds at which a shard is cut."""
-        return min(CLOUDS_PER_SHARD, max(FEWEST_PER_SHARD, self.n_clouds // SHARDS))
+    def files(self) -> Files:
+        """The files, group by group."""
+        n_meshes = np.array([np.bincount(self.split_of[ids], minlength=len(SPLITS)) for ids in self.groups])
+        return Files(-(-n_meshes * self.clouds_per_mesh // CLOUDS_PER_FILE))
 
     @cached_property
-    def shards_per_part(self) -> int:
-        """Shards that formats of whole objects write at once: as many clouds as a file of others has, where there are
-        `SHARDS` such parts; else fewer, so that all workers write.
-        """
-        most = CLOUDS_PER_FILE // max(self.clouds_per_shard, self.clouds_per_mesh)
-        return max(1, min(most, len(self.shards) // SHARDS))
-
-    @cached_property
-    def shards_of(self) -> list[range]:
-        """The shards of each group."""
-        return self.shards.of_groups
-
-    def group_of(self, shard: int) -> int:
-        """Return the group that a shard's meshes are of."""
-        return self.shards.group_of(shard)
+    def placement(self) -> Placement:
+        """The file and row of every cloud."""
+        n_variations, n_views = self.recipe.variations, len(self.views)
+        return Placement(self.groups, self.split_of, self.files, n_variations, n_views, self.recipe.seed)
 
     @cached_property
     def pool(self) -> Pool:
@@ -293,14 +281,14 @@ class Plan:
             "views": self.views.table.tolist(),
             "classes": self.classes,
             "meshes": [[entry.key, entry.label, entry.split, entry.up] for entry in self.meshes],
-            "clouds_per_shard": self.clouds_per_shard,
-            "clouds_per_group": CLOUDS_PER_GROUP,
+            "clouds_per_batch": self.clouds_per_batch,
+            "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
         }
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> "Plan":
-        """Read a plan back from its document, without its meshes: enough to merge, count and check, not to generate."""
+        """Read a plan back from its document, without its meshes: enough to read, count and check, not to generate."""
         entries = [
             MeshEntry(key, label, split, partial(_not_loadable, key), up=up[0] if up else "")
             for key, label, split, *up in document["meshes"]
@@ -308,8 +296,10 @@ class Plan:
         views = Views.from_table(document["views"])
         plan = cls(MeshCollection(entries), Recipe(**document["recipe"]), document["format"], views)
         stored = {name: value for name, value in document.items() if name != "fingerprint"}
-        plan.__dict__["document"] = stored  # by which it is known, whatever a later version would write
-        plan.__dict__["clouds_per_shard"] = stored["clouds_per_shard"]
+        plan.__dict__["document"] = stored  # its identity, whatever a later version would write
+        plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]
+        plan.__dict__["clouds_per_group"] = stored["clouds_per_group"]
+        plan.__dict__["classes"] = stored["classes"]
         return plan
 
     def differences(self, document: Mapping[str, Any]) -> list[str]:
@@ -347,8 +337,8 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator
                 yield f"{what} of {key} was {then!r}, and is {now!r}"
     for name, what in (
         ("format", "format"),
-        ("clouds_per_shard", "shards' size"),
-        ("clouds_per_group", "groups' size"),
+        ("clouds_per_batch", "clouds of a batch"),
+        ("clouds_per_group", "clouds of a group"),
         ("data_version", "data version"),
     ):
         if theirs.get(name) != mine.get(name):

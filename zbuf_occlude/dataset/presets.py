@@ -120,15 +120,34 @@ PRESETS: tuple[Preset, ...] = (
     ),
     Preset(
         "modelnet40-c-occlusion",
-        "ModelNet40-C's corruption by occlusion: the split test, 5 poses from above at distance 3, its camera",
+        "ModelNet40-C's corruption by occlusion: the split test, 5 poses from above at 1.5 longest sides, its camera",
         MappingProxyType(
             {
                 "views": "random:5@30..60",
-                "distance": "3",
+                "distance": "1.5",
                 "format": "modelnet40-c",
                 "splits": "test",
                 "sensor": "modelnet40-c",
-                "size": "1",
+                "size": "2",
+                "sample_size": "1024",
+            }
+        ),
+        MeshCollection.interleaved,
+        2_468,
+    ),
+    Preset(
+        "modelnet40-c-lidar",
+        "ModelNet40-C's corruption lidar: the split test, 5 poses at 2.5 longest sides, its bands of 1 degree",
+        MappingProxyType(
+            {
+                "views": "random:5@22.5..22.5",
+                "distance": "2.5",
+                "format": "modelnet40-c",
+                "splits": "test",
+                "sensor": "modelnet40-c-lidar",
+                "size": "2",
+                "sample_size": "768",
+                "scale": "object",
             }
         ),
         MeshCollection.interleaved,

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude import numba_cache
+from zbuf_occlude.dataset.batch import make_batch
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.shard import run_shard
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import sample_surface
+from zbuf_occlude.jit import compiler
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.files import load_mesh
-from zbuf_occlude.sampling import sample_surface
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup, document_of
 from zbuf_occlude.visibility import find_method, prepare
@@ -55,7 +55,7 @@ def is_plain(recipe: Recipe) -> bool:
 
 def is_compiled(recipe: Recipe) -> bool:
     """Whether a job of this kind was rehearsed here."""
-    return numba_cache.is_compiled(_kind(recipe))
+    return compiler.is_compiled(_kind(recipe))
 
 
 def compile_ahead(recipe: Recipe) -> None:
@@ -71,12 +71,12 @@ def compile_ahead(recipe: Recipe) -> None:
             gl = stack.enter_context(GlContext.open())
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
-        run_shard(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
+        make_batch(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
         if recipe.setup is not None:
             mesh = load_mesh(path)
             occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})))
             _ask_all_ways(occluder, mesh)
-    numba_cache.note_compiled(_kind(recipe))
+    compiler.note_compiled(_kind(recipe))
 
 
 def _ask_all_ways(occluder: Occluder, mesh: Mesh) -> None:

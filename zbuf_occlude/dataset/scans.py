@@ -1,18 +1,19 @@
-"""The flow for scans: mesh in metres -> places of the sensor -> scenes -> first hits -> what a dataset keeps."""
+"""The flow for scans of one mesh: mesh in metres -> places of the sensor -> scenes -> first hits."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.colors import GREY, Bytes, barycentric
 from zbuf_occlude.dataset.clouds import ScanPoints, point_columns
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
-from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Keep, Kept, lacks_colors, sample
+from zbuf_occlude.dataset.pipeline import CHECKED_POINTS, Sampling, count_clouds, sample
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.seeds import seed_of
 from zbuf_occlude.sensors.capture import Capture, captures, sensor_places, stand
 from zbuf_occlude.sensors.record import Scan
@@ -29,8 +30,8 @@ CHECKED_VIEWS = 4
 """Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
 
 
-def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -> tuple[list[Kept], Counts, str]:
-    """Make all scans of one mesh.
+def scan(mesh: Mesh, label: str, plan: Plan, key: str) -> Iterator[Sampling]:
+    """Yield the scans of one mesh, variation by variation; of complete clouds the whole object, nothing is scanned.
 
     Parameters
     ----------
@@ -42,39 +43,28 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         Its recipe has a setup.
     key : str
         The mesh's; all randomness comes from it and the recipe's seed.
-    keep : callable
-        Called for each variation.
 
-    Returns
-    -------
-    kept : list
-        What `keep` returned, variation by variation; of complete clouds it is given the whole object, and nothing is
-        scanned.
-    counts, renderer
-        As `pipeline.occlude` returns; a checked pair is a ray, false visible: what it is said to meet lies behind what
-        the oracle says, false hidden: before it.
+    Notes
+    -----
+    A checked pair (`Counts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
     """
     recipe, setup = plan.recipe, plan.recipe.setup
     if setup is None:
-        raise ArgumentError("a recipe of scans must say how; this has no `scanning`. Use pipeline.occlude.")
+        raise ArgumentError("a recipe of scans must have `scanning`; this has none. Use pipeline.occlude.")
     standing, size = stand(mesh, label, setup)
     floor = float(standing.bounds[0, 2])
-    kept: list[Kept] = []
-    counts = Counts(faces_dropped=mesh.dropped, n_without_colors=lacks_colors(mesh, recipe))
-    renderer = "none"
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
         places = sensor_places(plan.views_of(key), size, floor, setup, seeds)
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
-            n_short = len(places) if len(whole) < (recipe.sample_size or 0) else 0
-            counts += Counts(n_clouds=len(places), n_with_repeats=n_short)
-            kept.append(keep(whole, np.ones((len(places), len(whole)), dtype=bool), places, key, variation))
+            mask = np.ones((len(places), len(whole)), dtype=bool)
+            yield Sampling(whole, mask, places, count_clouds(mask.sum(axis=1), recipe), "none")
             continue
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
         n_checked = min(CHECKED_VIEWS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
-        found = []
+        found, counts, renderer = [], Counts(), "none"
         for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer
             if number in checked and len(capture.scan):
@@ -98,13 +88,8 @@ def scan_views(mesh: Mesh, label: str, plan: Plan, key: str, keep: Keep[Kept]) -
         )
         lengths = np.array([len(scan) for scan in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
-        counts += Counts(
-            n_clouds=int((lengths > 0).sum()),
-            n_blind_views=int((lengths == 0).sum()),
-            n_with_repeats=int(((lengths > 0) & (lengths < (recipe.sample_size or 0))).sum()),
-        )
-        kept.append(keep(points, mask, places, key, variation))
-    return kept, counts, renderer
+        counts += count_clouds(lengths, recipe) + Counts(n_inside=int(standing.in_box(places.eyes).sum()))
+        yield Sampling(points, mask, places, counts, renderer)
 
 
 def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.marks import area_of_mark, frame_of, marks_of, paint
+from zbuf_occlude.drawing.marks import area_of_mark, frame_of, marks_of, paint
 from zbuf_occlude.views import Views
 
 if find_spec("PIL") is not None:
@@ -116,7 +116,7 @@ def _written(text: str, size: int) -> tuple[str, Any]:
     file: str | None = None
     font: Any
     if not text.isascii() and find_spec("matplotlib") is not None:
-        from zbuf_occlude.drawing import font_file_for  # late: matplotlib takes half a second
+        from zbuf_occlude.drawing.pictures import font_file_for  # late: matplotlib takes half a second
 
         file = font_file_for(text)
     if file is None:

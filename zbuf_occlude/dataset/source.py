@@ -9,41 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
+from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
+from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.meshes.collection import SPLITS
 
 Numbers = NDArray[np.intp]
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
 """What tells clouds apart."""
-
-
-@dataclass(frozen=True, eq=False)
-class Content:
-    """What a format's `write_part` is given: clouds of a split, and where they belong.
-
-    Parameters
-    ----------
-    plan : Plan
-    split : str
-    number : int
-        Of this part among those of its split; not all numbers need be there.
-    records : (n,) of `record_type`
-        Of formats that want whole objects, all clouds of an object one after the other: by mesh, variation, view.
-    complete : callable, optional
-        As of `Source`; only for formats of pairs.
-    first, total : int
-        Clouds of the split before these, and in all; only for formats whose files hold a split whole.
-    """
-
-    plan: Plan
-    split: str
-    number: int
-    records: NDArray[Any]
-    complete: Callable[[int, int], Any] | None = None
-    first: int = 0
-    total: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +39,8 @@ class Source:
         where neighbours in the order are.
     sizes : mapping of split to list of int
         How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
-    ids : (n,) of `IDS`, optional
-        What each cloud is of, by its number; where that is known without reading it.
+    ids : callable
+        Returns what each cloud is of, (n,) of `IDS`, by its number.
     """
 
     plan: Plan
@@ -75,7 +49,7 @@ class Source:
     blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
-    ids: NDArray[Any] | None = None
+    ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
 
     @property
     def n_clouds(self) -> dict[str, int]:
@@ -106,16 +80,16 @@ class Arranged(NamedTuple):
     sizes: dict[str, list[int]]
 
 
-def arranged(plan: Plan, parts: Numbers, places: Numbers) -> Arranged:
-    """Arrange clouds by the parts that they are in and their places there, as `zbuf_occlude.dataset.order` has them."""
-    numbers = np.lexsort((places, parts))
-    n_clouds = np.bincount(parts, minlength=len(plan.parts))
-    split_of_part = np.array([part.split for part in plan.parts])
-    split_of = split_of_part[parts[numbers]]
+def arranged(plan: Plan, files: Numbers, rows: Numbers) -> Arranged:
+    """Arrange clouds by their files, indices into ``plan.files``, and their rows there."""
+    numbers = np.lexsort((rows, files))
+    n_clouds = np.bincount(files, minlength=len(plan.files))
+    split_of_file = np.array([file.split for file in plan.files])
+    split_of = split_of_file[files[numbers]]
     present = [split for split in SPLITS if (split_of == split).any()]
     return Arranged(
         {split: numbers[split_of == split] for split in present},
-        {split: n_clouds[split_of_part == split].tolist() for split in present},
+        {split: n_clouds[split_of_file == split].tolist() for split in present},
     )
 
 
@@ -131,7 +105,7 @@ def source_of_files(
     count: Callable[[Path], int],
     load: Callable[[Path, Numbers], NDArray[Any]],
     *,
-    one_each: bool = False,
+    read_ids: Callable[[Path], NDArray[Any]] | None = None,
 ) -> Source:
     """Return a source over files that hold records.
 
@@ -143,8 +117,8 @@ def source_of_files(
         Returns the number of clouds in a file.
     load : callable
         Returns the records of some rows of a file, in the order of the rows.
-    one_each : bool
-        Whether these are files of one cloud each; else others written of them are cut as they are.
+    read_ids : callable, optional
+        Returns what the clouds of a file are of, (n,) of `IDS`; by default by loading them.
 
     Raises
     ------
@@ -174,11 +148,22 @@ def source_of_files(
     order, begin = {}, 0
     for split in files:
         order[split] = np.arange(begin, begin := begin + sum(sizes[split]))
-    return Source(plan, order, take, sizes={} if one_each else sizes)
+
+    def ids() -> NDArray[Any]:
+        found: list[NDArray[Any]] = []
+        for path, size in zip(paths, (size for split in files for size in sizes[split]), strict=True):
+            with reading(path):
+                whole = load(path, np.arange(size)) if read_ids is None else read_ids(path)
+            found.append(np.empty(size, IDS))
+            for name in IDS.names or ():
+                found[-1][name] = whole[name]
+        return np.concatenate(found)
+
+    return Source(plan, order, take, sizes=sizes, ids=ids)
 
 
 def check_indices(labels: NDArray[Any], mesh_ids: NDArray[Any], plan: Plan) -> None:
-    """Raise ValueError for labels and mesh ids that the plan does not have; `damage.reading` says of which file."""
+    """Raise ValueError for labels and mesh ids that the plan does not have; `atomic.reading` says of which file."""
     for name, found, n in (("label", labels, len(plan.classes)), ("mesh_id", mesh_ids, len(plan.meshes))):
         if (strange := found[(found < 0) | (found >= n)]).size:
             raise ValueError(f"{name} {strange.flat[0]}, where there are {n}")

@@ -3,11 +3,11 @@
 import numpy as np
 
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
-from zbuf_occlude.kernels import njit
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import of_one_sign, volumes
-from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.vectors import cross, dot, minus
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.predicates import of_one_sign, volumes
+from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.visibility.interface import CONTACT
 
 LOOKED_AT = 1024

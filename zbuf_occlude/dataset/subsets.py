@@ -3,7 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, IntArray
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 
 ALL = -1
 """As a size: every visible point."""

@@ -1,27 +1,35 @@
 """Verify a finished dataset: checksums, counts, readability, by all workers; and a few clouds against their meshes."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.folder import checksum, read_finished
+from zbuf_occlude.dataset.batch import Clouds, samplings
+from zbuf_occlude.dataset.folder import read_finished, sha256_of
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.generate import run_here
-from zbuf_occlude.dataset.jobs import Run
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
+from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import all_finite
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.dataset.verify_meshes import ask_oracle, scan_again
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError
+from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.visibility.oracle import BAND
+from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+from zbuf_occlude.workers.task import Run, run_here
 
 ASKED_FILES = 64
 """The clouds held against their meshes are of this many files, chosen at random, where there are more."""
+POINTS_PER_CLOUD = 64
+"""Of each cloud that is checked this many points are asked of the oracle."""
+ROUNDING = 0.002
+"""What rounding the positions may add to the fraction of false visible, besides what lies in the boundary band."""
+DEVIATIONS = 5.0
+"""A measured fraction may be this many standard deviations above the manifest's."""
 
 
 @dataclass
@@ -31,7 +39,7 @@ class Verdict:
     Attributes
     ----------
     n_files, n_clouds : int
-        Read whole.
+        Read whole; of an export no clouds.
     n_checked : int
         Points asked again of the oracle; 0 when the meshes were not at hand.
     false_visible : float or None
@@ -48,101 +56,52 @@ class Verdict:
 
 
 class Found(NamedTuple):
-    """What a job found out: its faults, and the clouds that it read of each split."""
+    """The faults of a file, and the clouds of each split that were read in it."""
 
     faults: list[str]
-    n_clouds: dict[str, int]
-
-
-class Look(NamedTuple):
-    """What a job looks at.
-
-    Parameters
-    ----------
-    names : list of str
-        Files whose checksums are compared.
-    files : mapping of split to list of file names
-        Those that clouds are then read of.
-    share : (int, int)
-        (i, n): the i-th of n runs of these clouds.
-    """
-
-    names: list[str]
-    files: Mapping[str, list[str]]
-    share: tuple[int, int] = (0, 1)
+    n_clouds: Mapping[str, int]
 
 
 @dataclass(frozen=True)
 class Verifying:
-    """The task of verifying a dataset: each job is a file, its checksum and then its clouds.
-
-    Of files that hold a split whole others make the checksums, and each job reads some of their clouds.
+    """The task of verifying a dataset: a job is the name of a file, its checksum and then its clouds.
 
     Parameters
     ----------
     plan : Plan
     out : Path
     files : mapping of split to list of file names
-        As in the manifest.
-    n_clouds : mapping of split to int
+        As in the manifest; of an export none.
     sha256 : mapping of file name to checksum
     """
 
     plan: Plan
     out: Path
     files: Mapping[str, list[str]]
-    n_clouds: Mapping[str, int]
     sha256: Mapping[str, str]
-    _opened: dict[tuple[str, ...], Source] = field(default_factory=dict, init=False, repr=False)
 
     needs_gl = False
 
-    @cached_property
-    def jobs(self) -> list[Look]:
-        """What each job looks at."""
-        by_name: dict[str, dict[str, list[str]]] = {}
-        for split, names in self.files.items():
-            for name in names:
-                by_name.setdefault(name, {})[split] = [name]
-        if not find_format(self.plan.format).one_file:
-            return [Look([name], files) for name, files in by_name.items()]
-        runs = {split: -(-n // CLOUDS_PER_FILE) for split, n in self.n_clouds.items()}
-        readings = [Look([], {split: self.files[split]}, (i, n)) for split, n in runs.items() for i in range(n)]
-        return [*(Look([name], {}) for name in by_name), *readings]
-
-    def do(self, job: int, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> Found:
-        """Look at the files of a job."""
-        names, files, share = self.jobs[job]
-        if faults := self.damaged(names, of_data=True):
-            return Found(faults, {})
+    def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> Found:
+        """Look at a file."""
+        if not (self.out / job).is_file():
+            return Found([f"{job} must be there; it is missing."], {})
         try:
-            return self._read(files, share) if files else Found([], {})
-        except DatasetError as error:  # written so, or else a checksum tells
+            if (digest := sha256_of(self.out / job)) != self.sha256[job]:
+                return Found([f"{job} must have the checksum {self.sha256[job][:12]}...; it has {digest[:12]}..."], {})
+            files = {split: [job] for split, names in self.files.items() if job in names}
+            return self._read(files) if files else Found([], {})
+        except DatasetError as error:  # it was written so, or else the checksum would differ
             return Found([str(error)], {})
+        except OSError as error:
+            return Found([f"{job} must be readable; it is not ({error.strerror or error})."], {})
 
-    def damaged(self, names: Iterable[str], *, of_data: bool = False) -> list[str]:
-        """Return what is wrong with files, by their checksums."""
-        faults = []
-        for name in sorted(names):
-            if not (self.out / name).is_file():
-                faults.append(f"{name} must be there; it is missing.")
-                continue
-            try:
-                digest = checksum(self.out, name, of_data=of_data)
-            except DatasetError as error:
-                faults.append(str(error))
-                continue
-            if digest != (expected := self.sha256.get(name, digest)):  # an earlier version's has none of lists
-                faults.append(f"{name} must have the checksum {expected[:12]}...; it has {digest[:12]}...")
-        return faults
-
-    def _read(self, files: Mapping[str, list[str]], share: tuple[int, int]) -> Found:
-        """Read every cloud of a share; note what cannot be a cloud of this dataset."""
-        source = self._open(files)
+    def _read(self, files: Mapping[str, list[str]]) -> Found:
+        """Read every cloud of a file; note what cannot be a cloud of this dataset."""
+        source: Source = find_format(self.plan.format).load().read(self.out, self.plan, files)
         faults, n_clouds = [], Counter[str]()
-        for split, numbers in source.order.items():
-            begin, end = (i * len(numbers) // share[1] for i in (share[0], share[0] + 1))
-            for records in replace(source, order={split: numbers[begin:end]}).batches(split, in_any_order=True):
+        for split in source.order:
+            for records in source.batches(split, in_any_order=True):
                 n_clouds[split] += len(records)
                 if not all_finite(records["data"]):
                     faults.append(f"all positions must be finite; some of split {split} are not.")
@@ -152,15 +111,7 @@ class Verifying:
                         faults.append(f"all normals must be of length 1; some of split {split} are not.")
                 if records["n_visible"].min() < 1:
                     faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
-        return Found(faults, dict(n_clouds))
-
-    def _open(self, files: Mapping[str, list[str]]) -> Source:
-        """Return the clouds of some files, which are opened once by whoever reads one run of them after the other."""
-        key = tuple(name for names in files.values() for name in names)
-        if key not in self._opened:
-            self._opened.clear()
-            self._opened[key] = find_format(self.plan.format).load().read(self.out, self.plan, dict(files))
-        return self._opened[key]
+        return Found(faults, n_clouds)
 
 
 def verify(
@@ -182,11 +133,11 @@ def verify(
     n_samples : int
         Clouds asked again of the oracle, chosen at random by the dataset's seed.
     run : callable, optional
-        The engine; `run_here`, in this process, by default.
+        Who does the jobs; `run_here`, in this process, by default.
     share : (int, int)
         (i, n): look at every n-th file only, from the i-th on; the number of clouds is then not compared.
     progress : callable
-        Told the number of clouds read, as they are read.
+        Called with the number of clouds read, as they are read.
 
     Raises
     ------
@@ -194,41 +145,121 @@ def verify(
         There is no finished dataset in the folder.
     """
     plan, manifest = read_finished(out)
-    task = Verifying(plan, out, manifest["files"], manifest["counts"]["clouds_by_split"], manifest["sha256"])
-    data = {name for of_split in task.files.values() for name in of_split}
-    found: dict[int, Found] = {-1: Found(task.damaged(manifest["sha256"].keys() - data), {})}
+    row, n_expected = find_format(plan.format), manifest["counts"]["clouds_by_split"]
+    files = {} if row.exported_from else manifest["files"]
+    task, found = Verifying(plan, out, files, manifest["sha256"]), dict[str, Found]()
 
-    def done(job: int, result: Found) -> tuple[int, ...]:
+    def done(job: str, result: Found) -> tuple[str, ...]:
         found[job] = result
         progress(sum(result.n_clouds.values()))
         return ()
 
-    jobs = task.jobs
-    mine = list(range(share[0], len(jobs), share[1]))
-    if mine:
-        (run or run_here)(task, mine, done)
+    data = {name for of_split in manifest["files"].values() for name in of_split}
+    mine = sorted(data)[share[0] :: share[1]]
+    if jobs := [*mine, *sorted(task.sha256.keys() - data)[share[0] :: share[1]]]:
+        (run or run_here)(task, jobs, done)
     faults = list(dict.fromkeys(fault for job in sorted(found) for fault in found[job].faults))
     n_clouds = sum((Counter(each.n_clouds) for each in found.values()), Counter[str]())
-    if share == (0, 1) and not faults:
-        for split, expected in manifest["counts"]["clouds_by_split"].items():
+    if share == (0, 1) and not faults and files:
+        for split, expected in n_expected.items():
             if n_clouds[split] != expected:
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
     n_checked, rate = 0, None
-    if mine and not faults and meshes is not None:
-        source = find_format(plan.format).load().read(out, plan, _some_files([jobs[job] for job in mine], plan))
+    some = _some_files(files, set(jobs), plan.recipe.seed)
+    if some and not faults and meshes is not None:
+        source = row.load().read(out, plan, some)
         if plan.recipe.setup is None:
             n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
         elif not plan.recipe.complete:  # whole objects are no scans
             n_checked = scan_again(source, plan, meshes, n_samples, faults)
-    names = {name for job in mine for name in jobs[job].names}
-    return Verdict(len(names), sum(n_clouds.values()), n_checked, rate, faults)
+    return Verdict(len(mine), sum(n_clouds.values()), n_checked, rate, faults)
 
 
-def _some_files(looks: list[Look], plan: Plan) -> dict[str, list[str]]:
+def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) -> dict[str, list[str]]:
     """Choose the files of which clouds are held against their meshes, by split."""
-    read = {tuple(name for names in look.files.values() for name in names): look.files for look in looks if look.files}
-    distinct, files = list(read.values()), dict[str, list[str]]()
-    for i in sorted(np.random.default_rng(plan.recipe.seed).permutation(len(distinct))[:ASKED_FILES].tolist()):
-        for split, names in distinct[i].items():
-            files.setdefault(split, []).extend(names)
-    return files
+    names = sorted(looked_at.intersection(name for of_split in files.values() for name in of_split))
+    chosen = {names[i] for i in np.random.default_rng(seed).permutation(len(names))[:ASKED_FILES].tolist()}
+    found = {split: [name for name in of_split if name in chosen] for split, of_split in files.items()}
+    return {split: of_split for split, of_split in found.items() if of_split}
+
+
+def scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: int, faults: list[str]) -> int:
+    """Scan the objects of some clouds again, and compare those clouds whole; return how many points were compared.
+
+    The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
+    """
+    by_key = {entry.key: entry for entry in meshes}
+    missing = [entry.key for entry in plan.meshes if entry.key not in by_key]
+    if missing:
+        faults.append(f"the meshes given must have {missing[0]}; they have not. Give those that it was made of.")
+        return 0
+    remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
+    rng = np.random.default_rng(plan.recipe.seed)
+    everything = np.concatenate(list(source.order.values()))
+    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]
+    n_compared = 0
+    for mesh_id in wanted:
+        entry, store = remade.meshes[mesh_id], Clouds(remade)
+        try:
+            found = enumerate(samplings(remade, entry.load(), mesh_id, None))
+            kept = [store.keep(sampling, entry.key, variation) for variation, sampling in found]
+        except (MeshError, OptionError) as error:
+            faults.append(str(error))
+            continue
+        again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
+        for record in records[records["mesh_id"] == mesh_id]:
+            other = again.get((int(record["variation"]), int(record["view_id"])))
+            n_compared += len(record["data"])
+            if other is None or other["data"].tobytes() != record["data"].tobytes():
+                faults.append(
+                    f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
+                )
+    return n_compared
+
+
+def ask_oracle(
+    source: Source, plan: Plan, manifest: dict[str, Any], meshes: MeshCollection, n_samples: int, faults: list[str]
+) -> tuple[int, float | None]:
+    """Ask about some points of some clouds; return how many, and what fraction of them is hidden."""
+    rng = np.random.default_rng(plan.recipe.seed)
+    everything = np.concatenate(list(source.order.values()))
+    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+    by_key = {entry.key: entry for entry in meshes}
+    n_checked = n_hidden = 0
+    for record in records:
+        key = plan.meshes[int(record["mesh_id"])].key
+        if key not in by_key:
+            faults.append(f"the meshes given must have {key}; they have not. Give those that the dataset was made of.")
+            break
+        try:
+            with Limits().watch():
+                mesh = by_key[key].load()
+        except MeshError as error:
+            faults.append(str(error))
+            continue
+        rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
+        some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
+        positions = record["data"][some] / record["factor"] + record["centre"]
+        if plan.recipe.frame == "camera":
+            positions = (positions - translation) @ rotation
+        points = SurfacePoints(positions, record["face_ids"][some], np.zeros_like(positions))
+        eye = (-rotation.T @ translation)[None]
+        with prepare_oracle(mesh) as oracle:
+            oracle.warns_of_eyes_inside = False
+            hidden = points.select(~oracle.visible(points, eye)[0])
+            # where the line of sight grazes the surface, the answer for a point that was moved is by chance
+            moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
+            n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
+        n_checked += len(points)
+    promised = manifest["error"]["false_visible"]
+    if n_checked and promised is not None:
+        # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
+        promised = min(1.0, promised / float(records["visible_fraction"].mean()))
+        allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
+        if n_hidden / n_checked > allowed:
+            faults.append(
+                f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
+                f"{n_hidden / n_checked:.2%} of {n_checked} are."
+            )
+    return n_checked, n_hidden / n_checked if n_checked else None

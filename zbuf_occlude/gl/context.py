@@ -1,12 +1,13 @@
 """GlContext: the one OpenGL context of a thread, headless, through EGL (any GPU) or OSMesa (Mesa's rasteriser).
 
-Opened by the outermost layer (a command, a farm worker, the test session) and passed down. Nothing here happens at
-import. One context a process: a context made before a fork hangs the children, and a library that calls eglTerminate
-on the shared display (pyrender) takes every other context of the process with it.
+Opened by the outermost layer (a command, a farm worker, the test session) and passed down; callers that pass none
+share one per thread. Nothing here happens at import. A context made before a fork hangs the children, and a library
+that calls eglTerminate on the shared display (pyrender) takes every other context of the process with it.
 """
 
 import ctypes
 import os
+import sys
 import threading
 from collections.abc import Callable
 from ctypes.util import find_library
@@ -39,9 +40,15 @@ FIXES = {
 _LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
 """Environment variables of glcontext: other libraries than those that the system finds."""
 
+_SETTINGS = (ENVIRONMENT, "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES", *_LIBRARIES)
+"""Environment variables that decide which context opens."""
+
 # names of the OpenGL registry
 _COMMANDS_COMPLETE, _FLUSH, _TIMEOUT_EXPIRED, _WAIT_FAILED = 0x9117, 0x0001, 0x911B, 0x911D
 _PATIENCE = 1_000_000_000  # nanoseconds of one wait
+
+_kept = threading.local()
+"""The context that `GlContext.of_thread` opened in this thread, and the settings that it was opened by."""
 
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
 
@@ -61,6 +68,11 @@ class GlContext:
     device_index : int or None
         Which of the EGL devices; None with OSMesa.
     ctx : moderngl.Context
+
+    Notes
+    -----
+    moderngl 5.13 loses 40 kB of the host's memory with each context (names of extensions, addresses of functions), so a
+    long run opens few of them.
     """
 
     def __init__(self, backend: str, device_index: int | None, native: Any, ctx: Any) -> None:
@@ -71,6 +83,9 @@ class GlContext:
         self._programs: dict[Any, Any] = {}
         self._process, self._thread = os.getpid(), threading.get_ident()
         self._closed = False
+        current = native.load_opengl_function("eglGetCurrentContext")  # 0 with OSMesa, which says itself when it fails
+        self._current = ctypes.CFUNCTYPE(ctypes.c_void_p)(current) if current else lambda: None
+        self._handle = self._current()
         self.info: dict[str, Any] = ctx.info
         """The driver's limits and names; asked for once, as older drivers answer with errors for what they lack."""
         ctx.clear_errors()
@@ -130,6 +145,28 @@ class GlContext:
             f"an OpenGL {REQUIRED / 100:.1f} core context must open; it does not. Tried " + "; ".join(failures)
         )
 
+    @classmethod
+    def of_thread(cls) -> "GlContext":
+        """Return the context that this thread's callers without one share.
+
+        It is opened by the first call, and by one after the settings changed or another library ended EGL's display;
+        it closes when the thread ends.
+
+        Raises
+        ------
+        GlError
+            No context could be opened, or this process was forked from one that has one.
+        """
+        settings = [os.environ.get(name) for name in _SETTINGS]
+        kept, opened_by = getattr(_kept, "context", (None, None))
+        if kept is not None and opened_by == settings:
+            kept._check_owner()
+            if kept._becomes_current():
+                return kept
+        opened = cls.open()
+        _kept.context = opened, settings
+        return opened
+
     @property
     def is_software(self) -> bool:
         """Whether a CPU does the rendering (containers without the graphics capability fall back to it silently)."""
@@ -141,13 +178,21 @@ class GlContext:
         Raises
         ------
         GlError
-            It is closed, or belongs to another thread, or to the process that this one was forked from.
+            It is closed, or of another thread, or of the process that this one was forked from, or its display ended.
         """
         if self._closed:
             raise GlError("a GlContext must be open to be used; it was closed. Open another: GlContext.open().")
         self._check_owner()
+        if not self._becomes_current():
+            raise GlError(
+                "a GlContext must be of a display that lasts; another library (pyrender, say) ended this one's. "
+                "Open another, and prepare the mesh again."
+            )
+
+    def _becomes_current(self) -> bool:
         # moderngl's own `with ctx` would leave no context current at its end
         self.ctx.__enter__()
+        return bool(self._current() == self._handle)
 
     def _check_owner(self) -> None:
         if os.getpid() != self._process:
@@ -216,8 +261,16 @@ class GlContext:
         if not self._closed:
             if os.getpid() == self._process:
                 self._check_owner()
+                if self._current() == self._handle:
+                    self._native.__exit__()  # what is current in a thread outlives its own end, and the thread's
                 self.ctx.release()
             self._closed = True
+
+    def __del__(self) -> None:
+        """Close what nobody holds any more, as at the end of its thread; the end of the process closes all."""
+        of_here = getattr(self, "_thread", None) == threading.get_ident() and self._process == os.getpid()
+        if of_here and not sys.is_finalizing():
+            self.close()
 
     def __enter__(self) -> Self:
         self.make_current()

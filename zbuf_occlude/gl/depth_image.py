@@ -3,14 +3,14 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.camera import Frusta, fitted_frusta, rigid_matrices
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, rigid_matrices
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.tiles import TILE, arrange_tiles, reversed_depth
-from zbuf_occlude.mesh import Mesh
 from zbuf_occlude.views import Views
 
 MARGIN = 0.05

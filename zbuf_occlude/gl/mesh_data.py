@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.hilbert import hilbert_order
-from zbuf_occlude.mesh import Mesh
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,6 @@ _RGBA, _UNSIGNED_BYTE = 0x1908, 0x1401
 _SONAMES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 _VERSIONS = ((4, 5), (4, 3))
 
-_current: "OsMesaContext | None" = None
-"""The OSMesa context that is current, so that one made while another is in use hands back to it."""
-
 
 class OsMesaContext:
     """What `moderngl.create_context(context=...)` expects, on top of libOSMesa.
@@ -66,21 +63,17 @@ class OsMesaContext:
 
     def release(self) -> None:
         """Destroy the context; calling it again does nothing."""
-        global _current
         if self._handle:
-            if _current is self:
+            if self._library.OSMesaGetCurrentContext() == self._handle:
                 self._library.OSMesaMakeCurrent(None, None, 0, 0, 0)
-                _current = None
             self._library.OSMesaDestroyContext(self._handle)
             self._handle = None
 
     def _make_current(self) -> None:
-        global _current
         if not self._handle:
             raise GlError("an OSMesa context must be open to be used; it was released. Open another.")
         if not self._library.OSMesaMakeCurrent(self._handle, self._pixel, _UNSIGNED_BYTE, 1, 1):
             raise GlError("OSMesaMakeCurrent must succeed; it failed.")
-        _current = self
 
 
 def _load() -> ctypes.CDLL:
@@ -99,6 +92,7 @@ def _load() -> ctypes.CDLL:
             ctypes.c_int,
             ctypes.c_int,
         ]
+        library.OSMesaGetCurrentContext.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
         library.OSMesaDestroyContext.restype = None

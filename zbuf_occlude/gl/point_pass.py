@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.gl.buffers import Buffers, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.point_data import GROUP, Batch, PointData
-from zbuf_occlude.hilbert import hilbert_order
 
 BLOCK = 256
 """Points of a work group of 64 invocations, four each."""

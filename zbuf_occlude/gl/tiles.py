@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.camera import (
+from zbuf_occlude.geometry.camera import (
     Frusta,
     cube_frusta,
     cube_view_matrices,

@@ -1,1 +1,1 @@
-"""Classifiers of point clouds and the paper's experiments with them (extra ``learn``: PyTorch)."""
+"""Classifiers of point clouds: networks, training, evaluation (extra ``learn``: PyTorch)."""

@@ -12,32 +12,21 @@ import torch
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.classifier import Classifier
 from zbuf_occlude.learn.config import TrainConfig
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.learn.models import find_model
+from zbuf_occlude.learn.networks import Classifier
 
 CHECKPOINT, MODEL, HISTORY = "checkpoint.pt", "model.pt", "history.json"
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training clouds gave.
+    """What one pass over the training clouds gave."""
 
-    Parameters
-    ----------
-    number : int
-        From 1.
-    loss : float
-        Mean over the steps, regulariser included, clouds augmented.
-    validation_loss : float
-        Cross-entropy, nothing augmented.
-    validation_accuracy : float
-    """
-
-    number: int
-    loss: float
-    validation_loss: float
+    number: int  # from 1
+    loss: float  # mean over the steps, regulariser included, clouds augmented
+    validation_loss: float  # cross-entropy, nothing augmented
     validation_accuracy: float
 
     def better_than(self, other: "Epoch | None") -> bool:
@@ -48,26 +37,14 @@ class Epoch:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A trained classifier.
+    """A trained classifier."""
 
-    Parameters
-    ----------
-    model : Classifier
-        With the weights of the best epoch, in evaluation mode.
-    config : TrainConfig
-    classes : tuple of str
-    history : tuple of Epoch
-    best : Epoch
-    seconds : float
-        Spent training and validating, in all runs together.
-    """
-
-    model: Classifier
+    model: Classifier  # with the weights of the best epoch, in evaluation mode
     config: TrainConfig
     classes: tuple[str, ...]
     history: tuple[Epoch, ...]
     best: Epoch
-    seconds: float
+    seconds: float  # spent training and validating, in all runs together
 
 
 def fingerprint_of(config: TrainConfig, training: CloudSet, validation: CloudSet) -> str:
@@ -88,10 +65,7 @@ def write_document(path: Path, document: dict[str, Any]) -> None:
 def read_document(path: Path, device: torch.device) -> dict[str, Any]:
     """Read what `write_document` wrote.
 
-    Raises
-    ------
-    DatasetError
-        The file is damaged, or no such file at all.
+    Raises DatasetError where the file is damaged; OSError where there is none.
     """
     try:
         document: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
@@ -109,12 +83,9 @@ def read_document(path: Path, device: torch.device) -> dict[str, Any]:
 
 @contextmanager
 def fitting(path: Path) -> Iterator[None]:
-    """Say of a document that could be read, but whose parts are not those expected, which file it is of.
+    """Name the file of a document that could be read, but whose parts are not those expected.
 
-    Raises
-    ------
-    DatasetError
-        A part is missing, or not of this network.
+    Raises DatasetError where a part is missing, or not of this network.
     """
     try:
         yield
@@ -145,18 +116,9 @@ def write_trained(
 
 
 def load_trained(folder: Path, device: str = "auto") -> Trained:
-    """Read back the model that a training left in its folder.
+    """Read back the model that a training left in its folder; `device` as in `TrainConfig`.
 
-    Parameters
-    ----------
-    folder : Path
-    device : str
-        As in `TrainConfig`.
-
-    Raises
-    ------
-    DatasetError
-        There is none, or its file is damaged.
+    Raises DatasetError where there is none, or its file is damaged.
     """
     path = folder / MODEL
     if not path.exists():

@@ -21,49 +21,23 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """How a classifier is trained.
+    """How a classifier is trained: everything that decides the outcome, besides the clouds.
 
-    Parameters
-    ----------
-    model : str
-        Name in the table of models.
-    epochs : int
-        At most; the learning rate falls to 0 along half a cosine over this many.
-    batch_size : int
-        Clouds of a step.
-    learning_rate : float
-        Of Adam, at the start.
-    patience : int
-        Epochs without a better validation after which training stops.
-    seed : int
-        Of the first weights, the order of the clouds, the augmentation, and dropout.
-    rotate, rescale, jitter : bool
-        The paper's augmentation (4.3): about the vertical axis, by a factor, of each coordinate.
-    n_points : int, optional
-        Points of each cloud, drawn at random once; all by default.
-    device : str
-        "auto" (CUDA where there is one), "cpu", "cuda", or "cuda:1" and so on.
-    mixed_precision : bool
-        Half precision where it is safe, on CUDA only.
-
-    Raises
-    ------
-    OptionError
-        A value out of range, or an unknown model.
+    Raises OptionError for a value out of range, or an unknown model.
     """
 
-    model: str = "voxnet"
-    epochs: int = 100
-    batch_size: int = 32
-    learning_rate: float = 0.001
-    patience: int = 20
-    seed: int = 0
-    rotate: bool = True
-    rescale: bool = True
-    jitter: bool = True
-    n_points: int | None = None
-    device: str = "auto"
-    mixed_precision: bool = True
+    model: str = "voxnet"  # name in the table of models
+    epochs: int = 100  # at most; the learning rate falls to 0 along half a cosine over these
+    batch_size: int = 32  # clouds of a step
+    learning_rate: float = 0.001  # of Adam, initial
+    patience: int = 20  # epochs without a better validation after which training stops
+    seed: int = 0  # of the first weights, the order of the clouds, the augmentation, and dropout
+    rotate: bool = True  # the paper's augmentation (4.3): about the vertical axis
+    rescale: bool = True  # by a factor
+    jitter: bool = True  # of each coordinate
+    n_points: int | None = None  # of each cloud, drawn at random once; None: all
+    device: str = "auto"  # "auto" (CUDA where there is one), "cpu", "cuda", "cuda:1" and so on
+    mixed_precision: bool = True  # half precision where it is safe, on CUDA only
 
     def __post_init__(self) -> None:
         find_model(self.model)
@@ -90,12 +64,8 @@ class TrainConfig:
     def find_device(self) -> torch.device:
         """Return the device to train on.
 
-        Raises
-        ------
-        OptionError
-            There is no device of this name.
-        UnavailableError
-            CUDA was asked for and is not there.
+        Raises OptionError where there is no device of this name, UnavailableError where CUDA was asked for and is not
+        there.
         """
         name = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
         if not re.fullmatch(r"cpu|cuda(:[0-9]+)?", name):

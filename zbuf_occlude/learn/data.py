@@ -1,6 +1,5 @@
-"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on; and where from."""
+"""CloudSet: labelled clouds of equal size in memory, what classifiers are trained and tested on."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,19 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import describe
+from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.damage import reading
-from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.presets import MODELNET8
 from zbuf_occlude.dataset.ragged import filled
-from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.errors import ArgumentError, DatasetError
 
-MODELNET40 = "https://modelnet.cs.princeton.edu"
-MODELNET10 = (
-    "bathtub", "bed", "chair", "desk", "dresser", "monitor", "night_stand", "sofa", "table", "toilet",
-)  # fmt: skip
 _CLOUDS_AT_ONCE = 2048
 
 
@@ -87,6 +78,11 @@ class CloudSet:
         """Points of each cloud."""
         return int(self.positions.shape[1])
 
+    @property
+    def labelled(self) -> list[str]:
+        """The classes that have clouds, in their order."""
+        return [self.classes[label] for label in np.unique(self.labels)]
+
     def subset(self, which: ArrayLike) -> "CloudSet":
         """Return the clouds that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
@@ -103,14 +99,8 @@ class CloudSet:
     def select_points(self, n: int, seed: int) -> "CloudSet":
         """Return the same clouds with `n` of their points each, drawn at random.
 
-        Raises
-        ------
-        ArgumentError
-            `n` is less than 1 or more than the clouds have.
-
-        Notes
-        -----
-        The points of a cloud stand in random order, so one draw of places serves all clouds.
+        The points of a cloud stand in random order, so one draw of places serves all clouds. Raises ArgumentError
+        where `n` is less than 1 or more than the clouds have.
         """
         if not 1 <= n <= self.n_points:
             raise ArgumentError(f"n must lie in 1..{self.n_points}, the points of each cloud; got {n}.")
@@ -118,16 +108,7 @@ class CloudSet:
         return replace(self, positions=self.positions[:, places])
 
     def thinned(self, groups: ArrayLike, most: int, seed: int) -> "CloudSet":
-        """Return at most this many clouds of each group, drawn at random, in their order.
-
-        Parameters
-        ----------
-        groups : (m,) int
-            Which group each cloud belongs to.
-        most : int
-            At least 1.
-        seed : int
-        """
+        """Return at most `most` clouds of each group (groups: (m,) int), drawn at random, in their order."""
         groups = np.asarray(groups)
         order = np.lexsort((np.random.default_rng(seed).random(len(self)), groups))
         sorted_groups = groups[order]
@@ -138,10 +119,7 @@ class CloudSet:
     def joined(cls, first: "CloudSet", second: "CloudSet") -> "CloudSet":
         """Return the clouds of one set and then those of another; ids of objects keep their meaning.
 
-        Raises
-        ------
-        ArgumentError
-            Other classes, or clouds of another size.
+        Raises ArgumentError for other classes, or clouds of another size.
         """
         if first.classes != second.classes or first.n_points != second.n_points:
             raise ArgumentError(
@@ -155,80 +133,6 @@ class CloudSet:
             np.concatenate([first.object_ids, second.object_ids]),
             np.concatenate([first.elevations, second.elevations]),
         )
-
-
-def find_objects(modelnet: Path | None = None, *, any_ten: bool = False) -> MeshCollection:
-    """Return all meshes that experiments may choose from.
-
-    Parameters
-    ----------
-    modelnet : Path, optional
-        ModelNet40's folder, ``CLASS/{train,test}/*.off``; by default the built-in shapes.
-    any_ten : bool
-        Whether ModelNet10's folder will do: its classes are not the paper's eight, among them no vehicle.
-
-    Raises
-    ------
-    MeshError
-        The folder is missing, or lacks one of the paper's eight classes (and, where they will do, of those ten).
-    """
-    if modelnet is None:
-        from zbuf_occlude.meshes import shapes  # late: only needed without files
-
-        return shapes.collection()
-    where = f"ModelNet40 comes from {MODELNET40}; without --modelnet the built-in shapes are used."
-    if not modelnet.is_dir():
-        raise MeshError(f"--modelnet must be ModelNet40's folder; there is no folder {modelnet}. {where}")
-    meshes = MeshCollection.from_paths(modelnet)
-    missing = [label for label in MODELNET8 if label not in meshes.classes]
-    if not missing or (any_ten and is_modelnet10(meshes)):
-        return meshes
-    hint = " ModelNet10 will do for `experiment elevation` alone." if is_modelnet10(meshes) else ""
-    raise MeshError(
-        f"--modelnet must be ModelNet40's folder, with the classes {', '.join(MODELNET8)}; {modelnet} has no "
-        f"{', '.join(missing)}.{hint} {where}"
-    )
-
-
-def is_modelnet10(meshes: MeshCollection) -> bool:
-    """Whether there are all of ModelNet10's classes, and not the paper's eight."""
-    return set(meshes.classes) >= set(MODELNET10) and not set(meshes.classes) >= set(MODELNET8)
-
-
-def make_clouds(plan: Plan, folder: Path, progress: Callable[[int], None] = lambda clouds: None) -> dict[str, str]:
-    """Make the dataset of a plan in a folder, or finish it, or find it finished.
-
-    Parameters
-    ----------
-    plan : Plan
-    folder : Path
-    progress : callable
-        Told the number of clouds each time some are done.
-
-    Returns
-    -------
-    dict of str to str
-        The meshes that could not be used, and why.
-
-    Raises
-    ------
-    DatasetError
-        The folder holds another plan's dataset.
-    MeshError
-        No mesh of a class could be used.
-    GlError
-        The plan's method needs OpenGL and there is none.
-    """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    failures: dict[str, str] = generate(plan, folder, progress=progress)["failures"]
-    used = {entry.label for entry in plan.meshes if entry.key not in failures}
-    for entry in plan.meshes:
-        if entry.label not in used:
-            raise MeshError(
-                f"each class must have a mesh that can be used; {entry.label} has none. One failed so: "
-                f"{failures[entry.key]} Mend them, and choose another folder."
-            )
-    return failures
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:

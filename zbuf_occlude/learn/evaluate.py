@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.drawing import new_figure
+from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.learn.classifier import Classifier
 from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.learn.networks import Classifier
 
 BATCH = 64
 """Clouds that are looked at together."""
@@ -24,16 +24,9 @@ BATCH = 64
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What a classifier made of a test set.
+    """What a classifier made of a test set."""
 
-    Parameters
-    ----------
-    confusion : (c, c) int64
-        Clouds of class i that were taken for class j.
-    classes : tuple of str
-    """
-
-    confusion: NDArray[np.int64]
+    confusion: NDArray[np.int64]  # (c, c), clouds of class i that were taken for class j
     classes: tuple[str, ...]
 
     @classmethod
@@ -114,23 +107,9 @@ class Evaluation:
 
 
 def evaluate(model: Classifier, test: CloudSet) -> Evaluation:
-    """Classify a test set.
+    """Classify a test set, whose classes are those the model was trained on, in the same order.
 
-    Parameters
-    ----------
-    model : Classifier
-        On any device; left as it was.
-    test : CloudSet
-        Its classes are those the model was trained on, in the same order.
-
-    Returns
-    -------
-    Evaluation
-
-    Raises
-    ------
-    ArgumentError
-        The model has another number of classes.
+    The model may be on any device, and is left as it was. Raises ArgumentError where it has another number of classes.
     """
     if model.n_classes != len(test.classes):
         raise ArgumentError(
@@ -141,14 +120,7 @@ def evaluate(model: Classifier, test: CloudSet) -> Evaluation:
 
 
 def predict(model: Classifier, clouds: CloudSet) -> NDArray[np.float32]:
-    """Return the logits of all clouds, (m, n_classes); the largest names the class.
-
-    Parameters
-    ----------
-    model : Classifier
-    clouds : CloudSet
-        Its labels and classes are not looked at.
-    """
+    """Return the logits of all clouds, (m, n_classes); the largest names the class."""
     device = next(model.parameters()).device
     was_training = model.training
     model.eval()

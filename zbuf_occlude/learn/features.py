@@ -1,21 +1,15 @@
-"""What VoxNet and 3DmFV compute from points before they learn: occupancy grids and Fisher vectors; NumPy twins."""
+"""Features that VoxNet and 3DmFV compute from points: occupancy grids and Fisher vectors."""
 
-import math
-
-import numpy as np
 import torch
-from numpy.typing import NDArray
-
-from zbuf_occlude.arrays import FloatArray
 
 VOXELS = 32
 """Voxels a side of VoxNet's grid."""
 OBJECT_VOXELS = 24
 """Voxels that the longest side of an object takes."""
 CHANNELS = 20
-"""Numbers for each Gaussian of 3DmFV."""
+"""Numbers per Gaussian of 3DmFV."""
 CHUNK = 1 << 20
-"""Products of Fisher vectors held at once, about: what a processor's cache takes."""
+"""Products of Fisher vectors held at once, about: what fits the cache of a CPU."""
 
 
 def occupancy(points: torch.Tensor) -> torch.Tensor:
@@ -43,22 +37,6 @@ def occupancy(points: torch.Tensor) -> torch.Tensor:
     x, y, z = cells[clouds, places].unbind(dim=1)
     grid[clouds, (x * VOXELS + y) * VOXELS + z] = 1.0
     return grid.view(-1, 1, VOXELS, VOXELS, VOXELS)
-
-
-def occupancy_numpy(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return what `occupancy` does, by the histogram of each cloud.
-
-    Parameters
-    ----------
-    points : (b, n, 3) float32
-
-    Returns
-    -------
-    (b, 1, 32, 32, 32) float32
-    """
-    edges = (np.arange(VOXELS + 1) - VOXELS / 2) / OBJECT_VOXELS
-    counts = np.stack([np.histogramdd(cloud, bins=(edges, edges, edges))[0] for cloud in points])
-    return np.where(counts > 0, 1.0, -1.0).astype(np.float32)[:, None]
 
 
 def fisher_vectors(points: torch.Tensor, n_gaussians: int) -> torch.Tensor:
@@ -120,32 +98,3 @@ def _derivatives(points: torch.Tensor, g: int) -> torch.Tensor:
     wanted = [high[:, :1], total[:, :1]]
     wanted += [part[:, kind] for kind in (mean, deviation) for part in (high, low, total)]
     return torch.cat(wanted, dim=1)
-
-
-def fisher_vectors_numpy(points: NDArray[np.float32], n_gaussians: int) -> FloatArray:
-    """Return what `fisher_vectors` does, from the formulas as they stand in the paper, in float64.
-
-    Parameters
-    ----------
-    points : (b, n, 3) float32
-    n_gaussians : int
-
-    Returns
-    -------
-    (b, 20, g, g, g) float64
-    """
-    g = n_gaussians
-    axis = np.linspace(-1.0 + 1.0 / g, 1.0 - 1.0 / g, g)
-    centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    weight, deviation, n = 1.0 / g**3, 1.0 / g, points.shape[1]
-    distances = (points.astype(np.float64)[:, :, None] - centres) / deviation  # (b, n, g^3, 3)
-    density = np.exp(-0.5 * np.sum(distances**2, axis=3)) / ((2.0 * math.pi) ** 1.5 * deviation**3)
-    shares = weight * density / np.sum(weight * density, axis=2, keepdims=True)
-    by_weight = ((shares - weight) / math.sqrt(weight))[..., None] / n
-    by_mean = shares[..., None] * distances / (n * math.sqrt(weight))
-    by_deviation = shares[..., None] * (distances**2 - 1.0) / (n * math.sqrt(2.0 * weight))
-    both = [f(d, axis=1) for d in (by_mean, by_deviation) for f in (np.max, np.min, np.sum)]
-    vectors = np.concatenate([by_weight.max(axis=1), by_weight.sum(axis=1), *both], axis=2)  # (b, g^3, 20)
-    vectors = np.sign(vectors) * np.sqrt(np.abs(vectors))
-    vectors /= np.sqrt(np.maximum(np.sum(vectors**2, axis=1, keepdims=True), 1e-12))
-    return np.moveaxis(vectors, 2, 1).reshape(-1, CHANNELS, g, g, g)

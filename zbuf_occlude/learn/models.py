@@ -1,45 +1,30 @@
-"""The table of classifiers: a new one is one file and one row; this module needs no PyTorch."""
+"""The table of classifiers: a new one is one class and one row; this module needs no PyTorch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import importing
 
 if TYPE_CHECKING:
-    from zbuf_occlude.learn.classifier import Classifier
+    from zbuf_occlude.learn.networks import Classifier
 
 
 @dataclass(frozen=True)
 class Model:
-    """A row of the table.
+    """A row of the table."""
 
-    Parameters
-    ----------
-    name : str
-        What people type.
-    summary : str
-    factory : str
-        "module:class", imported when it is built.
-    options : mapping
-        Passed to the class besides the number of classes.
-    """
-
-    name: str
+    name: str  # as typed at the command line
     summary: str
-    factory: str
-    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    factory: str  # "module:class", imported when it is built
+    options: Mapping[str, Any] = field(default_factory=dict)  # passed to the class besides the number of classes
 
     def build(self, n_classes: int) -> "Classifier":
         """Return the network with fresh weights, drawn by PyTorch's default generator.
 
-        Raises
-        ------
-        UnavailableError
-            PyTorch is not installed.
+        Raises UnavailableError where PyTorch is not installed.
         """
         require_torch()
         module, name = self.factory.split(":")
@@ -47,38 +32,28 @@ class Model:
         return network
 
 
+_HERE = "zbuf_occlude.learn.networks"
 MODELS = (
-    Model("voxnet", "3D convolutions on an occupancy grid of 32^3", "zbuf_occlude.learn.voxnet:VoxNet"),
-    Model("pointnet", "a function of each point, then the maximum", "zbuf_occlude.learn.pointnet:PointNet"),
+    Model("voxnet", "3D convolutions on an occupancy grid of 32^3", f"{_HERE}:VoxNet"),
+    Model("pointnet", "a function of each point, then the maximum", f"{_HERE}:PointNet"),
     Model(
         "threedmfv",
         "3D inception network on Fisher vectors of 8^3 Gaussians (3DmFV)",
-        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
-        MappingProxyType({"n_gaussians": 8}),
+        f"{_HERE}:ThreeDmFV",
+        {"n_gaussians": 8},
     ),
-    Model(
-        "threedmfv5",
-        "the same on 5^3 Gaussians, several times as fast",
-        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
-        MappingProxyType({"n_gaussians": 5}),
-    ),
+    Model("threedmfv5", "the same on 5^3 Gaussians, several times as fast", f"{_HERE}:ThreeDmFV", {"n_gaussians": 5}),
     Model(
         "threedmfv5-small",
         "the same with a quarter of the filters, eight times as fast again; not the paper's network",
-        "zbuf_occlude.learn.threedmfv:ThreeDmFV",
-        MappingProxyType({"n_gaussians": 5, "n_filters": 16}),
+        f"{_HERE}:ThreeDmFV",
+        {"n_gaussians": 5, "n_filters": 16},
     ),
 )
 
 
 def find_model(name: str) -> Model:
-    """Return the row of this name.
-
-    Raises
-    ------
-    OptionError
-        There is none.
-    """
+    """Return the row of this name; raises OptionError where there is none."""
     for model in MODELS:
         if model.name == name:
             return model
@@ -86,6 +61,6 @@ def find_model(name: str) -> Model:
 
 
 def require_torch() -> None:
-    """Raise UnavailableError where PyTorch is not installed."""
-    if find_spec("torch") is None:
-        raise UnavailableError("classifiers need the package torch; install it: pip install 'zbuf-occlude[learn]'")
+    """Import PyTorch, or raise UnavailableError where it is not installed or broken."""
+    with importing("torch", "a classifier"):
+        import_module("torch")

@@ -272,6 +272,11 @@ def _checked(config: TrainConfig, training: CloudSet, validation: CloudSet) -> t
             f"training needs 2 classes, at least; the clouds have {', '.join(training.classes)}. Was `generate` given "
             "the folder of one class? Give it the folder above."
         )
+    if not set(training.labelled) & set(validation.labelled):
+        raise ArgumentError(
+            f"training and validation must share a class; training has {', '.join(training.labelled)}, "
+            f"validation {', '.join(validation.labelled)}. Generate more objects, with a larger --limit or none."
+        )
     if config.n_points is None:
         return training, validation
     for clouds in (training, validation):

@@ -101,7 +101,7 @@ def _opened(archive: Path) -> zipfile.ZipFile:
     return _cached(archive, os.getpid())
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)  # ShapeNetCore's 57: opening one anew takes up to a second, holding all some 200 MB
 def _cached(archive: Path, process: int) -> zipfile.ZipFile:
     """Open an archive once per process: a file opened before a fork would be read at the other's position."""
     try:

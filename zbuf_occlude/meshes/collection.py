@@ -12,8 +12,7 @@ from unicodedata import decimal
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
-from zbuf_occlude.garbage import nothing_to_collect
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
@@ -124,7 +123,6 @@ class MeshCollection(Sequence[MeshEntry]):
         return sorted({entry.label for entry in self}, key=_natural)
 
     @classmethod
-    @nothing_to_collect()
     def from_paths(
         cls,
         paths: Paths,
@@ -139,7 +137,8 @@ class MeshCollection(Sequence[MeshEntry]):
         ----------
         paths : path-like or iterable of path-like
             Any of: a mesh file; a folder or a ZIP archive in one of the layouts of `zbuf_occlude.meshes.layouts`
-            (ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K, plain class folders), or a part of one.
+            (ModelNet, ShapeNetCore, Objaverse, 3D-FUTURE, ABC, Thingi10K, plain class folders), or a part of one. A
+            folder without mesh files may hold ZIP archives, each read as a folder of its name; so may ShapeNetCore's.
         up : {"z", "y"}, optional
             As in `load_mesh`, for all of them; by default what the layout says, or else the format.
         labels : path-like, optional
@@ -158,7 +157,8 @@ class MeshCollection(Sequence[MeshEntry]):
         MeshError
             A path does not exist or cannot be read, a file is of a format not read here, or a folder has no mesh.
         OptionError
-            `up` is unknown; the labels cannot be read, or are of none of the meshes.
+            `up` is unknown; the labels, or a layout's own list of splits, cannot be read; labels are of none of the
+            meshes.
 
         Notes
         -----
@@ -183,7 +183,7 @@ class MeshCollection(Sequence[MeshEntry]):
             if not tree.single:
                 remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
             for place in places:
-                file = tree.base / place.file
+                file = tree.path_of(place.file)
                 absolute = os.path.abspath(file)
                 if absolute in met:
                     continue
@@ -212,7 +212,7 @@ class MeshCollection(Sequence[MeshEntry]):
         if not found:
             raise OptionError(
                 f"{path} must label meshes that were found; none of its {len(labels):,} labels is of one, "
-                f"its first is {labels[0].key!r}, the first mesh {self[0].key!r}."
+                f"its first is {labels[0].key!r:.80}, the first mesh {self[0].key!r:.80}."
             )
         entries = [
             replace(e, label=printable(label.label or e.label), split=label.split or e.split) for e, label in found

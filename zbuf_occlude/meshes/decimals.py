@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 
 _SMALLEST, _LARGEST = -342, 308
 """Powers of ten beyond which every number of 19 digits is 0 or infinite."""

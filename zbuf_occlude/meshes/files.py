@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.colors import SurfaceColors
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.colors import SurfaceColors
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf_and_look
 from zbuf_occlude.meshes.looks import Look, Read
 from zbuf_occlude.meshes.mesh_files import MeshFiles

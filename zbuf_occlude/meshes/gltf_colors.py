@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Count, Data, Json, whole
 from zbuf_occlude.meshes.looks import Look, Read, Textures, read_named
 from zbuf_occlude.meshes.polygons import Ints

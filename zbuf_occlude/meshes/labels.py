@@ -1,9 +1,6 @@
 """Files that say which object is of which class and split: CSV, or JSON as PCN and LVIS have it."""
 
-import csv
 import gzip
-import io
-import json
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from zbuf_occlude.errors import OptionError, in_words
+from zbuf_occlude.documents import parse
+from zbuf_occlude.errors import OptionError, in_words, printable
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
 _KEYS = ("key", "uid", "modelid", "model_id", "id", "file", "path", "name")
@@ -63,47 +61,39 @@ def read_labels(path: Path) -> list[Label]:
 
 def parse_csv(data: bytes, name: str) -> list[Label]:
     """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
-    try:
-        rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig")), skipinitialspace=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise OptionError(f"{name} must be {FORMS}; it cannot be read: {error}.") from None
-    columns = {str(column).strip().lower(): column for column in (rows[0] if rows else {})}
-    key, label, split = (
-        next((columns[c] for c in known if c in columns), None) for known in (_KEYS, _CLASSES, _SPLITS)
-    )
-    if key is None or (label is None and split is None):
-        found = ", ".join(map(str, columns)) or "no rows"
-        raise OptionError(f"{name} must be {FORMS}; found: {found}.")
-    synset = columns.get("synsetid")
-    labels = []
-    for row in rows:
-        whole = f"{row[synset].zfill(8)}/{row[key]}" if synset and row[synset] else row[key]
-        if row[key]:
-            own = (row[label] or None) if label is not None and label != synset else None
-            labels.append(Label(whole.strip(), own, _split(row[split] or None, name) if split else None))
-    return labels
+    columns = parse("CSV", data, name)
+    key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
+    if not key or not (label or split):
+        raise OptionError(f"{printable(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
+    keys = columns[key]
+    own, synsets, words = (columns.get(column, [""] * len(keys)) for column in (label, "synsetid", split))
+    return [
+        Label(
+            f"{synset.zfill(8)}/{key}".strip() if synset else key.strip(),
+            own or None if label != "synsetid" else None,
+            _split(word or None, f"{name}, line {line}"),
+        )
+        for line, (key, own, synset, word) in enumerate(zip(keys, own, synsets, words, strict=True), 2)
+        if key
+    ]
 
 
 def parse_json(data: bytes, name: str) -> list[Label]:
     """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
+    document = parse("JSON", data, name)
     try:
-        document = json.loads(data)
-        if isinstance(document, list):
-            return [
-                Label(f"{row['taxonomy_id']}/{key}", str(row["taxonomy_name"]), _split(split, name))
-                for row in document
-                for split in ("train", "val", "test")
-                for key in row.get(split, [])
-            ]
-        if not isinstance(document, dict):
-            raise OptionError(f"{name} must be {FORMS}; it is neither a list nor an object.")
-        if all(isinstance(keys, list) for keys in document.values()):
-            return [Label(str(key), label) for label, keys in document.items() for key in keys]
-        return [Label(key, str(label)) for key, label in document.items()]
-    except OptionError:
-        raise
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # it may be anything
-        raise OptionError(f"{name} must be {FORMS}; it cannot be read: {type(error).__name__}: {error}.") from None
+        if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
+            return [Label(_word(key), label) for label, keys in document.items() for key in keys]
+        if isinstance(document, dict):
+            return [Label(key, _word(label)) for key, label in document.items()]
+        return [
+            Label(f"{_word(row['taxonomy_id'])}/{_word(key)}", _word(row["taxonomy_name"]), split)
+            for row in document
+            for split in ("train", "val", "test")
+            for key in row.get(split, [])
+        ]
+    except (LookupError, TypeError, AttributeError):  # it may be anything
+        raise OptionError(f"{printable(name)} must be {FORMS}; it is JSON of another form.") from None
 
 
 def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tuple[Item, Label]], int]:
@@ -138,7 +128,7 @@ def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tupl
         keys = keys or _alone(label.key, items, short)
         if len(keys) > 1:
             raise OptionError(
-                f"a label must be of one mesh; {label.key!r} may be {', '.join(keys[:3])}. Write the whole key."
+                f"a label must be of one mesh; {label.key!r:.80} may be {', '.join(keys[:3])}. Write the whole key."
             )
         if keys:
             chosen[keys[0]] = label
@@ -152,9 +142,15 @@ def _alone(key: str, items: Mapping[str, Item], short: Mapping[str, list[str]]) 
     return [name] if name in items else short.get(name, [])
 
 
+def _word(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        raise TypeError("a key or class must be a word")
+    return str(value)
+
+
 def _split(word: str | None, name: str) -> str | None:
     if word is None:
         return None
     if (split := SPLIT_WORDS.get(word.strip().lower())) is None:
-        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r}.")
+        raise OptionError(f"{name} must name the splits train, val or test; it has {word!r:.80}. Correct it.")
     return split

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.colors import Bytes, Material, SurfaceColors
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.geometry.colors import Bytes, Material, SurfaceColors
 from zbuf_occlude.meshes.archives import in_any_case
 from zbuf_occlude.meshes.polygons import Ints
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.geometry.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Material
 from zbuf_occlude.meshes.looks import Look, Read, Textures, in_unit_range, read_named
 from zbuf_occlude.meshes.obj import joined
 from zbuf_occlude.meshes.polygons import Polygons

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.colors import PLAIN, WHITE, Material
+from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
 from zbuf_occlude.meshes.looks import Look, Read, Textures, in_unit_range, read_named
 from zbuf_occlude.meshes.ply import Columns, Element, read_elements, read_header
 from zbuf_occlude.meshes.polygons import Polygons

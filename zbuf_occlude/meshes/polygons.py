@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.kernels import njit
-from zbuf_occlude.vectors import cross, dot, minus
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 Ints = NDArray[np.int64]
 

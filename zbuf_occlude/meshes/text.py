@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.kernels import njit
+from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.meshes.decimals import read_decimal
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"

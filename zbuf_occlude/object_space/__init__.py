@@ -1,4 +1,4 @@
 """The paper's hidden-surface removal in object space: one algorithm a file, by the paper's own formulas.
 
-Nothing here imports `zbuf_occlude.predicates`: the two formulations check each other.
+Nothing here imports `zbuf_occlude.geometry.predicates`: the two formulations check each other.
 """

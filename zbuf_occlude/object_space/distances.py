@@ -3,9 +3,9 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import Seed, points_in_triangles, stochastic_counts
 from zbuf_occlude.object_space.planes import FacePlanes
-from zbuf_occlude.sampling import Seed, points_in_triangles, stochastic_counts
 
 
 class PlaneDistances:

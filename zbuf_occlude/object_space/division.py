@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 
 @dataclass(frozen=True, eq=False)

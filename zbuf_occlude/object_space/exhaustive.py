@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.jit.pool import shared, take, together
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
-from zbuf_occlude.threads import shared, take, together
 
 NO_DISTANCES = np.empty(0)
 """Stands for "exclude no face"."""

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 
 ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 """Bound on the relative rounding error of the formulas below, times the lengths that enter them."""

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
-from zbuf_occlude.sampling import SurfacePoints
 
 
 class Removal(NamedTuple):

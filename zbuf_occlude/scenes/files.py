@@ -1,18 +1,27 @@
 """Scenes from a user's JSON: meshes and where they stand around the target."""
 
-import json
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError, in_words
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.checks import check_word
+from zbuf_occlude.documents import Number, line, parse, read_bytes
+from zbuf_occlude.errors import OptionError, printable
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.files import UP, load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
-from zbuf_occlude.scenes.sizes import FILE, size_of
+from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, size_of
 
-KNOWN = {"mesh", "class", "position", "yaw", "size", "up", "albedo"}
+FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
+NUMBERS = {
+    "position": Number(-1e6, 1e6, "metres", ((3,),)),
+    "yaw": Number(-3600.0, 3600.0, "degrees"),
+    "size": Number(LEAST, MOST, "metres"),
+    "albedo": Number(0.0, 1.0),
+}
+KNOWN = ("mesh", "class", "up", *NUMBERS)
 
 
 def read_scene(path: Path) -> list[dict[str, Any]]:
@@ -35,32 +44,30 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     OptionError
         Not readable, or not what it should be; the message says what.
     """
-    form = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
-    try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise OptionError(f"a scene must be readable JSON; {path}: {in_words(error)}.") from None
+    document, where = parse("JSON", read_bytes(path), path), printable(str(path))
     objects = document.get("objects") if isinstance(document, dict) else None
     if not isinstance(objects, list):
-        raise OptionError(f"{path} must be {form}; it has no list of objects.")
+        raise OptionError(f"{where} must be {FORM}; it has no list of objects.")
     found = []
-    for number, given in enumerate(objects):
-        if not isinstance(given, dict) or not {"mesh", "position"} <= set(given):
-            raise OptionError(f"{path} must be {form}; object {number} has no mesh or position.")
-        if unknown := set(given) - KNOWN:
-            raise OptionError(f"objects of {path} must have {', '.join(sorted(KNOWN))}; {number} has {min(unknown)}.")
+    for given in objects:
         try:
-            position = np.asarray(given["position"], dtype=np.float64).reshape(3)
-            numbers = [float(given.get(name, 1.0)) for name in ("yaw", "size", "albedo")]
-        except (TypeError, ValueError) as error:
-            raise OptionError(f"object {number} of {path} must have numbers; {error}.") from None
-        if not np.isfinite([*position, *numbers]).all() or numbers[1] <= 0 or not 0 <= numbers[2] <= 1:
-            raise OptionError(f"object {number} of {path} must have finite numbers, a size above 0, albedo in [0, 1].")
-        file = (path.parent / str(given["mesh"])).absolute()
-        if not file.is_file():
-            raise OptionError(f"object {number} of {path} must name a file that is there; {file} is not.")
-        found.append({**given, "mesh": str(file), "position": position.tolist()})
+            found.append(_checked(given, path.parent))
+        except OptionError as error:
+            raise OptionError(f"{where}: object {len(found)}: {error}") from None
     return found
+
+
+def _checked(given: Any, folder: Path) -> dict[str, Any]:
+    if not isinstance(given, dict) or not {"mesh", "position"} <= set(given):
+        raise OptionError(f"a scene must be {FORM}; this has no mesh or position.")
+    for name in given:
+        check_word("what is said of an object", name, KNOWN)
+    found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
+    check_word("up", found.get("up", UP[0]), UP)
+    mesh = str((folder / found["mesh"]).absolute())
+    if not os.path.isfile(mesh):
+        raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
+    return {**found, "mesh": mesh, "position": list(found["position"])}
 
 
 def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
@@ -75,11 +82,10 @@ def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
     for given in objects:
         mesh = load_mesh(given["mesh"], up=given.get("up"))
         label = str(given.get("class", Path(given["mesh"]).stem))
-        size = float(given.get("size", size_of(label, FILE, mesh.longest_side)))
+        size = given.get("size", size_of(label, FILE, mesh.longest_side))
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
-        albedo = float(given["albedo"]) if "albedo" in given else None
-        placed.append(Placed(standing(mesh, size), label, pose, albedo))
+        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo")))
     return placed
 
 

@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder

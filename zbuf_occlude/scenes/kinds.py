@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.hiding import placed_to_hide
 from zbuf_occlude.scenes.parts import box, plate, pole
 from zbuf_occlude.scenes.scene import Placed, moved

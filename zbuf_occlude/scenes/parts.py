@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
 _SIDES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from zbuf_occlude.errors import MeshError, OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.scenes.files import standing
 from zbuf_occlude.scenes.parts import box

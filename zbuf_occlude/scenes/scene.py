@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.albedos import TYPICAL, draw_albedos
 
 

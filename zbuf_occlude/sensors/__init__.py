@@ -53,16 +53,5 @@ def make(name: str | Path, **numbers: Any) -> Sensor:
             key, equals, value = setting.partition("=")
             if not equals:
                 raise OptionError(f"a sensor's numbers must be given name=value; got {setting!r}.")
-            numbers = {key.strip(): _number(key, value), **numbers}
+            numbers = {key.strip(): value.strip(), **numbers}
     return sensor.with_numbers(**numbers) if numbers else sensor
-
-
-def _number(name: str, text: str) -> Any:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    if name == "returns":
-        return text.strip()
-    raise OptionError(f"{name} of a sensor must be a number; got {text!r}.")

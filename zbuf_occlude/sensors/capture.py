@@ -10,8 +10,8 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.scenes.files import placed_of
 from zbuf_occlude.scenes.hiding import METHOD, N_POINTS
 from zbuf_occlude.scenes.kinds import WITHIN, Asked
@@ -58,7 +58,7 @@ class Capture:
     wanted, hidden : float
         Share of the target that was to be hidden by others, and that is, by the mask.
     reached : bool
-        Whether `hidden` is within 2 percent of the range asked for.
+        Whether `hidden` is within 2 percent of the range asked for; True where none was.
     """
 
     scan: Scan
@@ -148,18 +148,24 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
     with prepare(mesh, setup.method) as alone:
+        if setup.share is not None or setup.objects:  # others may hide some of the target
+            points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
+            showing = _visible(mesh, alone, points, places.eyes, setup)
         if setup.share is None:  # the same scene for all views
             asked = Asked(target, places.eyes[0], floor, none, None, pool)
             placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
             placed += placed_of([dict(each) for each in setup.objects], floor)
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
+            shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
-                for number, pose in enumerate(poses):
-                    yield _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
+                if setup.objects:
+                    left = _visible(scene.mesh, occluder, points, places.eyes, setup)
+                    shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
+                for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
+                    yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
-        points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
-        showing = _visible(mesh, alone, points, places.eyes, setup)
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
             seen = points.select(shown)
             asked = Asked(target, eye, floor, seen.positions, share, pool)
@@ -168,9 +174,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare(scene.mesh, setup.method) as occluder:
-                # the target is the first of the scene: its faces have the same numbers
-                left = _visible(scene.mesh, occluder, seen, eye[None], setup)
-                hidden = 1.0 - float(left.mean()) if left.size else 0.0
+                hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
                 capture = _captured(scene, occluder, poses[number], mesh, alone, setup, partial(seeds, view=number))
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
@@ -193,9 +197,17 @@ def _captured(
 
 
 def _visible(mesh: Mesh, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
-    """Which points of a mesh each eye sees, by `METHOD`; `occluder` is by the method of the scans."""
+    """Which points of a mesh each eye sees, by `METHOD`; `occluder` is by the method of the scans.
+
+    The target is the first of a scene: its faces have the same numbers there.
+    """
     with nullcontext(occluder) if setup.method == METHOD else prepare(mesh, METHOD) as judge:
         return judge.visible(points, eyes)
+
+
+def _hidden(left: BoolArray) -> float:
+    """Return the share that others hide of the points that the target alone shows; `left` are those still visible."""
+    return 1.0 - float(left.mean()) if left.size else 0.0
 
 
 def _region(mesh: Mesh, setup: Setup) -> FloatArray | None:

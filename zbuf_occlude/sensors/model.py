@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OccludeError, OptionError
-from zbuf_occlude.sensors.rays import KINDS, Rays, numbers_of
+from zbuf_occlude.documents import Number, flag, line
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.sensors.rays import KINDS, MOST_RAYS, Rays, numbers_of
 
 RETURNS = ("first", "strongest", "last")
 GRAZING_FROM = np.radians(60.0)
@@ -20,15 +21,41 @@ GRAZING_FROM = np.radians(60.0)
 STEEPEST = np.radians(89.9)
 """Noise is as at this incidence beyond it, where the formula has no bound."""
 
-MOST = {
-    **dict.fromkeys(("drop", "drop_zero", "edge_loss"), (1.0, "a share")),
-    **dict.fromkeys(("sigma", "sigma_growth", "sigma_grazing", "step", "echo_separation"), (1e4, "metres")),
-    "lateral": (1e4, "pixels"),
-    "noise": (1e3, "a factor"),
-    "divergence": (1.0, "radians"),
-    "incidence_max": (90.0, "degrees"),
+_METRES = Number(0.0, 1e4, "metres", least=1e-9)
+NUMBERS: dict[str, Number] = {
+    # of rays
+    **dict.fromkeys(("width", "height", "columns"), Number(1, MOST_RAYS, whole=True)),
+    "fov": Number(1e-3, 179.9, "degrees"),
+    "f": Number(1e-3, 1e9, "pixels"),
+    **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),
+    "lasers": Number(-360.0, 360.0, "degrees", ((-1, 2),)),
+    "azimuths": Number(-360.0, 360.0, "degrees", ((2,),)),
+    "frequencies": Number(-1e6, 1e6, "turns a second", ((2,),)),
+    "wedge": Number(1e-3, 90.0, "degrees"),
+    "index": Number(1.0, 5.0),  # no glass bends light more: germanium, of infrared prisms, has 4
+    "rate": Number(1e-3, 1e9, "shots a second"),
+    "seconds": Number(1e-6, 1e6, "seconds"),
+    "directions": Number(shapes=((-1, 3),)),
+    "rings": Number(0, 2**31 - 2, shapes=((-1,),), whole=True),
+    # of imperfections
+    **dict.fromkeys(("range_min", "sigma_from", "reach"), Number(0.0, 1e9, "metres")),
+    "range_max": Number(0.0, np.inf, "metres"),
+    "sigma": Number(0.0, 1e4, "metres", ((), (-1, 2))),
+    **dict.fromkeys(("sigma_growth", "sigma_grazing", "step", "echo_separation"), _METRES),
+    "disparity_step": Number(0.0, 1e4, "a metre", least=1e-9),
+    "lateral": Number(0.0, 1e4, "pixels", ((), (2,))),
+    "divergence": Number(0.0, 1.0, "radians"),
+    **dict.fromkeys(("drop", "drop_zero", "edge_loss"), Number(0.0, 1.0)),
+    **dict.fromkeys(("attenuation", "drop_limit", "noise"), Number(0.0, 1e3, least=1e-9)),
+    "incidence_max": Number(0.0, 90.0, "degrees"),
 }
-"""The largest value of a number, beyond which it is a mistyped one, and what it is."""
+"""What each number of a sensor may be; beyond it, it is a mistyped one."""
+
+
+def _number(name: str, value: Any) -> Any:
+    if name == "lasers" and isinstance(value, (list, tuple, np.ndarray)):  # elevations alone have no offset
+        value = [each if isinstance(each, (list, tuple, np.ndarray)) else (each, 0.0) for each in value]
+    return NUMBERS[name].read(f"{name} of a sensor", value)
 
 
 @dataclass(frozen=True)
@@ -99,28 +126,15 @@ class Imperfections:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.name == "returns":
-                check_word("returns", value, RETURNS)
-            elif each.name not in ("axial", "sigma", "lateral") and not (
-                isinstance(value, (int, float, np.number)) and value >= 0.0
-            ):
-                raise OptionError(f"{each.name} of a sensor must be a number of at least 0; got {value!r}.")
+        check_word("returns", self.returns, RETURNS)
+        object.__setattr__(self, "axial", flag("axial of a sensor", self.axial))
+        for name in filter(NUMBERS.get, vars(self)):
+            object.__setattr__(self, name, _number(name, getattr(self, name)))
         if not self.range_min < self.range_max:
             raise OptionError(f"range_min must be less than range_max; got {self.range_min} and {self.range_max}.")
-        for name, width in (("sigma", (-1, 2)), ("lateral", (2,))):
-            try:
-                table = np.asarray(getattr(self, name), dtype=np.float64)
-                (table if table.ndim == 0 else table.reshape(width)).sum()
-            except (TypeError, ValueError):
-                table = np.array(np.nan)
-            if not (np.isfinite(table).all() and (table >= 0.0).all()):
-                words = "(range, sigma) pairs" if name == "sigma" else "two numbers"
-                raise OptionError(f"{name} of a sensor must be a number or {words}; got {getattr(self, name)!r}.")
-        for name, (most, what) in MOST.items():
-            if np.max(getattr(self, name), initial=0.0) > most:
-                raise OptionError(f"{name} of a sensor must be {what}, at most {most:g}; got {getattr(self, name)}.")
+        ranges = np.array(self.sigma)[..., 0] if np.ndim(self.sigma) else ()
+        if not (np.diff(ranges) > 0.0).all():
+            raise OptionError(f"sigma of a sensor must have growing ranges; got {', '.join(map(str, ranges)):.200}.")
 
     def range_sigma(self, ranges: ArrayLike, incidence: ArrayLike = 0.0) -> FloatArray:
         """Return the standard deviation at some ranges (of an axial sensor: depths) and incidences (radians)."""
@@ -163,10 +177,13 @@ class Sensor:
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        line("a sensor's name", self.name)
         check_word("kind", self.kind, KINDS)
         known = numbers_of(self.kind)
-        for name in self.pattern:
+        pattern = {name: value for name, value in self.pattern.items() if value is not None}
+        for name in pattern:
             check_word(f"a number of the kind {self.kind}", name, known)
+        object.__setattr__(self, "pattern", {name: _number(name, value) for name, value in pattern.items()})
         missing = [
             name for name, default in known.items() if default is inspect.Parameter.empty and name not in self.pattern
         ]
@@ -179,12 +196,7 @@ class Sensor:
 
     @cached_property
     def _rays(self) -> Rays:
-        try:
-            return KINDS[self.kind](**self.pattern)
-        except OccludeError:
-            raise
-        except (TypeError, ValueError, ArithmeticError) as error:  # a word for a number, one for several, infinity
-            raise OptionError(f"the rays of sensor {self.name!r} must be made of numbers; {error}.") from None
+        return KINDS[self.kind](**self.pattern)
 
     @cached_property
     def pixels(self) -> float:

@@ -9,15 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen
-from zbuf_occlude.checks import check_int
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_vectors, frozen, sealed
 from zbuf_occlude.errors import ArgumentError, OptionError
 
-MOST_RAYS = 20_000_000
+MOST_RAYS = 8_500_000
 """A mistyped number must not fill the memory."""
-
-MOST_REFRACTIVE = 5.0
-"""No glass bends light more: germanium, of infrared prisms, has 4."""
 
 RUN_RAYS = 64
 """Neighbouring rays of a ring that are asked together whether they are near a direction."""
@@ -54,7 +50,7 @@ class Rays:
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
         if not (lengths > 0).all():
             raise ArgumentError(f"directions must have a length; row {int(lengths.argmin())} is zero. Leave it out.")
-        object.__setattr__(self, "directions", frozen(directions / lengths))
+        object.__setattr__(self, "directions", sealed(directions / lengths))
         for name in ("rings", "columns"):
             values = as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max)
             if len(values) != len(directions):
@@ -114,49 +110,32 @@ def pinhole(
     cx, cy : float
         Where the axis meets the picture, pixels from its upper left corner; its middle by default.
     """
-    check_int("width", width, 1)
-    check_int("height", height, 1)
     _not_too_many(width * height)
     if (fov is None) == (f is None):
         raise OptionError(f"a pinhole must be given fov or f, and not both; got fov={fov}, f={f}.")
-    if fov is not None:
-        if not 0.0 < fov < 180.0:
-            raise OptionError(f"fov must lie between 0 and 180 degrees; got {fov}.")
-        f = width / 2.0 / np.tan(np.radians(fov) / 2.0)
-    elif not (f is not None and 0.0 < f < np.inf):
-        raise OptionError(f"f must be positive, in pixels; got {f}.")
+    focal = f or width / 2.0 / np.tan(np.radians(fov or 0.0) / 2.0)
     rows, columns = np.divmod(np.arange(width * height), width)
-    right = (columns + 0.5 - (width / 2.0 if cx is None else cx)) / f
-    down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / f
+    right = (columns + 0.5 - (width / 2.0 if cx is None else cx)) / focal
+    down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / focal
     return Rays(np.stack([np.ones_like(right), -right, -down], axis=1), rows, columns)
 
 
-def spinning(
-    *, lasers: Sequence[Sequence[float] | float], columns: int, azimuths: Sequence[float] = (-180.0, 180.0)
-) -> Rays:
+def spinning(*, lasers: Sequence[Sequence[float]], columns: int, azimuths: Sequence[float] = (-180.0, 180.0)) -> Rays:
     """Return the rays of a LiDAR that turns about its z axis, firing by firing.
 
     Parameters
     ----------
-    lasers : sequence of (elevation, azimuth offset), or of elevations
+    lasers : sequence of (elevation, azimuth offset)
         Degrees, the lowest first.
     columns : int
         Firings of each laser per turn.
     azimuths : (float, float)
         Where the firings begin and end, degrees; the whole turn by default.
     """
-    check_int("columns", columns, 1)
     _not_too_many(columns * len(lasers))
-    try:
-        rows = [np.append(laser, 0.0)[: max(2, np.size(laser))] for laser in lasers]
-        angles = np.radians(np.array(rows, dtype=np.float64))
-        first, last = np.radians(np.asarray(azimuths, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees, azimuths two; {error}.") from None
-    if len(angles) and angles.shape[1] != 2:
-        raise OptionError(f"lasers must be (elevation, azimuth offset) in degrees; got {angles.shape[1]} numbers each.")
-    if not len(angles) or not (np.abs(angles[:, 0]) <= np.pi / 2).all():
-        raise OptionError("lasers must have elevations in [-90, 90] degrees, and there must be one at least.")
+    angles, (first, last) = np.radians(lasers), np.radians(azimuths)
+    if not (np.abs(angles[:, 0]) <= np.pi / 2).all():
+        raise OptionError("lasers must have elevations in [-90, 90] degrees; one has not.")
     turn = first + np.arange(columns) * ((last - first) / columns)
     azimuth = (turn[:, None] + angles[:, 1]).ravel()
     elevation = np.tile(angles[:, 0], columns)
@@ -182,20 +161,16 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         How long a scan lasts.
     """
     n_shots = round(rate * seconds)
-    check_int("rate x seconds", n_shots, 1)
     _not_too_many(n_shots)
-    times = np.arange(n_shots) / rate
     tilt = np.radians(wedge)
-    if not 1.0 <= index <= MOST_REFRACTIVE:
-        raise OptionError(f"index must be of refraction, from 1 to {MOST_REFRACTIVE:g}; got {index}.")
-    if len(frequencies) != 2 or not 0.0 < index * np.sin(tilt) < 1.0:
-        raise OptionError(f"risley must be given two frequencies and prisms that let light through; got {frequencies}.")
-    first, second = (_inclined(tilt, 2.0 * np.pi * frequency * times) for frequency in frequencies)
-    axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)
-    inside = axis  # the first prism's plane face stands across the beam
-    between = _refracted(inside, first, index)
-    within = _refracted(between, second, 1.0 / index)
-    return Rays(_refracted(within, axis, index), np.zeros(n_shots, dtype=np.int32), np.arange(n_shots, dtype=np.int32))
+    if not index * np.sin(tilt) < 1.0:
+        raise OptionError(f"risley must have prisms that let light through; got wedge {wedge:g}, index {index:g}.")
+    shots, directions = np.arange(n_shots, dtype=np.int32), np.empty((n_shots, 3))
+    for some in np.array_split(shots, 1 + n_shots // 100_000):  # few at a time, for their memory
+        first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (some / rate)) for frequency in frequencies)
+        axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's plane face stands across the beam
+        directions[some] = _refracted(_refracted(_refracted(axis, first, index), second, 1.0 / index), axis, index)
+    return Rays(directions, np.zeros_like(shots), shots)
 
 
 def listed(*, directions: ArrayLike, rings: ArrayLike | None = None) -> Rays:
@@ -228,5 +203,5 @@ def _refracted(directions: FloatArray, normals: FloatArray, ratio: float) -> Flo
 
 
 def _not_too_many(n: int) -> None:
-    if n > MOST_RAYS:
-        raise OptionError(f"a sensor must have at most {MOST_RAYS:,} rays; this has {n:,}.")
+    if not 0 < n <= MOST_RAYS:
+        raise OptionError(f"a sensor must have 1 to {MOST_RAYS:,} rays; this has {n:,}.")

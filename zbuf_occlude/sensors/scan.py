@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.seeds import generator
 from zbuf_occlude.sensors.imperfections import imperfect

@@ -126,12 +126,11 @@ class Setup:
 def document_of(sensor: Sensor) -> dict[str, Any]:
     """Return a sensor as plain data: name, kind and all numbers, for a plan."""
     faults = {
-        name: _plain(getattr(sensor.imperfections, name))
+        name: getattr(sensor.imperfections, name)
         for name, default in vars(Imperfections()).items()
         if getattr(sensor.imperfections, name) != default
     }
-    pattern = {name: _plain(value) for name, value in sensor.pattern.items()}
-    return {"name": sensor.name, "kind": sensor.kind, "pattern": pattern, "imperfections": faults}
+    return {"name": sensor.name, "kind": sensor.kind, "pattern": dict(sensor.pattern), "imperfections": faults}
 
 
 def sensor_of(document: Mapping[str, Any]) -> Sensor:
@@ -161,9 +160,3 @@ def _is_span(span: Any) -> bool:
 
 def _shown(span: Sequence[float]) -> str:
     return f"{span[0]:g}" if span[0] == span[1] else f"{span[0]:g}..{span[1]:g}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else value

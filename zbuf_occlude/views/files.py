@@ -1,39 +1,63 @@
-"""Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text.
+"""Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text and binary files.
 
 Cameras have positions in the mesh's own coordinates (after `up` has turned it) and need not look at it. K is in pixels
 with y down and the corner of the upper left pixel at (0, 0); R and t take world space to OpenCV's eye space (x right,
 y down, z forward), as usual; transforms.json holds OpenGL's, from eye to world space.
 """
 
-import csv
-import json
-from collections.abc import Mapping, Sequence
+import mmap
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError, OptionError, in_words
+from zbuf_occlude.documents import Number, parse, read_bytes
+from zbuf_occlude.errors import OptionError, in_words, printable
 from zbuf_occlude.views.model import Views
 from zbuf_occlude.views.positions import PAPER_DISTANCE
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's eye space to OpenGL's."""
-_ROTATION = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
-_TRANSLATION = ("t1", "t2", "t3")
-_INTRINSICS = ("fx", "fy", "cx", "cy", "width", "height")
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
-"""What transforms.json may say of its cameras, and pinholes do not have."""
 _NOT_A_ROTATION = 1e-3
+
+_SIZE, _PLACE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
+_VIEWS = {
+    **dict.fromkeys(("azimuth", "roll"), Number(-3600.0, 3600.0, "degrees", ((-1,),))),
+    "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
+    "distance": Number(1e-9, 1e9, "longest sides", ((-1,),)),
+}
+_ROTATION, _TRANSLATION, _K = Number(-2.0, 2.0, shapes=((3, 3),)), Number(shapes=((3,),)), Number(shapes=((3, 3),))
+_QUATERNION = Number(-np.finfo(float).max, np.finfo(float).max, shapes=((4,),))
+_TO_WORLD = Number(shapes=((3, 4), (4, 4)))
+_R_COLUMNS, _T_COLUMNS = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)], ["t1", "t2", "t3"]
+_INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _PLACE, "cy": _PLACE, "width": _SIZE, "height": _SIZE}
+_DISTORTION = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), Number())
+"""What transforms.json may say of its cameras, and pinholes do not have."""
+_OF_FRAMES = {
+    **dict.fromkeys(("w", "h", "fl_x", "fl_y"), _SIZE),
+    **dict.fromkeys(("cx", "cy"), _PLACE),
+    "camera_angle_x": Number(1e-3, 3.14, "radians"),
+    **_DISTORTION,
+}
+_COLMAP_MODELS = (
+    ("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8), ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+)  # fmt: skip
+"""Names and numbers of parameters by the number that binary files have for a model."""
+_FOCALS = {"SIMPLE_PINHOLE": 1, "SIMPLE_RADIAL": 1, "RADIAL": 1, "PINHOLE": 2, "OPENCV": 2, "FULL_OPENCV": 2}
+"""Focal lengths of the models that are pinholes where their other parameters, but for the centre, are 0."""
 
 
 class _Camera(NamedTuple):
-    """OpenCV's, of a file: x_eye = rotation @ x + translation; fx, fy, cx, cy, width, height, or None."""
+    """Of a file: where it stands, world to OpenCV's eye space, and tangents left, right, bottom, top of its picture."""
 
+    eye: FloatArray
     rotation: FloatArray
-    translation: FloatArray
-    intrinsics: Sequence[float] | None
+    window: Sequence[float] | None
 
 
 def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
@@ -47,33 +71,23 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     OptionError
         The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
     """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise OptionError(f"views must be a readable CSV; {path}: {in_words(error)}.") from None
-    columns = set(rows[0]) if rows else set()
-    if {*_ROTATION, *_TRANSLATION} <= columns:
+    columns, where = parse("CSV", read_bytes(Path(path)), path), printable(str(path))
+    if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
+        rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return _views(Path(path), rows, _camera_of_row)
-    if not {"azimuth", "elevation"} <= columns:
-        found = ", ".join(map(str, rows[0])) if rows else "no rows"
+    if not {"azimuth", "elevation"} <= set(columns):
+        found = ", ".join(columns)
         raise OptionError(
-            f"{path} must have the columns azimuth,elevation[,distance] and a row; found: {found}. "
-            f"(Cameras: {_ROTATION[0]},...,{_ROTATION[-1]},{','.join(_TRANSLATION)}[,{','.join(_INTRINSICS)}].)"
+            f"{where} must have the columns azimuth,elevation[,distance]; found: {found:.200}. "
+            f"(Cameras: r11,...,r33,t1,t2,t3[,{','.join(_INTRINSICS)}].)"
         )
-    try:
-        table = np.array([[float(r[c]) for c in ("azimuth", "elevation")] for r in rows])
-        distances = np.array([float(r.get("distance") or distance) for r in rows])
-        roll = np.array([float(r.get("roll") or 0.0) for r in rows])
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{path} must hold numbers, angles in degrees; {error}.") from None
-    if (np.abs(table[:, 1]) > 90).any():
-        worst = table[np.abs(table[:, 1]).argmax(), 1]
-        raise OptionError(f"{path} must hold elevations in [-90, 90] degrees from the xy plane; got {worst:g}.")
-    try:
-        return Views(np.radians(table[:, 0]), np.radians(table[:, 1]), distances, roll=np.radians(roll))
-    except ArgumentError as error:
-        raise OptionError(f"{path}, a table of views in degrees: {error}") from None
+    defaults = {"azimuth": "", "elevation": "", "roll": 0.0, "distance": distance}
+    given = {name: columns.get(name, [""] * len(columns["azimuth"])) for name in defaults}
+    azimuth, elevation, roll, distances = (
+        np.array(_VIEWS[name].read(f"{name} in {where}", [word or default for word in given[name]]))
+        for name, default in defaults.items()
+    )
+    return Views(np.radians(azimuth), np.radians(elevation), distances, roll=np.radians(roll))
 
 
 def from_json(path: Path) -> Views:
@@ -84,14 +98,10 @@ def from_json(path: Path) -> Views:
     OptionError
         The file is missing or holds no cameras of these forms.
     """
-    text = _text(path)
-    try:
-        try:
-            document = json.loads(text)
-        except ValueError:
-            document = [json.loads(line) for line in text.splitlines() if line.strip()]
-    except (ValueError, RecursionError) as error:
-        raise OptionError(f"{path} must be JSON; it cannot be read: {error}.") from None
+    data = read_bytes(path)
+    if path.suffix.lower() == ".jsonl":
+        data = b"[" + b",".join(line for line in data.removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()) + b"]"
+    document = parse("JSON", data, path)
     if isinstance(document, dict) and "frames" in document:
         shared = {key: value for key, value in document.items() if key != "frames"}
         return _views(path, document["frames"], lambda frame: _camera_of_frame({**shared, **frame}))
@@ -101,108 +111,140 @@ def from_json(path: Path) -> Views:
 
 
 def from_colmap(path: Path) -> Views:
-    """Read COLMAP's images.txt, and cameras.txt next to it, if there: pinhole models without distortion.
+    """Read COLMAP's images.txt or .bin, and cameras of that ending next to it: pinhole models without distortion.
 
     Raises
     ------
     OptionError
         A file is missing, damaged, or has a camera with distortion.
     """
-    beside = path.with_name("cameras.txt")
-    models = {row[0]: row for row in _rows(beside)} if beside.exists() else {}
-    return _views(path, _rows(path, 2), lambda row: _camera_of_image(row, models))
+    beside = path.with_name(f"cameras{path.suffix}")
+    models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
+    return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
 
 
-def _views(path: Path, items: Any, read: Any) -> Views:
+def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
     """Turn what a file holds into views; whatever it lacks is said with the file's name."""
+    cameras: list[_Camera] = []
     try:
-        cameras = [read(item) for item in items]
+        for item in items:
+            cameras.append(read(item))
         if not cameras:
             raise ValueError("it holds none")
-        rotations = np.array([camera.rotation for camera in cameras], dtype=np.float64).reshape(-1, 3, 3)
-        translations = np.array([camera.translation for camera in cameras], dtype=np.float64).reshape(-1, 3)
-        worst = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
-        if not worst < _NOT_A_ROTATION or not (np.linalg.det(rotations) > 0).all():
-            raise ValueError("R must be a rotation, and one is not")
-        eyes = -np.einsum("kji,kj->ki", rotations, translations)
-        windows = None
-        if all(camera.intrinsics is not None for camera in cameras):
-            windows = np.array([_window(camera.intrinsics) for camera in cameras])
-        return Views.of_cameras(eyes, _TO_GL @ rotations, windows)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        said = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:120]
-        raise OptionError(f"{path} must hold cameras, each with R and t; it cannot be read ({said}).") from None
+        said = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+        raise OptionError(
+            f"{printable(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
+            f"({said:.200})."
+        ) from None
+    eyes, rotations, windows = (list(each) for each in zip(*cameras, strict=True))
+    return Views.of_cameras(np.array(eyes), _TO_GL @ rotations, None if None in windows else np.array(windows))
 
 
-def _window(intrinsics: Sequence[float]) -> list[float]:
-    """Return the tangents left, right, bottom, top of a picture."""
-    fx, fy, cx, cy, width, height = map(float, intrinsics)
-    if not (fx > 0 and fy > 0 and width > 0 and height > 0):
-        raise ValueError("focal lengths and sizes must be positive")
-    return [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
+def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None) -> _Camera:
+    """Check R, t and fx, fy, cx, cy, width, height."""
+    turn, moved = np.array(_ROTATION.read("R", rotation)), np.array(_TRANSLATION.read("t", translation))
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_A_ROTATION or np.linalg.det(turn) < 0:
+        raise ValueError("R must be a rotation, and is none")
+    window = None
+    if intrinsics is not None:
+        fx, fy, cx, cy, width, height = (
+            kind.read(name, value) for (name, kind), value in zip(_INTRINSICS.items(), intrinsics, strict=True)
+        )
+        window = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
+    return _Camera(-turn.T @ moved, turn, window)
 
 
 def _camera_of_row(row: Mapping[str, str]) -> _Camera:
-    rotation = np.array([float(row[name]) for name in _ROTATION]).reshape(3, 3)
-    intrinsics = [float(row[name]) for name in _INTRINSICS] if row.get("fx") else None
-    return _Camera(rotation, np.array([float(row[name]) for name in _TRANSLATION]), intrinsics)
+    intrinsics = [row[name] for name in _INTRINSICS] if row.get("fx") else None
+    return _camera([row[name] for name in _R_COLUMNS], [row[name] for name in _T_COLUMNS], intrinsics)
 
 
 def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
     intrinsics = None
     if "K" in item:
-        (fx, _, cx), (_, fy, cy), _ = np.asarray(item["K"], dtype=np.float64).reshape(3, 3).tolist()
+        (fx, _, cx), (_, fy, cy), _ = _K.read("K", item["K"])
         intrinsics = [fx, fy, cx, cy, item.get("width", 2 * cx), item.get("height", 2 * cy)]
-    return _Camera(np.asarray(item["R"], dtype=np.float64).reshape(3, 3), np.asarray(item["t"]).reshape(3), intrinsics)
+    return _camera(item["R"], item["t"], intrinsics)
 
 
 def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
-    to_world = np.asarray(frame["transform_matrix"], dtype=np.float64).reshape(-1, 4)[:3]
-    rotation = _TO_GL @ to_world[:, :3].T
-    if bent := [name for name in _DISTORTION if frame.get(name)]:
-        raise ValueError(f"{bent[0]} is {frame[bent[0]]}, a distortion; undistort the images first")
-    width, height = frame.get("w"), frame.get("h")
-    focal = frame.get("fl_x")
+    to_world = np.array(_TO_WORLD.read("transform_matrix", frame["transform_matrix"]))[:3]
+    given = {name: kind.read(name, frame[name]) for name, kind in _OF_FRAMES.items() if frame.get(name) is not None}
+    if bent := [name for name in _DISTORTION if given.get(name)]:
+        raise ValueError(f"{bent[0]} is {given[bent[0]]}, a distortion; undistort the images first")
+    width, height, focal = (given.get(name) for name in ("w", "h", "fl_x"))
     intrinsics = None
-    if focal is None and "camera_angle_x" in frame:
+    if focal is None and "camera_angle_x" in given:
         width, height = width or 1.0, height or width or 1.0
-        focal = 0.5 * width / np.tan(0.5 * float(frame["camera_angle_x"]))
+        focal = 0.5 * width / np.tan(0.5 * given["camera_angle_x"])
     if focal is not None and width and height:
-        centre = frame.get("cx", width / 2), frame.get("cy", height / 2)
-        intrinsics = [focal, frame.get("fl_y", focal), *centre, width, height]
-    return _Camera(rotation, -rotation @ to_world[:, 3], intrinsics)
+        centre = given.get("cx", width / 2), given.get("cy", height / 2)
+        intrinsics = [focal, given.get("fl_y", focal), *centre, width, height]
+    rotation = np.array(_ROTATION.read("transform_matrix", to_world[:, :3])) @ _TO_GL
+    return _camera(rotation.T, -rotation.T @ to_world[:, 3], intrinsics)
 
 
-def _camera_of_image(row: Sequence[str], models: Mapping[str, Sequence[str]]) -> _Camera:
-    w, x, y, z, *translation = map(float, row[1:8])
-    w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
+    quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
+    if not quaternion.any():
+        raise ValueError("a quaternion must not be zero, and one is")
+    quaternion /= np.abs(quaternion).max()  # its square may overflow
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
     intrinsics = None
     if models:
-        _, model, width, height, *parameters = models[row[8]]
-        numbers = [float(parameter) for parameter in parameters]
-        n_linear = 4 if model in ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE") else 3
-        if any(numbers[n_linear:]) or "FISHEYE" in model:
+        _, model, width, height, *words = models[f"camera {row[8]}"]
+        parameters = [float(word) for word in words]
+        n_focals = _FOCALS.get(model, 0)
+        if not n_focals or any(parameters[n_focals + 2 :]):
             raise ValueError(f"camera {row[8]} is a {model} with distortion; undistort the images first")
-        fx, fy, cx, cy = numbers[:4] if n_linear == 4 else (numbers[0], *numbers[:3])
-        intrinsics = [fx, fy, cx, cy, float(width), float(height)]
-    return _Camera(rotation, np.array(translation), intrinsics)
+        *focals, cx, cy = parameters[: n_focals + 2]
+        intrinsics = [focals[0], focals[-1], cx, cy, width, height]
+    return _camera(rotation, row[5:8], intrinsics)
 
 
-def _rows(path: Path, step: int = 1) -> list[list[str]]:
-    """Return the words of every `step`-th line that is no comment."""
-    lines = [line for line in _text(path).splitlines() if not line.startswith("#")]
-    return [line.split() for line in (lines[::step] if step > 1 else lines) if line.strip()]
+def _colmap_rows(path: Path) -> list[list[Any]]:
+    """Return the rows of cameras.txt, or every second one of images.txt: what is between are points; or as if of .bin.
 
-
-def _text(path: Path) -> str:
+    Raises
+    ------
+    OptionError
+        It cannot be read, or ends too early.
+    """
+    images = path.stem.endswith("images")
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise OptionError(f"cameras must be a readable text file; {path}: {in_words(error)}.") from None
+        if path.suffix == ".bin":
+            with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                return (_binary_images if images else _binary_cameras)(data)
+        with path.open(encoding="utf-8-sig", errors="replace") as text:
+            lines = [line.split(None, 20) for line in text if not line.startswith("#")]
+        return list(filter(None, lines[:: 1 + images]))
+    except (OSError, ValueError, OverflowError, struct.error) as error:
+        said = "it ends too early" if isinstance(error, struct.error) else in_words(error)
+        raise OptionError(f"a file of COLMAP's must be readable; {printable(str(path))}: {said}.") from None
+
+
+def _binary_cameras(data: mmap.mmap) -> list[list[Any]]:
+    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        camera, model, width, height = struct.unpack_from("<iiQQ", data, place)
+        if not 0 <= model < len(_COLMAP_MODELS):
+            raise ValueError(f"camera {camera} is of model {model}, which is not known")
+        name, n_parameters = _COLMAP_MODELS[model]
+        rows.append([camera, name, width, height, *struct.unpack_from(f"<{n_parameters}d", data, place + 24)])
+        place += 24 + 8 * n_parameters
+    return rows
+
+
+def _binary_images(data: mmap.mmap) -> list[list[Any]]:
+    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        rows.append(list(struct.unpack_from("<I7dI", data, place)))
+        end = data.find(b"\0", place + 64)  # of the picture's name, which points follow
+        place = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data)
+    return rows

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
-from zbuf_occlude.camera import rigid_matrices, view_matrices
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
 
 @dataclass(frozen=True, eq=False)

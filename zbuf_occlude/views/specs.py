@@ -87,8 +87,8 @@ SPECIFICATIONS: tuple[Specification, ...] = (
         lambda found, distance, seed: files.from_json(Path(found[0])),
     ),
     Specification(
-        "COLMAP's images.txt",
-        r"(.*images\.txt)",
+        "COLMAP's images.txt or images.bin",
+        r"(.*images\.(?:txt|bin))",
         lambda found, distance, seed: files.from_colmap(Path(found[0])),
     ),
 )

@@ -4,8 +4,8 @@ from typing import Any
 
 from zbuf_occlude.checks import find_row
 from zbuf_occlude.errors import ArgumentError, OptionError
-from zbuf_occlude.mesh import Mesh, box_around
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh, box_around
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder
 
 METHODS: tuple[Method, ...] = (
@@ -110,7 +110,7 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
     method : str
         A name of the table `METHODS`.
     gl : GlContext, optional
-        For methods that need GL; without it a context is opened, and closed with the occluder.
+        For methods that need GL; without it the occluders of a thread share one, which closes when the thread ends.
     **options
         The method's own; ``zbuf-occlude methods`` lists them.
 
@@ -146,15 +146,8 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
         mesh = box_around(mesh.positions)
     if not row.needs_gl:
         return factory(mesh, **options)
-    if gl is not None:
-        return factory(mesh, gl=gl, **options)
-    from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
+    if gl is None:
+        from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL at import
 
-    owned = GlContext.open()
-    try:
-        occluder = factory(mesh, gl=owned, **options)
-    except BaseException:
-        owned.close()
-        raise
-    occluder.owns(owned)
-    return occluder
+        gl = GlContext.of_thread()
+    return factory(mesh, gl=gl, **options)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
@@ -15,8 +17,6 @@ from zbuf_occlude.gl.point_data import GROUP, MOST_HIDDEN, Batch, Criteria, Poin
 from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, UploadedPoints, set_uniforms
 from zbuf_occlude.gl.ray_pass import WINDOW, nearest_of, picture_rays, seen_around
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 REFINEMENTS = ("witness", "none")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.camera import Frusta
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.camera import Frusta
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 
 def depth_test(

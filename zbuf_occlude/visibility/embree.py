@@ -6,8 +6,8 @@ from embreex.rtcore_scene import EmbreeScene
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 LIFT = 5e-7

@@ -4,8 +4,8 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
 
 
@@ -21,7 +21,7 @@ class Exact(Occluder):
     _measures_directions = True  # as its threads come to them
 
     def __init__(self, mesh: Mesh, contact: float) -> None:
-        from zbuf_occlude.image_space import Engine  # late: its options are looked at where nothing is computed
+        from zbuf_occlude.exact import Engine  # late: its options are looked at where nothing is computed
 
         super().__init__(mesh)
         self._engine = Engine(mesh, contact * mesh.diagonal)

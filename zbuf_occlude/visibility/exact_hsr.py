@@ -4,11 +4,11 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction, check_int, check_word
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 CULLS = ("none", "first", "second")

@@ -8,11 +8,12 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.extras import DEBIAN, importing
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
 
-LIBRARIES = {"libusb-1.0.so.0": "libusb-1.0-0", "libX11.so.6": "libx11-6", "libGL.so.1": "libgl1"}
+LIBRARIES = {name: DEBIAN[name] for name in ("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1")}
 """What Open3D's wheel links to and does not bring on Linux, and Debian's packages of them."""
 
 GROWTH = 200.0
@@ -20,6 +21,10 @@ GROWTH = 200.0
 begins at a depth of about radius * spacing^2 / distance^2, so this keeps it the same from near and far. Of 30, 100,
 300, 1000 the best values on six ModelNet meshes were 100, 300 and 1000 at 2,000, 10,000 and 40,000 points (0.79, 0.85
 and 0.89 of the answers right); no one value suits all densities."""
+
+AT_THE_EYE = 1e-150
+"""Distance in diagonals within which a point is where the eye is. Its square is 0, and Open3D 0.20 divides by it: the
+process ends by a segmentation fault, or all points of the view are taken for visible."""
 
 
 def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
@@ -38,6 +43,8 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     ------
     OptionError
         `radius` is out of range.
+    UnavailableError
+        Open3D cannot be imported.
     """
     if radius is not None and not (np.isfinite(radius) and radius > 0.0):
         raise OptionError(f"radius must be positive and finite, in diagonals of the mesh; got {radius}.")
@@ -61,7 +68,8 @@ class HiddenPointRemoval(Occluder):
     -----
     Not exact: the answer for a point depends on what other points are asked with it, and a thin cloud hides nothing.
     Fewer than three points, or points that all lie in one plane with the eye, have no hull in space; all of them are
-    then taken for visible. The sphere is never smaller than the farthest point's distance.
+    then taken for visible, as are points at the eye itself. The sphere is never smaller than the farthest point's
+    distance.
 
     O(n log n) a view, on one core.
 
@@ -75,19 +83,22 @@ class HiddenPointRemoval(Occluder):
         super().__init__(mesh)
         self._radius = radius
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
-        self._open3d = import_module("open3d")  # late: the table must be listed without it
+        with importing("open3d", "method 'hidden_point_removal'"):  # late: the table must be listed without it
+            self._open3d = import_module("open3d")
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)
         for row, eye in zip(answer, eyes, strict=True):
             # in diagonals and with the eye at the origin, neither scale nor place matters
             relative = (points.positions - eye) / self._unit
-            farthest = float(np.linalg.norm(relative, axis=1).max())
-            if farthest == 0.0:  # all points are where the eye is
-                row[:] = True
+            distances = np.linalg.norm(relative, axis=1)
+            apart = np.flatnonzero(distances > AT_THE_EYE)
+            row[distances <= AT_THE_EYE] = True
+            if len(apart) == 0:
                 continue
+            farthest = float(distances.max())
             radius = max(GROWTH * farthest**2 if self._radius is None else self._radius, farthest)
-            cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative))
+            cloud = self._open3d.geometry.PointCloud(self._open3d.utility.Vector3dVector(relative[apart]))
             try:
                 _, kept = cloud.hidden_point_removal(np.zeros(3), radius)
             except RuntimeError as error:
@@ -95,5 +106,5 @@ class HiddenPointRemoval(Occluder):
                     raise
                 row[:] = True  # Qhull found no hull in space
             else:
-                row[np.asarray(kept, dtype=np.intp)] = True
+                row[apart[np.asarray(kept, dtype=np.intp)]] = True
         return answer

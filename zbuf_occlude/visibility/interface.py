@@ -1,22 +1,24 @@
 """What every method is: made ready for one mesh, then asked what eyes see, or what rays meet first."""
 
 import inspect
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self, final
+from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
+from zbuf_occlude.extras import importing, missing
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 
 CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
@@ -32,11 +34,11 @@ FAR = 1000.0
 """Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
 
 
-class Closable(Protocol):
-    """Anything with a `close`."""
-
-    def close(self) -> None:
-        """Release what it holds."""
+EYES_INSIDE = (
+    "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
+    "views.around(mesh.centre, mesh.longest_side)."
+)
+"""What `Occluder.visible` warns of."""
 
 
 class FirstHits(NamedTuple):
@@ -59,15 +61,12 @@ class Occluder(ABC):
 
     _measures_directions = False
     """Whether `_first_hits` takes directions of any length, and calls `of_usual_length` where it must, itself."""
+    warns_of_eyes_inside = True
+    """Whether `visible` warns of eyes inside the bounding box."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self._closed = False
-        self._owned: list[Closable] = []
-
-    def owns(self, resource: "Closable") -> None:
-        """Hand over a resource (a GL context, say) that is to be closed with the occluder, after its own."""
-        self._owned.append(resource)
 
     @property
     def renderer(self) -> str:
@@ -98,6 +97,11 @@ class Occluder(ABC):
         ------
         ArgumentError
             Arrays of the wrong shape or type, not finite, or face ids that the mesh does not have.
+
+        Warns
+        -----
+        UserWarning
+            Eyes lie inside the mesh's bounding box, and amid the points.
         """
         self._check_open()
         if not isinstance(points, SurfacePoints):
@@ -120,6 +124,10 @@ class Occluder(ABC):
             )
         if len(eyes) == 0 or len(points) == 0:
             return np.ones((len(eyes), len(points)), dtype=bool)
+        if self.warns_of_eyes_inside and len(near := eyes[self.mesh.in_box(eyes)]):
+            low, high = points.positions.min(axis=0), points.positions.max(axis=0)  # of a scene its target, perhaps
+            if ((near > low) & (near < high)).all(axis=1).any():
+                warnings.warn(EYES_INSIDE, stacklevel=2)
         return self._visible(points, eyes)
 
     @abstractmethod
@@ -180,8 +188,6 @@ class Occluder(ABC):
         if not self._closed:
             self._closed = True
             self._release()
-            for resource in self._owned:
-                resource.close()
 
     def _release(self) -> None:  # noqa: B027  (a method without resources has nothing to release)
         """Release resources; called once."""
@@ -234,12 +240,10 @@ class Method:
     def missing(self) -> str:
         """Say in words why the method cannot run here; empty when nothing is known to be missing.
 
-        A method that needs GL is not tried here (that opens a context): ``zbuf-occlude doctor`` does it.
+        Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
-        if self.requires and find_spec(self.requires) is None:
-            package = f"zbuf-occlude[{self.extra}]" if self.extra else "zbuf-occlude"
-            return f"needs the package {self.requires}; install it: pip install '{package}'"
-        return str(_imported(self.check)()) if self.check else ""
+        lacking = missing(self.requires) if self.requires else ""
+        return lacking or (str(_imported(self.check)()) if self.check else "")
 
     def load(self) -> Callable[..., Occluder]:
         """Import the method's module and return its prepare function.
@@ -247,12 +251,13 @@ class Method:
         Raises
         ------
         UnavailableError
-            A package it needs is not installed.
+            A package it needs is not installed, or cannot be imported.
         """
         reason = self.missing()
         if reason:
             raise UnavailableError(f"method {self.name!r} {reason}")
-        prepare: Callable[..., Occluder] = _imported(self.factory)
+        with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
+            prepare: Callable[..., Occluder] = _imported(self.factory)
         return prepare
 
     def options(self) -> dict[str, Any]:

@@ -5,9 +5,9 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid
-from zbuf_occlude.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.visibility.interface import Occluder
 
 LARGEST = 512

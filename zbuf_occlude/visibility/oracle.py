@@ -7,12 +7,12 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.lanes import inner
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.predicates import blocks, meeting, of_one_sign, volumes
-from zbuf_occlude.sampling import SurfacePoints
-from zbuf_occlude.threads import shared, take, together
-from zbuf_occlude.vectors import minus
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.predicates import blocks, meeting, of_one_sign, volumes
+from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.jit.compiler import inner
+from zbuf_occlude.jit.pool import shared, take, together
+from zbuf_occlude.jit.vec3 import minus
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
 
 RUN = 64
@@ -44,7 +44,7 @@ class Oracle(Occluder):
 
     Notes
     -----
-    Exact up to float64 rounding of signed volumes (`zbuf_occlude.predicates.blocks`); edges shared by two faces do
+    Exact up to float64 rounding of signed volumes (`geometry.predicates.blocks`); edges shared by two faces do
     not leak. Costs O(k n f) time in the worst case and no memory beyond the answer; runs on all cores.
     """
 

@@ -19,12 +19,19 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.camera import Frusta, cube_faces, cube_frusta, cube_view_matrices, fitted_frusta, view_matrices
 from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.errors import GlError, OptionError
+from zbuf_occlude.errors import GlError, OptionError, UnavailableError
+from zbuf_occlude.geometry.camera import (
+    Frusta,
+    cube_faces,
+    cube_frusta,
+    cube_view_matrices,
+    fitted_frusta,
+    view_matrices,
+)
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.devices import default_device
-from zbuf_occlude.mesh import Mesh
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.depth_test import depth_test
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -64,6 +71,8 @@ def prepare(
         A value is out of range.
     GlError
         pyrender could not open EGL, or did not start.
+    UnavailableError
+        pyrender cannot be imported.
     """
     if not isinstance(resolution, (int, np.integer)) or not 1 <= resolution <= LARGEST:
         raise OptionError(f"resolution must be an int in [1, {LARGEST}], pixels along a side; got {resolution!r}.")
@@ -232,6 +241,8 @@ class Worker:
             raise self._failure() from None
         if reply != kind:
             self.close()
+            if reply == "unavailable":
+                raise UnavailableError(content)
             advice = f"Is EGL installed ({EGL_FIX}), and EGL_DEVICE_ID right?" if kind == "ready" else "Try again."
             raise GlError(f"pyrender's process must answer with {kind}; it reports {content}. {advice}")
         return content

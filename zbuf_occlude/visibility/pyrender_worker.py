@@ -10,18 +10,12 @@ import sys
 from multiprocessing.connection import Connection
 
 import numpy as np
-from OpenGL.GL import GL_RENDERER, glGetString
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.camera import Frusta
-from zbuf_occlude.kernels import without_scipy
-
-with without_scipy():  # trimesh, which pyrender imports, can do without: two fifths of the time to start
-    import pyrender
-
-# SEG switches multisampling off, so that depth is that of the pixel's centre; without it pyrender's depth is sampled
-# 1/8 pixel left and 3/8 below
-_FLAGS = pyrender.RenderFlags.DEPTH_ONLY | pyrender.RenderFlags.SEG
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.camera import Frusta
+from zbuf_occlude.jit.compiler import without_scipy
 
 
 class Renderer:
@@ -36,7 +30,13 @@ class Renderer:
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray, resolution: int) -> None:
+        import pyrender  # late, as is OpenGL: `serve` tells where they are broken
+        from OpenGL.GL import GL_RENDERER, glGetString
+
         self._resolution = resolution
+        # SEG switches multisampling off, so that depth is that of the pixel's centre; without it pyrender's depth is
+        # sampled 1/8 pixel left and 3/8 below
+        self._flags = pyrender.RenderFlags.DEPTH_ONLY | pyrender.RenderFlags.SEG
         self._offscreen = pyrender.OffscreenRenderer(resolution, resolution)
         self.name = glGetString(GL_RENDERER).decode()
         # with SEG pyrender culls back faces whatever the material says: each face stands there in both windings
@@ -57,16 +57,20 @@ class Renderer:
         camera.zfar = np.inf  # the setters compare one with the other's old value
         camera.znear, camera.zfar = near, far
         self._scene.set_pose(self._camera_node, np.linalg.inv(view))
-        image = self._offscreen.render(self._scene, _FLAGS, self._colours)[::-1]
+        image = self._offscreen.render(self._scene, self._flags, self._colours)[::-1]
         return np.where(image > 0.0, image, np.float32(np.inf))
 
 
 def serve(pipe: Connection) -> None:
     """Answer until the pipe ends: first (vertices, faces, resolution), then (view, frustum) again and again.
 
-    Replies are ``("ready", GL_RENDERER)``, ``("depths", image)`` or, once and as the last, ``("error", text)``.
+    Replies are ``("ready", GL_RENDERER)``, ``("depths", image)`` or, once and as the last, ``("error", text)`` or
+    ``("unavailable", text)``.
     """
     try:
+        # trimesh, which pyrender imports, can do without scipy: two fifths of the time to start
+        with importing("pyrender", "method 'pyrender'"), without_scipy():
+            import pyrender  # noqa: F401
         renderer = Renderer(*pipe.recv())
         pipe.send(("ready", renderer.name))
         while True:
@@ -74,6 +78,8 @@ def serve(pipe: Connection) -> None:
             pipe.send(("depths", renderer.render(view, frustum)))
     except (EOFError, ConnectionError):
         return  # the other end is gone, or done
+    except UnavailableError as error:
+        pipe.send(("unavailable", str(error)))
     except Exception as error:  # pyrender asserts, PyOpenGL has a tree of its own
         pipe.send(("error", f"{type(error).__name__}: {error}"))
 

@@ -7,10 +7,10 @@ import numpy as np
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.checks import check_fraction, check_int
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.division import Division, divide_faces
 from zbuf_occlude.object_space.vertex_removal import VertexRemoval
-from zbuf_occlude.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 

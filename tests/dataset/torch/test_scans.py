@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from zbuf_occlude.meshes import shapes
+from zbuf_occlude import shapes
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 

@@ -3,18 +3,18 @@
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
-from zbuf_occlude.dataset.source import Content, Numbers, Source, source_of_files
+from zbuf_occlude.dataset.source import IDS, Numbers, Source, source_of_files
 
 UNITS = {
     OFFSETS: "points of cloud i are those from offsets[i] to offsets[i + 1]",
@@ -29,50 +29,22 @@ UNITS = {
 }
 
 AT_ONCE = 2**20
-"""Bytes of a field that are copied together and written: they stay in a cache."""
+"""Bytes of a field that are copied and written at a time: they fit in a cache."""
 
 
-def names(plan: Plan) -> Iterator[str]:
-    """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(part.split, part.number) for part in plan.parts)
-
-
-def write_part(content: Content, out: Path) -> list[str]:
-    """Write one file."""
-    name = _name(content.split, content.number)
-    _write_file(out / name, content.records, content.plan)
-    return [name]
-
-
-def finish(out: Path, plan: Plan, names: dict[str, list[str]], n_clouds: dict[str, int]) -> dict[str, list[str]]:
-    """Write the lists of files."""
-    for split, names_of_split in names.items():
-        atomic.write_lines(out / list_of(split), names_of_split)
-    return names
-
-
-def _name(split: str, number: int) -> str:
+def file_name(split: str, number: int) -> str:
+    """Return the name of a file."""
     return f"ply_data_{split}{number}.h5"
 
 
-def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
-    """Return the clouds of these files."""
-    paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, _count, lambda path, rows: _read_rows(path, rows, plan.recipe))
+def finish(out: Path, plan: Plan, names: dict[str, list[str]]) -> None:
+    """Write the lists of files that the loaders begin with."""
+    for split, names_of_split in names.items():
+        atomic.write_lines(out / list_of(split), names_of_split)
 
 
-def _read_rows(path: Path, rows: Numbers, recipe: Recipe) -> NDArray[Any]:
-    with h5py.File(path) as h5:
-        return taken(h5, rows, recipe)
-
-
-def _count(path: Path) -> int:
-    with h5py.File(path) as h5:
-        return len(h5["label"])
-
-
-def _write_file(path: Path, records: NDArray[Any], plan: Plan) -> None:
-    """Write one HDF5 file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
+def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+    """Write one file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
 
     def fill(file: Any) -> None:
         with h5py.File(file, "w", track_order=True) as h5:
@@ -88,3 +60,29 @@ def _write_file(path: Path, records: NDArray[Any], plan: Plan) -> None:
                     dataset.attrs["meaning"] = UNITS[name]
 
     atomic.write(path, fill)
+
+
+def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
+    """Return the clouds of these files."""
+    paths = {split: [out / name for name in names] for split, names in files.items()}
+    return source_of_files(
+        plan, paths, _count, lambda path, rows: _read_rows(path, rows, plan.recipe), read_ids=_read_ids
+    )
+
+
+def _read_rows(path: Path, rows: Numbers, recipe: Recipe) -> NDArray[Any]:
+    with h5py.File(path) as h5:
+        return taken(h5, rows, recipe)
+
+
+def _read_ids(path: Path) -> NDArray[Any]:
+    with h5py.File(path) as h5:
+        ids = np.empty(len(h5["label"]), IDS)
+        for name in IDS.names or ():
+            ids[name] = h5[name][:]
+        return ids
+
+
+def _count(path: Path) -> int:
+    with h5py.File(path) as h5:
+        return len(h5["label"])

@@ -3,7 +3,6 @@
 Of clouds of unequal size the points stand one after the other; those of cloud i are offsets[i] to offsets[i + 1].
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,18 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.ragged import laid_out, taken
-from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 
-def names(plan: Plan) -> Iterator[str]:
-    """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(part.split, part.number) for part in plan.parts)
-
-
-def write_part(content: Content, out: Path) -> list[str]:
-    """Write one archive."""
-    name, fields = _name(content.split, content.number), laid_out(content.records, content.plan.recipe)
-    atomic.write(out / name, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
-    return [name]
-
-
-def _name(split: str, number: int) -> str:
+def file_name(split: str, number: int) -> str:
+    """Return the name of a file."""
     return f"{split}-{number:06d}.npz"
+
+
+def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+    """Write one archive."""
+    fields = laid_out(records, plan.recipe)
+    atomic.write(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:

@@ -15,7 +15,6 @@ there is the package webdataset (extra ``webdataset``), and any program that kno
 import io
 import json
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,45 +23,37 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.clouds import point_fields, record_type
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan, Recipe
-from zbuf_occlude.dataset.source import Content, Source, kept, source_of_files
+from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 TEXTS = 2
 """Members of each cloud that hold no array: its label, and its other fields."""
 
 
-def names(plan: Plan) -> Iterator[str]:
-    """Yield the names of as many files as the plan's clouds may need."""
-    return (_name(part.split, part.number) for part in plan.parts)
-
-
-def write_part(content: Content, out: Path) -> list[str]:
-    """Write one shard."""
-    name = _name(content.split, content.number)
-    _write_shard(out / name, content.records, content.number * CLOUDS_PER_FILE, content.plan)
-    return [name]
-
-
-def _name(split: str, number: int) -> str:
+def file_name(split: str, number: int) -> str:
+    """Return the name of a file."""
     return f"{split}-{number:06d}.tar"
+
+
+def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+    """Write one shard, whose first cloud has the number 2,048 x `number`."""
+
+    def fill(file: IO[bytes]) -> None:
+        with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+            for cloud, record in enumerate(records, number * CLOUDS_PER_FILE):
+                for ending, content in _members(record, plan):
+                    info = tarfile.TarInfo(f"{cloud:09d}.{ending}")  # its times and owners are all zero
+                    info.size = len(content)
+                    tar.addfile(info, io.BytesIO(content))
+
+    atomic.write(path, fill)
 
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these shards; the last shard used is kept in memory."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
     return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan.recipe)))
-
-
-def _write_shard(path: Path, records: NDArray[Any], first: int, plan: Plan) -> None:
-    def fill(file: IO[bytes]) -> None:
-        with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
-            for number, record in enumerate(records, first):
-                for ending, content in _members(record, plan):
-                    info = tarfile.TarInfo(f"{number:09d}.{ending}")  # its times and owners are all zero
-                    info.size = len(content)
-                    tar.addfile(info, io.BytesIO(content))
-
-    atomic.write(path, fill)
 
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:

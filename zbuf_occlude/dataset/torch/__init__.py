@@ -12,10 +12,13 @@
 Everything random here comes from torch's generators: `torch.manual_seed`, and in workers their own seeds, decide it.
 """
 
-from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
-from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream, collate_ragged
-from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
-from zbuf_occlude.dataset.torch.scans import OnTheFlyScan
+from zbuf_occlude.extras import importing
+
+with importing("torch", "zbuf_occlude.dataset.torch"):
+    from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
+    from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream, collate_ragged
+    from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
+    from zbuf_occlude.dataset.torch.scans import OnTheFlyScan
 
 __all__ = [
     "CloudDataset",

@@ -11,14 +11,14 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.checks import check_int, check_word
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.pool import use_threads
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.pool import Pool
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.capture import captures, sensor_places, stand
 from zbuf_occlude.sensors.scan import default_caster
 from zbuf_occlude.sensors.setup import Setup, document_of
-from zbuf_occlude.threads import use_threads
 from zbuf_occlude.views import Views
 
 ROUNDS = 8

@@ -10,6 +10,7 @@ from zbuf_occlude.meshes.layouts.tree import ALL, Place, Tree
 INFO = "model_info.json"
 _RAW, _NORMALIZED = "raw_model.obj", "normalized_model.obj"
 UNKNOWN = "unknown"
+"""The class of all models where none has one."""
 
 
 def arrange(tree: Tree) -> Arranged | None:
@@ -24,13 +25,19 @@ def arrange(tree: Tree) -> Arranged | None:
         return None
     above = tree.named(next(iter(models.values()))).parent.parent
     info = _information(tree, above)
-    places = []
-    for file in models.values():
-        model = tree.named(file).parent.name
-        row = info.get(model, {})
-        places.append(Place(file, model, str(row.get("category") or row.get("super-category") or UNKNOWN)))
-    remarks = [f"classes from {INFO}" if info else f"it has no classes: there is no {INFO} above the models"]
-    return places, [*remarks, "it has no splits: everything is in train"]
+    named = [(tree.named(file).parent.name, file) for file in models.values()]
+    for column in ("category", "super-category"):  # not both: one category is within another's super-category
+        classes = {name: str(row[column]) for name, row in info.items() if row.get(column)}
+        places = [Place(file, name, classes[name]) for name, file in named if name in classes]
+        if places:
+            said = f"classes from {INFO}" + (f", its {column}" if column != "category" else "")
+            if left_out := len(named) - len(places):
+                said += f"; models without one are left out: {left_out:,}"
+            break
+    else:
+        places = [Place(file, name, UNKNOWN) for name, file in named]
+        said = f"it has no classes: there is no {INFO} above the models that has some"
+    return places, [said, "it has no splits: everything is in train"]
 
 
 def _information(tree: Tree, above: PurePosixPath) -> dict[str, dict[str, Any]]:

@@ -4,7 +4,6 @@ import json
 import re
 from pathlib import PurePosixPath
 
-from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.labels import Label, parse_csv, parse_json
 from zbuf_occlude.meshes.layouts import Arranged
 from zbuf_occlude.meshes.layouts.tree import ALL, Place, Tree
@@ -72,12 +71,15 @@ def _class_names(tree: Tree, above: PurePosixPath) -> tuple[dict[str, str], str]
 
 
 def _splits(tree: Tree, above: PurePosixPath) -> tuple[dict[str, str], str]:
-    """Return the split of each SYNSET/MODEL or MODEL that a file above the synsets lists."""
+    """Return the split of each SYNSET/MODEL or MODEL that a file above the synsets lists.
+
+    Raises
+    ------
+    OptionError
+        The file cannot be read, or names a split that there is not.
+    """
     for name, parse in (("PCN.json", parse_json), ("all.csv", parse_csv)):
         if (data := tree.read(above / name)) is not None:
-            try:
-                rows: list[Label] = parse(data, name)
-            except OptionError:
-                continue
+            rows: list[Label] = parse(data, str(above / name))
             return {row.key: row.split for row in rows if row.split}, f"splits from {name}"
     return {}, "no all.csv or PCN.json above the synsets: everything is in train"

@@ -1,8 +1,9 @@
 """Tree: the mesh files of a folder, an archive or a single path, by name; and the small files next to them."""
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -13,6 +14,8 @@ from zbuf_occlude.meshes.files import SUFFIXES
 
 ALL = "*"
 """Stands for the meshes of a folder that cannot be read."""
+_SYNSET = re.compile(r"\d{8}")
+"""ShapeNetCore's archives are called so, one for each class."""
 _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 
@@ -47,17 +50,27 @@ class Tree:
         Below root.
     single : bool
         Whether a file was given and not a folder.
+    packed : mapping
+        Where in an archive the files of a folder are, both below root.
     """
 
     root: Path
     base: Path
     files: tuple[PurePosixPath, ...]
     single: bool = False
+    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)
+
+    def path_of(self, file: PurePosixPath) -> Path:
+        """Return where one of the files, or another below root, is read."""
+        for folder in file.parents if self.packed else ():
+            if folder in self.packed:
+                return self.base / self.packed[folder] / file.relative_to(folder)
+        return self.base / file
 
     def read(self, path: PurePosixPath) -> bytes | None:
         """Return the content of a file by its absolute name, None where there is none."""
         inside = path.is_relative_to(PurePosixPath(self.root))
-        real = self.base / path.relative_to(PurePosixPath(self.root)) if inside else Path(path)
+        real = self.path_of(path.relative_to(PurePosixPath(self.root))) if inside else Path(path)
         try:
             return archives.read_bytes(real)
         except MeshError:
@@ -87,8 +100,14 @@ def plant(path: Path) -> Tree:
     absolute = Path(os.path.abspath(path))
     is_archive = path.suffix.lower() == archives.SUFFIX and path.is_file()
     if os.path.isdir(path):
-        files = tuple(map(PurePosixPath, _walk(str(path))))
+        found = tuple(map(PurePosixPath, _walk(str(path))))
+        zips = [file for file in found if file.suffix.lower() == archives.SUFFIX]
+        files = tuple(file for file in found if file.suffix.lower() != archives.SUFFIX)
         tree = Tree(absolute, path, files)
+        if files:  # of class folders some may still be packed; other archives beside meshes are none of them
+            zips = [zip for zip in zips if _SYNSET.fullmatch(zip.stem)]
+        tree = _with_archives(tree, [zip for zip in zips if not (path / zip.with_suffix("")).exists()])
+        files = tree.files
     elif is_archive:
         files = tuple(sorted(name for name in archives.members(path) if _is_mesh(name.parts)))
         tree = Tree(absolute.with_suffix(""), path, files)
@@ -107,6 +126,21 @@ def plant(path: Path) -> Tree:
     return tree
 
 
+def _with_archives(tree: Tree, zips: Sequence[PurePosixPath]) -> Tree:
+    """Return a folder's tree with what archives in it hold, each as if it were unpacked there."""
+    files, packed = list(tree.files), {}
+    for zip in zips:
+        folder = zip.with_suffix("")
+        members = [name for name in archives.members(tree.base / zip) if _is_mesh(name.parts)]
+        if all(len(name.parts) > 1 and name.parts[0] == folder.name for name in members):
+            files += [folder.parent / name for name in members]
+            packed[folder] = zip / folder.name
+        else:
+            files += [folder / name for name in members]
+            packed[folder] = zip
+    return replace(tree, files=tuple(sorted(files)), packed=packed) if zips else tree
+
+
 def check_readable(folder: Path) -> None:
     """Raise MeshError that says why a folder cannot be read."""
     try:
@@ -116,7 +150,7 @@ def check_readable(folder: Path) -> None:
 
 
 def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterator[str]:
-    """Mesh files anywhere below a folder, from it on; links are followed, but not back to a folder that they lie in."""
+    """Mesh files and archives below a folder; links are followed, but not back to a folder that they lie in."""
     real = os.path.realpath(folder)
     if real in above:
         return
@@ -133,7 +167,7 @@ def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterato
         # a link to itself is none; of what is no link the folder's own list says what it is
         if os.path.isdir(item.path) if item.is_symlink() else item.is_dir():
             yield from _walk(item.path, f"{prefix}{item.name}/", (*above, real))
-        elif _is_mesh((item.name,)):
+        elif _is_mesh((item.name,)) or item.name.lower().endswith(archives.SUFFIX):
             yield prefix + item.name
 
 

@@ -24,7 +24,7 @@ def objaverse(tree: Tree) -> Arranged | None:
     if names is None:
         return None
     labels: dict[str, Label] = {}
-    for folder in (PurePosixPath(tree.root), *list(PurePosixPath(tree.root).parents)[:2]):
+    for folder in list(tree.named(names[0][0]).parents)[:4]:  # 000-023, glbs, hf-objaverse-v1, one more
         if not labels and (data := tree.read(folder / LVIS)) is not None:
             labels = _labels_of_lvis(data)
     if not labels:

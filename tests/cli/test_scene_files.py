@@ -1,0 +1,75 @@
+"""Scans in a scene of a JSON file: the share of the target that others hide, beside rays counted by Embree alone."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Run, write_off
+
+embreex = pytest.importorskip("embreex.rtcore_scene", reason="embreex is not installed: zbuf-occlude[embree]")
+SIZE, RANGE = 4.0, 12.0
+
+
+def distances(meshes: list[tuple[np.ndarray, np.ndarray]], eye: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """How far along the lines from an eye to some ends the first face is, by Embree, in lengths of the lines."""
+    from embreex.mesh_construction import TriangleMesh
+
+    scene = embreex.EmbreeScene()
+    corners = np.concatenate([vertices[faces] for vertices, faces in meshes]).astype(np.float32)
+    TriangleMesh(scene, corners)
+    lines = (ends - eye).astype(np.float32)
+    return np.asarray(scene.run(np.tile(eye.astype(np.float32), (len(lines), 1)), lines, query="DISTANCE"))
+
+
+@pytest.mark.parametrize("keep", ["target", "all"])
+@pytest.mark.parametrize("method", ["exact", "embree"])
+def test_hidden_is_measured(run: Run, tmp_path: Path, keep: str, method: str) -> None:
+    from trimesh import Trimesh
+    from trimesh.creation import box, icosphere
+    from trimesh.sample import sample_surface
+
+    target, crate = icosphere(subdivisions=3, radius=SIZE / 2), box((1.5, 2.5, 2.2))
+    write_off(tmp_path / "meshes" / "ball.off", target.vertices, target.faces)
+    write_off(tmp_path / "crate.off", crate.vertices, crate.faces)
+    places = [[5, 0, 0], [5, 2, 0], [-5, -1.5, 0]]
+    scene = {"objects": [{"mesh": "crate.off", "position": place, "size": 2.5} for place in places]}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    given = ("--sensor", "vlp-32c", "--range", RANGE, "--size", SIZE, "--views", "ring:4@0", "--scale", "mesh")
+    more = ("--scene", tmp_path / "scene.json", "--keep", keep, "--method", method, "--workers", 1)
+    outcome = run("generate", tmp_path / "meshes", *given, *more, "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    floor = -SIZE / 2
+    others = [(crate.vertices + place + [0, 0, floor + 1.1], crate.faces) for place in places]
+    points = sample_surface(Trimesh(target.vertices, target.faces), 200_000, seed=1)[0]
+    with h5py.File(tmp_path / "out" / "ply_data_train0.h5") as file:
+        order = np.argsort(file["view_id"][:])
+        hidden, reached, shares = (file[name][:][order] for name in ("hidden", "hidden_reached", "visible_fraction"))
+        poses = file["pose"][:][order]
+    expected = []
+    for pose in poses:
+        eye = -pose[:3, :3].T @ pose[:3, 3]
+        alone = [(target.vertices, target.faces)]
+        shown = distances(alone, eye, points) > 1 - 1e-4
+        expected.append((distances([*alone, *others], eye, points[shown]) < 1 - 1e-4).mean())
+    assert expected[0] > 0.5, "two crates stand before the first view"
+    assert expected[2] > 0.1
+    assert expected[1] == expected[3] == 0.0
+    assert hidden == pytest.approx(expected, abs=0.015)
+    assert shares == pytest.approx(1 - hidden, abs=1e-6)
+    assert reached.tolist() == [1] * 4, "no share was asked for, so none was missed"
+
+
+def test_scan_says_what_is_hidden(run: Run, tmp_path: Path) -> None:
+    from trimesh.creation import box
+
+    cube = box((2, 2, 2))
+    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
+    wall = {"objects": [{"mesh": "cube.off", "position": [4, 0, 0], "size": 6}]}
+    (tmp_path / "wall.json").write_text(json.dumps(wall))
+    given = ("scan", tmp_path / "cube.off", "--size", 1, "--range", 12, "--scene", tmp_path / "wall.json")
+    outcome = run(*given, "--azimuth", 90, "--out", tmp_path / "scan.ply")
+    assert outcome.code == 0, outcome.err
+    assert "0% of the object hidden by others" in outcome.out

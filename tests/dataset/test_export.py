@@ -1,0 +1,310 @@
+"""The layouts of published benchmarks, read by code written from their descriptions, by Open3D, h5py and datasets."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.scenes import box
+from zbuf_occlude import DatasetError, Mesh, OptionError
+from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.export.names import names_of
+from zbuf_occlude.dataset.folder import sorted_out
+from zbuf_occlude.dataset.formats import FORMATS, find_format
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+
+MESHES = [
+    ("02691156/1a04e3eab45ca15d", "airplane", "train"),
+    ("02691156/1a6ad7a24bb89733", "airplane", "test"),
+    ("arm chair/train/a-b.c.off", "arm chair", "train"),
+    ("arm chair/test/a-b.c.off", "arm chair", "val"),
+]
+NAMES = {"airplane": "02691156", "arm chair": "arm_chair"}
+PAIRS = [row.name for row in FORMATS if row.exported_from == "packed"]
+LAYOUTS = [row.name for row in FORMATS if row.exported_from]
+N_VIEWS = {"pcn": 8, "completion3d": 1, "mvp": 26, "projected-shapenet": 16, "shapenet55": 1}
+
+
+def slab() -> Mesh:
+    """A box of 1 x 2 x 4: what is centred and scaled wrongly shows."""
+    return Mesh(box().vertices * [1, 2, 4] + [5, 0, 0], box().faces)
+
+
+def collection(format: str) -> MeshCollection:
+    listed = {"airplane": "bed", "arm chair": "chair"} if find_format(format).classes else {}
+    return MeshCollection(MeshEntry(key, listed.get(label, label), split, slab) for key, label, split in MESHES)
+
+
+def plan(format: str, **changes: object) -> Plan:
+    row = find_format(format)
+    recipe = Recipe(method="exact", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
+    return Plan(collection(format), replace(row.redrawn(recipe), **changes), format)
+
+
+Made = Callable[[str], Path]
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Return a function that makes a small dataset in a format, once per session."""
+    done: dict[str, Path] = {}
+
+    def make(format: str) -> Path:
+        if format not in done:
+            done[format] = tmp_path_factory.mktemp("published") / format
+            generate(plan(format), done[format])
+        return done[format]
+
+    return make
+
+
+def fits(complete: np.ndarray, partial: np.ndarray) -> None:
+    """A pair: the whole slab in the middle, longest side 1, y up; of it what a camera sees."""
+    assert np.allclose(complete.min(axis=0), [-0.125, -0.5, -0.25], atol=0.01)
+    assert np.allclose(complete.max(axis=0), [0.125, 0.5, 0.25], atol=0.01)
+    assert len(np.unique(complete, axis=0)) > 0.99 * len(complete), "points are drawn without repeating"
+    assert (partial.min(axis=0) >= complete.min(axis=0) - 0.01).all()
+    assert (partial.max(axis=0) <= complete.max(axis=0) + 0.01).all()
+    on_sides = [np.abs(partial - side * np.array([0.125, 0.5, 0.25])) < 1e-3 for side in (-1, 1)]
+    assert 1 <= (np.mean(on_sides, axis=1) > 0.03).sum() <= 3, "a camera sees at most three sides of a box"
+
+
+@pytest.mark.parametrize("format", LAYOUTS)
+def test_every_file_has_a_name_that_its_plan_says(made: Made, format: str) -> None:
+    assert sorted_out(made(format), plan(format))[1] == []
+
+
+def test_pcn_as_its_loaders_read_it(made: Made) -> None:
+    o3d = pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
+    root = made("pcn")
+    taxonomies = json.loads((root / "PCN.json").read_text())
+    assert [row["taxonomy_id"] for row in taxonomies] == ["02691156", "arm_chair"]
+    assert [row["taxonomy_name"] for row in taxonomies] == ["airplane", "arm chair"]
+    n_pairs = 0
+    for row in taxonomies:
+        for split, n_renderings in (("train", 8), ("val", 1), ("test", 1)):
+            for model in row[split]:
+                gt = np.array(
+                    o3d.io.read_point_cloud(str(root / f"{split}/complete/{row['taxonomy_id']}/{model}.pcd")).points
+                )
+                assert gt.shape == (16_384, 3)
+                folder = root / f"{split}/partial/{row['taxonomy_id']}/{model}"
+                assert sorted(path.name for path in folder.iterdir()) == [f"{i:02d}.pcd" for i in range(n_renderings)]
+                for i in range(n_renderings):
+                    partial = np.array(o3d.io.read_point_cloud(str(folder / f"{i:02d}.pcd")).points)
+                    assert partial.shape == (512, 3)
+                    fits(gt, partial)
+                    n_pairs += 1
+    assert n_pairs == 8 + 8 + 1 + 1
+
+
+def test_projected_shapenet_as_its_loaders_read_it(made: Made) -> None:
+    o3d = pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
+    root = made("projected-shapenet")
+    n_pairs = 0
+    for split in ("train", "test", "val"):
+        for line in (root / f"{split}.txt").read_text().splitlines():
+            taxonomy, model = line.split("-")[0].split("/")[-1], line.split("-")[1].split(".")[0]
+            gt = np.load(root / line).astype(np.float32)
+            assert gt.shape == (8_192, 3)
+            for i in range(16):
+                path = root / f"projected_partial_noise/{taxonomy}/{model}/models/{i}.pcd"
+                fits(gt, np.array(o3d.io.read_point_cloud(str(path)).points))
+                n_pairs += 1
+    assert n_pairs == 4 * 16
+
+
+def test_shapenet55_as_its_loaders_read_it(made: Made) -> None:
+    root = made("shapenet55")
+    lines = [line for split in ("train", "test", "val") for line in (root / f"{split}.txt").read_text().splitlines()]
+    assert len(lines) == 4
+    for line in lines:
+        assert re.fullmatch(r"(02691156|arm_chair)-\w+\.npy", line), "one hyphen, one dot: loaders split there"
+        cloud = np.load(root / "shapenet_pc" / line)
+        assert (cloud.shape, cloud.dtype) == ((8_192, 3), np.float32)
+        assert np.allclose(np.ptp(cloud, axis=0), [0.25, 1.0, 0.5], atol=0.01)
+
+
+@pytest.mark.parametrize("format", ["pcn", "completion3d", "projected-shapenet", "shapenet55"])
+def test_what_a_report_of_a_test_looks_up(made: Made, format: str) -> None:
+    """PoinTr's prints `shapenet_synset_dict.json`'s name of each taxonomy that it met."""
+    called = json.loads((made(format) / "shapenet_synset_dict.json").read_text())
+    assert called == {"02691156": "airplane", "arm_chair": "arm chair"}
+
+
+def test_mvp_as_its_loaders_read_it(made: Made) -> None:
+    for name, n in (("Train", 2), ("Test", 1), ("Val", 1)):
+        with h5py.File(made("mvp") / f"MVP_{name}_CP.h5") as h5:
+            partial, complete, labels = (h5[key][()] for key in ("incomplete_pcds", "complete_pcds", "labels"))
+        assert (partial.shape, partial.dtype) == ((26 * n, 2_048, 3), np.float32)
+        assert (complete.shape, complete.dtype) == ((n, 2_048, 3), np.float32)
+        assert (labels.shape, labels.dtype) == ((26 * n,), np.int64)
+        for index in range(len(partial)):
+            fits(complete[index // 26], partial[index])
+        assert all(len(set(labels[26 * i : 26 * i + 26])) == 1 for i in range(n))
+        np.eye(16)[labels]  # as one loader does
+
+
+def test_completion3d_as_its_loaders_read_it(made: Made) -> None:
+    root = made("completion3d")
+    n_pairs = 0
+    for split in ("train", "val", "test"):
+        for name in (root / f"{split}.list").read_text().splitlines():
+            pair = []
+            for kind in ("gt", "partial"):
+                with h5py.File(root / split / kind / f"{name}.h5") as h5:
+                    pair.append(h5["data"][()])
+                assert (pair[-1].shape, pair[-1].dtype) == ((2_048, 3), np.float32)
+            fits(*pair)
+            n_pairs += 1
+    assert n_pairs == 4
+
+
+def test_completion3d_as_loaders_with_a_category_file_read_it(made: Made) -> None:
+    root = made("completion3d")
+    n_pairs = 0
+    for category in json.loads((root / "Completion3D.json").read_text()):
+        taxonomy = category["taxonomy_id"]
+        assert NAMES[category["taxonomy_name"]] == taxonomy
+        for subset in ("train", "val", "test"):
+            for model in category[subset]:
+                pair = []
+                for pattern in ("%s/gt/%s/%s.h5", "%s/partial/%s/%s.h5"):
+                    with h5py.File(root / (pattern % (subset, taxonomy, model)), "r") as h5:
+                        pair.append(h5["data"][()])
+                fits(*pair)
+                n_pairs += 1
+    assert n_pairs == 4
+
+
+def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
+    root = made("modelnet40-c")
+    label = np.load(root / "label.npy")
+    assert (label.shape, label.dtype) == ((1, 1), np.int64)
+    assert label[0].item() == 2
+    for severity in (1, 2, 3):
+        data = np.load(root / f"data_occlusion_{severity}.npy")
+        assert (data.shape, data.dtype) == ((1, 512, 3), np.float32)
+    assert np.load(root / "train" / "data_occlusion_1.npy").shape == (2, 512, 3)
+    assert np.load(root / "train" / "label.npy").tolist() == [[2], [8]]
+    assert len(np.unique([np.load(root / f"data_occlusion_{i}.npy")[0, 0, 0] for i in (1, 2, 3)])) == 3
+
+
+def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:
+    for name, n in (("training", 6), ("test", 3), ("val", 3)):
+        with h5py.File(made("scanobjectnn") / f"{name}_objectdataset_augmentedrot_scale75.h5") as h5:
+            data, label, mask = (h5[key][()] for key in ("data", "label", "mask"))
+        assert (data.shape, data.dtype) == ((n, 512, 3), np.float32)
+        assert label.shape == (n,)
+        assert mask.shape == (n, 512)
+        assert (mask != -1).all(), "no point is of the background"
+
+
+def test_modelnet_o_as_its_description_says(made: Made) -> None:
+    root = made("modelnet-o")
+    names = sorted(path.relative_to(root).as_posix() for path in root.rglob("*.xyz"))
+    assert len(names) == 12
+    assert names[:3] == [f"bed/test/1a6ad7a24bb89733_{i:03d}.xyz" for i in (1, 2, 3)]
+    cloud = np.loadtxt(root / names[0])
+    assert cloud.shape == (512, 3)
+
+
+def test_huggingface_reads_the_folder(made: Made, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    datasets = pytest.importorskip("datasets", reason="the package datasets is not installed")
+    root = made("huggingface")
+    loaded = datasets.load_dataset(str(root), cache_dir=str(tmp_path))
+    assert {split: len(part) for split, part in loaded.items()} == {"train": 6, "test": 3, "validation": 3}
+    assert "malformed" not in capfd.readouterr().err, "of the card"
+    row = loaded["test"][0]
+    assert row["mesh"] == "02691156/1a6ad7a24bb89733"
+    assert loaded["test"].features["label"].names == ["airplane", "arm chair"]
+    assert np.shape(row["points"]) == (512, 3)
+    assert np.shape(row["pose"]) == (4, 4)
+    assert np.array_equal(np.array(row["points"], np.float32), loaded["test"].with_format("numpy")[0]["points"])
+
+
+@pytest.mark.parametrize("format", LAYOUTS)
+def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, format: str) -> None:
+    root = Path(shutil.copytree(made(format), tmp_path / "copy"))
+    assert verify(root, plan(format).meshes).faults == []
+    with pytest.raises(DatasetError, match=rf"it is an export for the loaders of {format}\..*zbuf-occlude convert"):
+        open_dataset(root)
+    manifest = json.loads((root / "manifest.json").read_text())
+    kept = {"plan.json", "manifest.json", "contact_sheet.png"}
+    names = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} - kept
+    assert names == set(manifest["sha256"]), "every file has a checksum"
+    victim = root / sorted(names)[len(names) // 2]
+    victim.write_bytes(victim.read_bytes() + b"x")
+    (fault,) = verify(root, None).faults
+    assert victim.relative_to(root).as_posix() in fault
+
+
+@pytest.mark.parametrize("format", LAYOUTS)
+def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
+    """Pairs byte for byte; other layouts' clouds are rounded there."""
+    out, wanted, packed = made(format), plan(format), tmp_path / "packed"
+    generate(replace(wanted, format="packed", recipe=replace(wanted.recipe, scale="cloud", complete=False)), packed)
+    convert(packed, tmp_path / "converted", format)
+    written = {path.relative_to(out) for path in out.rglob("*") if path.is_file()} - {Path("manifest.json")}
+    assert written == {p.relative_to(tmp_path / "converted") for p in (tmp_path / "converted").rglob("*")
+                       if p.is_file()} - {Path("manifest.json")}  # fmt: skip
+    if format in PAIRS:
+        for name in written - {Path("contact_sheet.png"), Path("plan.json")}:
+            assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
+
+
+def test_clouds_tell_which_rows_are_which(made: Made) -> None:
+    """By `clouds_SPLIT.npy`: a cloud's mesh and view, and its place in the world."""
+    for format, split, name, rows in (
+        ("scanobjectnn", "train", "training_objectdataset_augmentedrot_scale75.h5", "data"),
+        ("mvp", "train", "MVP_Train_CP.h5", "incomplete_pcds"),
+    ):
+        rest = np.load(made(format) / f"clouds_{split}.npy")
+        with h5py.File(made(format) / name) as h5:
+            points = h5[rows][()][..., [0, 2, 1]] * [1, -1, 1]  # from y up to z up
+        assert len(points) == len(rest)
+        for row in (0, len(rest) - 1):
+            world = points[row] / rest["factor"][row] + rest["centre"][row]
+            assert (world.min(axis=0) > [4.4, -1.1, -2.1]).all(), "the slab is about (5, 0, 0)"
+            assert (world.max(axis=0) < [5.6, 1.1, 2.1]).all()
+
+
+@pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
+def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
+    row = find_format(format)
+    row.check(plan(format))
+    refused = [({"n_points": 100}, "points in each complete cloud; got 100. Give --points")]
+    refused += [({"variations": 2}, "must have 1 variation, for its loaders count on it; got 2. See --variations")]
+    refused += [({"scale": "cloud"}, "partial and complete clouds in one frame; got --scale cloud")]
+    refused += [({"frame": "camera"}, "in one frame; got --scale object --frame camera")]
+    refused += [({"n_points": None, "density": 9.0}, "points in each complete cloud; got a density")]
+    if not row.complete:
+        refused += [({"views": "ring:5@0"}, f"must have {N_VIEWS[format]} views per object, .* got 5. See --views")]
+    for changes, message in refused:
+        with pytest.raises(OptionError, match=message):
+            row.check(plan(format, **changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
+def test_what_was_drawn_has_no_complete_clouds(made: Made, tmp_path: Path, format: str) -> None:
+    with pytest.raises(DatasetError, match=r"must be made of all points of the objects, .* convert a packed dataset"):
+        convert(made("scanobjectnn"), tmp_path / "out", format)
+
+
+def test_names_are_words_and_differ() -> None:
+    keys = ["a/x.off", "a/y/x.off", "a/x.1.off", "a b/x.off", "a-b/x.off", "02691156/x", "02691156/x.y"]
+    labels = ["a", "a", "a", "a b", "a-b", "plane", "plane"]
+    entries = [MeshEntry(key, label, "train", slab) for key, label in zip(keys, labels, strict=True)]
+    names = names_of(Plan(MeshCollection(entries), Recipe()))
+    assert names.taxonomies == ["a", "a", "a", "a_b", "a_b_2", "02691156", "02691156"]
+    assert names.objects == ["x", "x_2", "x_1", "x", "x", "x", "x_y"]
+    assert names.classes[-1] == "plane"

@@ -1,0 +1,134 @@
+"""`blocks`, the definition: closed forms, rational arithmetic, and properties that must hold to the last bit."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from zbuf_occlude.geometry.predicates import blocks
+
+Vector = tuple[float, float, float]
+
+# a triangle in the plane z = 1, seen from the origin along +z
+TRIANGLE: tuple[Vector, Vector, Vector] = ((-1.0, -1.0, 1.0), (1.0, -1.0, 1.0), (0.0, 1.0, 1.0))
+EYE: Vector = (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("point", "expected"),
+    [
+        ((0.0, 0.0, 2.0), True),  # through the middle
+        ((0.0, 0.0, 0.5), False),  # the face is behind the point
+        ((0.0, 0.0, -2.0), False),  # the face is behind the eye
+        ((3.0, 0.0, 2.0), False),  # past it
+        ((0.0, -2.0, 2.0), True),  # through the edge y = -1
+        ((0.0, 2.0, 2.0), True),  # through the corner c
+        ((0.0, 2.0 + 1e-9, 2.0), False),  # just past the corner
+    ],
+)
+def test_closed_triangle_and_open_segment(point: Vector, expected: bool) -> None:
+    a, b, c = TRIANGLE
+    for corners in ((a, b, c), (b, c, a), (c, a, b), (a, c, b), (c, b, a), (b, a, c)):  # winding carries no meaning
+        assert blocks(EYE, point, *corners, 1e-5) is expected
+
+
+def test_a_line_within_the_plane_is_not_blocked() -> None:
+    a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    assert not blocks((-1.0, 0.25, 0.0), (2.0, 0.25, 0.0), a, b, c, 1e-5)
+    assert blocks((-1.0, 0.25, 1.0), (1.5, 0.25, -1.0), a, b, c, 1e-5)  # tilted, it meets the face
+
+
+def test_contact_is_a_distance_along_the_line_from_the_point() -> None:
+    direction = np.array([0.6, 0.0, 0.8])  # meets z = 1 at (0.75, 0, 1), a distance 1.25 from the eye
+    a, b, c = (-9.0, -9.0, 1.0), (9.0, -9.0, 1.0), (0.0, 9.0, 1.0)
+    for behind, expected in ((0.0099, False), (0.0101, True)):
+        point = tuple(direction * (1.25 + behind))
+        assert blocks(EYE, point, a, b, c, 0.01) is expected
+
+
+def test_a_face_through_the_eye_does_not_block() -> None:
+    a, b, c = (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)
+    assert not blocks(EYE, (0.0, 0.0, 2.0), a, b, c, 1e-5)  # the segment is open at the eye
+
+
+def test_no_area_blocks_nothing() -> None:
+    a = (0.0, 0.0, 1.0)
+    assert not blocks(EYE, (0.0, 0.0, 2.0), a, a, a, 0.0)
+    assert not blocks(EYE, (0.0, 0.0, 2.0), (-1.0, 0.0, 1.0), (1.0, 0.0, 1.0), (0.5, 0.0, 1.0), 0.0)
+
+
+numbers = st.floats(-1.0, 1.0, width=64)
+vectors = st.tuples(numbers, numbers, numbers)
+
+
+@settings(max_examples=300, deadline=None)
+@given(eye=vectors, apex1=vectors, apex2=vectors, a=vectors, b=vectors, s=st.floats(0.0, 1.0))
+def test_shared_edges_are_watertight(eye: Vector, apex1: Vector, apex2: Vector, a: Vector, b: Vector, s: float) -> None:
+    """Aim at a place on the edge ab: of two faces on its two sides, seen from the eye, one at least is met."""
+    target = np.asarray(a) + s * (np.asarray(b) - np.asarray(a))
+    direction = target - eye
+    edge_plane = np.cross(np.subtract(a, eye), np.subtract(b, eye))
+    sides = [float(np.dot(edge_plane, np.subtract(apex, eye))) for apex in (apex1, apex2)]
+    slopes = [float(np.dot(np.cross(np.subtract(b, a), np.subtract(v, a)), direction)) for v in (apex1, apex2)]
+    assume(sides[0] * sides[1] < 0 and min(map(abs, sides)) > 1e-6 and min(map(abs, slopes)) > 1e-6)
+    assume(0.01 < s < 0.99)  # near its ends an edge has other neighbours
+    far = tuple(np.asarray(eye) + 2.0 * direction)
+    assert blocks(eye, far, a, b, apex1, 0.0) or blocks(eye, far, b, a, apex2, 0.0)
+
+
+def blocks_exactly(eye: Vector, point: Vector, a: Vector, b: Vector, c: Vector) -> bool:
+    """The definition in rational arithmetic, contact 0: solve for the meeting point, then barycentric coordinates."""
+    e, p, a_, b_, c_ = ([Fraction(x) for x in v] for v in (eye, point, a, b, c))
+
+    def minus(u: list[Fraction], v: list[Fraction]) -> list[Fraction]:
+        return [x - y for x, y in zip(u, v, strict=True)]
+
+    def cross(u: list[Fraction], v: list[Fraction]) -> list[Fraction]:
+        return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+
+    def dot(u: list[Fraction], v: list[Fraction]) -> Fraction:
+        return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
+
+    n = cross(minus(b_, a_), minus(c_, a_))
+    d = minus(p, e)
+    if dot(d, n) == 0:
+        return False
+    t = dot(minus(a_, e), n) / dot(d, n)
+    if not 0 < t < 1:
+        return False
+    q = [x + t * y for x, y in zip(e, d, strict=True)]
+    return all(dot(cross(minus(v, u), minus(q, u)), n) >= 0 for u, v in ((a_, b_), (b_, c_), (c_, a_)))
+
+
+small = st.integers(-3, 3).map(float)
+grid_points = st.tuples(small, small, small)
+
+
+@settings(max_examples=500, deadline=None)
+@given(eye=grid_points, point=grid_points, a=grid_points, b=grid_points, c=grid_points)
+def test_equals_rational_arithmetic_on_small_integers(
+    eye: Vector, point: Vector, a: Vector, b: Vector, c: Vector
+) -> None:
+    # every product of small integers is exact in float64, but the quotient is not: a meeting point exactly at the
+    # point (fraction 0) or at the eye (fraction 1) comes out exactly all the same
+    assert bool(blocks(eye, point, a, b, c, 0.0)) == blocks_exactly(eye, point, a, b, c)
+
+
+def test_a_far_eye_is_judged_as_well_as_a_near_one() -> None:
+    """From 4e5 sizes away, by rational arithmetic: lines that pass 1e-6 inside and outside an edge."""
+    rng = np.random.default_rng(0)
+    wrong = 0
+    for _ in range(200):
+        a, b, c = rng.uniform(-0.5, 0.5, (3, 3))
+        eye = rng.normal(size=3)
+        eye *= 4e5 / np.linalg.norm(eye)
+        on_edge = a + rng.uniform(0.2, 0.8) * (b - a)
+        inwards = (c - on_edge) / np.linalg.norm(c - on_edge)
+        for offset in (1e-6, -1e-6):
+            met = on_edge + offset * inwards
+            point = met + (met - eye) * (0.5 / 4e5)
+            arguments = [tuple(map(float, v)) for v in (eye, point, a, b, c)]
+            wrong += bool(blocks(*arguments, 0.0)) != blocks_exactly(*arguments)  # type: ignore[arg-type]
+    assert wrong == 0

@@ -1,0 +1,183 @@
+"""Functions are compiled when they are called, and kept for the state of the sources they were compiled of."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numba import njit as njit_of_numba
+
+from zbuf_occlude.jit import compiler
+from zbuf_occlude.jit.compiler import ROOMS, njit
+
+ROOT = Path(__file__).parents[2]
+NOWHERE = "/dev/null"  # no folder, and nothing can be made in it, by root neither
+
+
+@njit(inline="always")
+def twice(number):
+    """Two of it."""
+    return number + number
+
+
+@njit()
+def four_times(number):
+    return twice(twice(number))
+
+
+@njit_of_numba
+def eight_times(number):
+    return twice(four_times(number))
+
+
+def test_kernels_call_kernels_and_numbas_own_call_them() -> None:
+    assert eight_times(3) == 24
+    assert four_times(3.5) == 14.0
+    assert len(four_times.signatures) == 2  # one for whole numbers, compiled with `eight_times`, one for others
+    assert (twice.__name__, twice.__doc__) == ("twice", "Two of it.")
+
+
+def run(program: str, *, cwd: Path = ROOT, **environment: str) -> str:
+    line = [sys.executable, "-B", "-c", program]
+    variables = {**os.environ, **environment}
+    child = subprocess.run(line, cwd=cwd, env=variables, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stderr
+    return child.stdout.strip()
+
+
+def test_scipy_is_hidden_within_a_block_and_no_longer() -> None:
+    program = (
+        "from zbuf_occlude.jit.compiler import without_scipy\n"
+        "import sys\n"
+        "with without_scipy():\n"
+        "    import numba\n"
+        "    assert numba.njit(lambda a: a.sum())(numba.np.numpy_support.np.ones(3)) == 3.0\n"
+        "    try: import scipy\n"
+        "    except ModuleNotFoundError: sys.stdout.write('hidden')\n"
+        "assert 'scipy' not in sys.modules\n"
+        "import collections as known\n"
+        "sys.modules['scipy'] = known\n"
+        "with without_scipy(): assert sys.modules['scipy'] is known, 'what somebody uses stays'\n"
+        "assert sys.modules['scipy'] is known"
+    )
+    assert run(program) == "hidden"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The module under test, and a function that calls one of another file, which has a constant of a third."""
+    folder = tmp_path / "package"
+    (folder / "jit").mkdir(parents=True)
+    shutil.copy(compiler.__file__, folder / "jit")
+    names = "from package.jit.compiler import njit\n"
+    (folder / "caller.py").write_text(
+        f"{names}from package.callee import answer\n@njit(cache=True)\ndef ask():\n    return answer()\n"
+    )
+    (folder / "callee.py").write_text(
+        f"{names}from package.constants import ANSWER\n@njit()\ndef answer():\n    return ANSWER\n"
+    )
+    (folder / "constants.py").write_text("ANSWER = 1\n")
+    return folder
+
+
+ASK = (
+    "from package.jit.compiler import cache_folder, without_scipy\n"
+    "with without_scipy():\n"
+    "    from package.caller import ask\n"
+    "    print(ask(), sum(ask.stats.cache_hits.values()), cache_folder())\n"
+)
+"""Prints the answer, whether the function was found compiled, and in which folder."""
+
+
+def says(package: Path, **environment: str) -> list[str]:
+    return run(ASK, cwd=package.parent, **{"NUMBA_CACHE_DIR": "", **environment}).split()
+
+
+@pytest.mark.parametrize("given", ["", "cache"])
+def test_a_change_of_any_source_compiles_anew_and_removes_what_was(package: Path, given: str) -> None:
+    place = str(package.parent / given) if given else ""
+    first = says(package, NUMBA_CACHE_DIR=place)
+    assert first[:2] == ["1", "0"]
+    assert Path(first[2]).parent == (Path(place) if given else package / "__pycache__")
+    assert says(package, NUMBA_CACHE_DIR=place) == ["1", "1", first[2]]
+    (package / "constants.py").write_text("ANSWER = 22\n")
+    again = says(package, NUMBA_CACHE_DIR=place)
+    assert again[:2] == ["22", "0"]
+    assert Path(again[2]).is_dir()
+    assert not Path(first[2]).exists()
+
+
+def test_a_run_with_a_folder_of_its_own_leaves_what_others_compiled(package: Path) -> None:
+    usual = says(package)
+    elsewhere = says(package, NUMBA_CACHE_DIR=str(package.parent / "cache"))
+    assert elsewhere[1] == "0"
+    assert says(package) == ["1", "1", usual[2]]
+
+
+def test_where_nothing_of_the_package_can_be_written(package: Path) -> None:
+    """Another place is found; where there is none at all, functions are compiled all the same."""
+    (package / "__pycache__").write_text("no folder")
+    at_home = says(package, XDG_CACHE_HOME=str(package.parent / "home"))
+    assert Path(at_home[2]).parent == package.parent / "home" / "zbuf_occlude"
+    private = says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent))
+    assert Path(private[2]).parents[1] == package.parent
+    assert says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent)) == ["1", "1", private[2]]
+    Path(private[2]).parent.chmod(0o755)  # somebody else could have written there
+    assert says(package, XDG_CACHE_HOME=NOWHERE, TMPDIR=str(package.parent)) == ["1", "0", "None"]
+
+
+def test_processes_that_compile_at_the_same_time_all_answer(package: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(package.parent / "cache")}
+    asking = [
+        subprocess.Popen([sys.executable, "-c", ASK], cwd=package.parent, env=environment, stdout=subprocess.PIPE)
+        for _ in range(4)
+    ]
+    assert [child.communicate()[0].split()[0] for child in asking] == [b"1"] * 4
+    assert says(package, NUMBA_CACHE_DIR=str(package.parent / "cache"))[1] == "1"
+
+
+def test_a_job_is_noted_as_compiled_until_a_source_changes(package: Path) -> None:
+    program = "from package.jit.compiler import is_compiled, note_compiled as note\n{}print(is_compiled('job'))"
+
+    def known(before: str = "") -> str:
+        return run(program.format(before), cwd=package.parent, NUMBA_CACHE_DIR=str(package.parent / "cache"))
+
+    assert [known(), known("note('job')\n"), known(), known("note('another')\n")] == ["False", "True", "True", "True"]
+    (package / "constants.py").write_text("ANSWER = 22\n")
+    assert known() == "False"
+
+
+def test_functions_of_others_are_kept_where_they_were() -> None:
+    program = (
+        "import numba\nfrom zbuf_occlude.jit.vec3 import dot\n"
+        "assert dot((1.0, 2.0, 3.0), (1.0, 1.0, 1.0)) == 6.0\nprint(repr(numba.config.CACHE_DIR))"
+    )
+    assert run(program, NUMBA_CACHE_DIR="") == "''"
+
+
+def is_kernel(node: ast.FunctionDef) -> bool:
+    words = ("njit", "inner", "inlined", "merged", "shared")
+    return any(ast.unparse(decorator).startswith(words) for decorator in node.decorator_list)
+
+
+def imported_by_kernels(tree: ast.Module) -> set[str]:
+    """Return the modules of which compiled functions use something."""
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef) and is_kernel(node)]
+    used = {node.id for function in functions for node in ast.walk(function) if isinstance(node, ast.Name)}
+    froms = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {str(node.module) for node in froms if used & {alias.name for alias in node.names}}
+
+
+def test_what_compiled_functions_are_made_of_is_part_of_the_state() -> None:
+    """A constant of a file elsewhere could change, and functions compiled with it stay."""
+    hashed = {path for room in ROOMS for path in (ROOT / "zbuf_occlude" / room).glob("*.py")}
+    looked_at = 0
+    for path in sorted((ROOT / "zbuf_occlude").rglob("*.py")):
+        modules = imported_by_kernels(ast.parse(path.read_text(encoding="utf-8")))
+        looked_at += bool(modules)
+        files = {ROOT / (module.replace(".", "/") + ".py") for module in modules}
+        assert {file for file in files if file.exists()} <= hashed, path
+    assert looked_at > 20

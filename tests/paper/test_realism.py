@@ -1,0 +1,126 @@
+"""`experiment realism`: three kinds of clouds of the same views, own and matched numbers of points, real objects."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
+pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
+
+from tests.paper import light  # noqa: E402
+from tests.paper.drives import write_argoverse, write_kitti  # noqa: E402
+from tests.paper.hand_made import TINY, confusion, result  # noqa: E402
+from zbuf_occlude import shapes  # noqa: E402
+from zbuf_occlude.cli.experiment import command  # noqa: E402
+from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, name_of_real  # noqa: E402
+from zbuf_occlude.paper.realism import RealismClouds, in_both_counts  # noqa: E402
+from zbuf_occlude.paper.results import Confusion, read_results  # noqa: E402
+from zbuf_occlude.paper.study import run_study  # noqa: E402
+from zbuf_occlude.paper.study_report import write_study  # noqa: E402
+from zbuf_occlude.paper.study_tables import answers, cars_found, table_realism  # noqa: E402
+
+FACTS = {
+    "objects": 8, "clouds": 20, "points": {"uniform": 256.0, "scans": 120.0, "scenes": 80.5}, "sensor": "hdl-64e",
+    "metres": 4.5, "range": [6.0, 40.0], "hidden": [0.0, 0.6], "least": 16,
+}  # fmt: skip
+
+
+SMALL = replace(TINY, seeds=(0,))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny study, tested on real objects of two layouts afterwards."""
+    out = tmp_path_factory.mktemp("realism")
+    with pytest.MonkeyPatch.context() as patch:
+        light.put_in_place(patch)
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 6
+        assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1) == 0
+        for write in (write_kitti, write_argoverse):
+            real = write(out / write.__name__)
+            assert run_study(out / "study", SMALL, experiments=[REALISM], workers=1, real=real) == 6, "tested on it"
+    return out / "study"
+
+
+def test_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", SMALL)
+    done = CliRunner().invoke(command, ["realism", "--quick", "--out", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert "Tested on scans in streets, trained on uniform clouds, scans of single objects, scans in" in done.output
+    assert "0 classifiers trained or tested now" in done.output
+
+
+def test_every_classifier_is_tested_on_all(folder: Path) -> None:
+    results = read_results(folder)
+    assert len(results) == 6
+    assert {(r.facts["trained_on"], r.facts["counts"]) for r in results} == {(k, c) for k in KINDS for c in COUNTS}
+    for each in results:
+        assert set(each.tests) == {*KINDS, name_of_real("KITTI"), name_of_real("Argoverse 2")}
+        assert each.tests[name_of_real("KITTI")].counts.sum(axis=1).tolist() == [2, 1]
+        sizes = {int(each.tests[kind].counts.sum()) for kind in KINDS}
+        assert len(sizes) == 1, "the same views of all three kinds"
+    write_study(folder)
+    text = (folder / "study.md").read_text()
+    assert "| VoxNet | their own | uniform clouds |" in text
+    assert "| KITTI: cars found | KITTI: others taken for cars |" in text
+    assert "KITTI: 2 cars and 1 other objects." in text
+    assert "What is done otherwise than in the paper" not in text, "it is not the paper's"
+
+
+def test_the_three_kinds_show_the_same_objects_and_matched_as_many_points(folder: Path) -> None:
+    clouds = RealismClouds(shapes.collection(), SMALL, folder)
+    for split in ("train", "test"):
+        sets = {(kind, count): clouds.of(kind, count, split) for kind in KINDS for count in COUNTS}
+        first = sets["uniform", OWN]
+        for each in sets.values():
+            assert (each.labels == first.labels).all()
+            assert (each.object_ids == first.object_ids).all()
+            assert np.ptp(each.positions, axis=1).max(axis=1) == pytest.approx(1.0, abs=1e-6)
+        numbers = {k: np.array([len(np.unique(p, axis=0)) for p in each.positions]) for k, each in sets.items()}
+        least = np.min([numbers[kind, OWN] for kind in KINDS], axis=0)
+        for kind in KINDS:
+            assert (numbers[kind, MATCHED] == least).all()
+        assert (least >= 16).all()
+
+
+def test_views_without_points_enough_in_one_kind_are_in_none() -> None:
+    rng = np.random.default_rng(0)
+    sizes = {"a": {(0, 0): 40, (0, 1): 40, (1, 0): 20}, "b": {(0, 0): 17, (0, 1): 15, (2, 0): 90}}
+    sets = {k: {key: rng.random((n, 3)).astype(np.float32) for key, n in v.items()} for k, v in sizes.items()}
+    found = in_both_counts(sets)
+    assert {k: {key: len(p) for key, p in v.items()} for k, v in found[OWN].items()} == {
+        "a": {(0, 0): 40},
+        "b": {(0, 0): 17},
+    }
+    assert {k: len(v[0, 0]) for k, v in found[MATCHED].items()} == {"a": 17, "b": 17}
+    assert {tuple(p) for p in found[MATCHED]["a"][0, 0]} < {tuple(p) for p in sets["a"][0, 0]}
+
+
+def test_table_and_sentence() -> None:
+    real = name_of_real("KITTI")
+    drive = Confusion(("car", "other"), ("bed", "car"), np.array([[10, 30], [75, 25]]))
+    shares = {"uniform": (0.9, 0.6, 0.5), "scans": (0.7, 0.8, 0.7), "scenes": (0.6, 0.7, 0.8)}
+    rows = [
+        result(
+            REALISM,
+            {**{k: confusion(s - 0.1 * (c == MATCHED)) for k, s in zip(KINDS, shares[kind], strict=True)}, real: drive},
+            model="voxnet",
+            trained_on=kind,
+            counts=c,
+        )
+        for kind in KINDS
+        for c in COUNTS
+    ]
+    table = table_realism(rows, FACTS)
+    assert table.header[3:6] == [
+        f"tested on {w}" for w in ("uniform clouds", "scans of single objects", "scans in streets")
+    ]
+    assert table.rows[0] == ["VoxNet", "their own", "uniform clouds", "90.0", "60.0", "50.0", "75.0", "25.0"]
+    assert table.rows[5] == ["", "", "scans in streets", "50.0", "60.0", "70.0", "75.0", "25.0"]
+    assert "KITTI: 40 cars and 100 other objects." in table.note
+    assert answers(rows)[0].endswith("VoxNet 50.0, 70.0, 80.0 % (numbers of points matched: 40.0, 60.0, 70.0 %).")
+    assert cars_found(drive) == (0.75, 0.25)
+    assert cars_found(Confusion(("car", "other"), ("car",), np.array([[3], [0]]))) == (1.0, None)

@@ -1,0 +1,105 @@
+"""Optional packages that are missing, or present but broken: one line with the package, the library and what helps."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import zbuf_occlude as zo
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.extras import importing
+
+NO_LIBRARY = "libnowhere.so.3: cannot open shared object file: No such file or directory"
+BROKEN = {
+    # package: its module that fails, how, and words of the message
+    "open3d": ("__init__", "import ctypes; ctypes.CDLL('libnowhere.so.3')", "library libnowhere.so.3"),
+    "embreex": ("mesh_construction", f"raise ImportError({NO_LIBRARY!r})", "library libnowhere.so.3"),
+    "pyrender": ("__init__", f"raise ImportError({NO_LIBRARY.replace('nowhere.so.3', 'GL.so.1')!r})", "install libgl1"),
+    "torch": ("__init__", "raise AttributeError('numpy has no such thing\\nany more')", "no such thing any more"),
+    "ray": ("__init__", "import needed_by_ray", "pip install needed_by_ray"),
+    "matplotlib": ("__init__", f"raise ImportError({NO_LIBRARY!r})", "library libnowhere.so.3"),
+}
+METHODS = [(m.name, m.requires) for m in zo.METHODS if m.requires]
+MESH = "zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3]])"
+
+
+@pytest.fixture
+def broken(tmp_path: Path) -> dict[str, str]:
+    """An environment in which each of the packages is broken."""
+    for package, (module, code, _) in BROKEN.items():
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").touch()
+        (tmp_path / package / f"{module}.py").write_text(code + "\n")
+    paths = [str(tmp_path), str(Path(zo.__file__).parents[1])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def run(environment: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+
+
+def assert_one_line(said: str, package: str) -> None:
+    assert len(said.splitlines()) == 1, said
+    assert f"needs the package {package}; it is installed, and its import fails" in said
+    assert BROKEN[package][2] in said
+
+
+@pytest.mark.parametrize(("method", "package"), METHODS)
+def test_a_method_of_a_broken_package(broken: dict[str, str], method: str, package: str) -> None:
+    child = run(broken, "-c", f"import zbuf_occlude as zo; zo.prepare({MESH}, {method!r})")
+    assert "UnavailableError" in child.stderr.splitlines()[-1]
+    assert_one_line(child.stderr.splitlines()[-1], package)
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments"),
+    [
+        ("open3d", "visible {mesh} --azimuth 9 --elevation 9 --method hidden_point_removal --out {out}.ply"),
+        ("embreex", "generate {mesh} --method embree --limit 1 --out {out}"),
+        ("torch", "train {out} --out {out}"),
+        ("matplotlib", "figure fig7 {mesh} --out {out}.png"),
+    ],
+)
+def test_a_command_that_needs_a_broken_package(
+    broken: dict[str, str], package: str, arguments: str, tmp_path: Path
+) -> None:
+    (tmp_path / "corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
+    words = arguments.format(mesh=tmp_path / "corner.obj", out=tmp_path / "out").split()
+    child = run(broken, "-m", "zbuf_occlude", *words)
+    assert child.returncode == 1
+    errors = [line for line in child.stderr.splitlines() if line.startswith("error: ")]
+    assert_one_line("\n".join(errors), package)
+    assert "Traceback" not in child.stderr
+
+
+def test_doctor_tries_packages(broken: dict[str, str]) -> None:
+    child = run(broken, "-m", "zbuf_occlude", "doctor", "--json")
+    said = json.loads(child.stdout)["methods"]
+    for method, package in METHODS:
+        assert_one_line(said[method], package)
+    assert said["exact"] == ""
+
+
+@pytest.mark.parametrize(
+    ("package", "program"),
+    [
+        ("torch", "import zbuf_occlude.dataset.torch"),
+        ("ray", "from zbuf_occlude.workers.ray import run_jobs; run_jobs(0, [], 0, n_workers=1, limits=0)"),
+    ],
+)
+def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, program: str) -> None:
+    assert_one_line(run(broken, "-c", program).stderr.splitlines()[-1], package)
+    child = run(broken, "-c", f"import sys; sys.modules[{package!r}] = None; {program}")
+    extra = {"torch": "learn"}.get(package, package)
+    assert child.stderr.splitlines()[-1].endswith(
+        f"needs the package {package}; install it: pip install 'zbuf-occlude[{extra}]'"
+    )
+
+
+def test_what_this_package_raises_while_another_is_imported_stays_as_it_is() -> None:
+    with pytest.raises(UnavailableError, match=r"^as it is$"), importing("numpy", "it"):
+        raise UnavailableError("as it is")

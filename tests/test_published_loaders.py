@@ -1,0 +1,48 @@
+"""benchmarks/published_loaders.py: what it finds right and wrong, and that it skips what is not there."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+pytest.importorskip("open3d", reason="the package open3d cannot be imported", exc_type=ImportError)
+
+import published_loaders as script  # noqa: E402
+from published_readers import Item  # noqa: E402
+
+PCN = next(loader for loader in script.LOADERS if loader.layout == "pcn")
+
+
+@pytest.fixture(scope="module")
+def surfaces(tmp_path_factory: pytest.TempPathFactory) -> list[script.Surface]:
+    return [script.Surface(made) for made in script.make_meshes("shapenet", tmp_path_factory.mktemp("meshes"))[:6]]
+
+
+def test_a_right_item_is_found_right_and_wrong_ones_wrong(surfaces: list[script.Surface]) -> None:
+    one, other = surfaces[0].made, surfaces[3].made
+    whole = surfaces[0].samples
+    seen = whole[surfaces[0].seen(whole, surfaces[0].eyes(PCN.n_views)[2], 1e-6)]
+    partial, complete = ((points - one.centre) / one.longest for points in (seen, whole))
+
+    def said(partial: np.ndarray = partial, label: str = one.label, split: str = "train", key: str = one.key) -> str:
+        return script.check_item(Item(split, label, partial, complete, key), PCN, surfaces)
+
+    assert said() == ""
+    assert said(partial * [-1, 1, 1])  # not with its complete cloud
+    assert "lies on no mesh" in said(partial[:, [0, 2, 1]] * [1, 1, -1])
+    assert "hidden from every camera" in said(complete)
+    assert "its mesh" in said(label="table")
+    assert "its mesh" in said(split="test")
+    assert "it lies on" in said(key=other.key)
+
+
+def test_what_is_not_there_is_skipped_and_said(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "benchmarks" / "published_loaders.py"), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    rows = done.stdout.splitlines()[2:]
+    assert len(rows) == len(script.LOADERS)
+    assert all("skipped: no " in row for row in rows)

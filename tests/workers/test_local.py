@@ -1,0 +1,250 @@
+"""The local engine: dead, hanging and swelling workers, a broken plan, a dead parent."""
+
+import os
+import subprocess
+import sys
+from functools import partial
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from tests.dataset.test_generate import files
+from tests.processes import ended
+from tests.workers.loads import bad, ball, hang, suicide, swell, tell
+from zbuf_occlude import DatasetError
+from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.folder import claim
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.workers import local, pool, server
+from zbuf_occlude.workers.local import run_jobs
+from zbuf_occlude.workers.pool import Message
+
+RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
+AMPLE = Limits(seconds=60, gigabytes=8)
+
+
+def plan_of(*loads: object) -> Plan:
+    """Two meshes a batch, made by these functions of their number."""
+    entries = [MeshEntry(f"m{i}", "ball", "train", partial(f, i)) for i, f in enumerate(loads)]  # type: ignore[arg-type]
+    return Plan(MeshCollection(entries), RECIPE)
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "out"
+
+
+def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> dict[str, str]:
+    """Make a dataset; return the failures."""
+    document = generate(plan, out, run=partial(run_jobs, n_workers=n_workers, limits=limits), limits=limits)
+    failures: dict[str, str] = document["failures"]
+    return failures
+
+
+def mesh_ids(out: Path) -> list[int]:
+    source = open_dataset(out)
+    return np.unique(source.take(source.order["train"])["mesh_id"]).tolist()
+
+
+def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
+    plan = plan_of(*[ball] * 6)
+    assert len(plan.batches) == 3
+    run(plan, out)
+    generate(plan, tmp_path / "alone")
+    assert files(out) == files(tmp_path / "alone")
+
+
+@pytest.mark.parametrize("moment", ["mesh", "done"])
+def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
+    plan = plan_of(*[ball] * 12)
+    killed = []
+
+    class Doomed(local.LocalWorker):
+        def listen(self) -> list[Message]:
+            messages = super().listen()
+            if len(killed) < 4 and any(kind == moment for kind, _ in messages):
+                killed.append(self.process.pid)  # it is somewhere in its work
+                self.process.kill()
+            return messages
+
+    monkeypatch.setattr(local, "LocalWorker", Doomed)
+    assert run(plan, out) == {}
+    assert len(killed) == 4
+    generate(plan, tmp_path / "alone")
+    assert files(out) == files(tmp_path / "alone")
+
+
+def test_a_mesh_that_kills_its_workers_is_a_failure(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool, "KILLS", 2)
+    failures = run(plan_of(ball, suicide, ball, ball), out)
+    assert failures == {"m1": "the worker was killed by signal 9 at it, 2 times"}
+    assert mesh_ids(out) == [0, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("load", "limits", "words"),
+    [
+        (hang, Limits(seconds=4), ("timed out", "4 s", "--mesh-seconds")),
+        (swell, Limits(gigabytes=1.2), ("1.2 GB", "--mesh-gigabytes")),
+    ],
+)
+def test_a_mesh_that_exceeds_its_limits_is_a_failure(
+    out: Path, load: object, limits: Limits, words: tuple[str, ...]
+) -> None:
+    failures = run(plan_of(ball, load), out, limits)
+    assert list(failures) == ["m1"]
+    assert all(word in failures["m1"] for word in words)
+    assert mesh_ids(out) == [0], "the other mesh of its batch is made"
+
+
+def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:
+    """A folder where a file belongs: writing it fails as it does on a full disk."""
+    (out / "ply_data_train0.h5" / "in the way").mkdir(parents=True)
+    plan = plan_of(ball, ball, ball)
+    with pytest.raises(DatasetError, match="other files"):
+        run(plan, out)
+    (out / "ply_data_train0.h5" / "in the way").rmdir()
+    (out / "ply_data_train0.h5").rmdir()
+    claim(plan, out)
+    (out / "ply_data_train0.h5").mkdir()
+    with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
+        run(plan, out)
+    (out / "ply_data_train0.h5").rmdir()
+    assert run(plan, out) == {}
+    assert not list(out.rglob("*.part"))
+
+
+def test_workers_end_with_their_parent(tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from tests.workers.test_local import *\n"
+        "if __name__ == '__main__':\n"
+        "    out = Path(sys.argv[1])\n"
+        "    class Telling(local.LocalWorker):\n"
+        "        def listen(self):\n"
+        "            messages = super().listen()\n"
+        "            if any(kind == 'mesh' for kind, _ in messages): print(self.process.pid, flush=True)\n"
+        "            return messages\n"
+        "    local.LocalWorker = Telling\n"
+        "    run(plan_of(hang, hang, hang), out)\n"
+    )
+    parent_file = tmp_path / "parent.py"
+    parent_file.write_text(script)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    parent = subprocess.Popen(
+        [sys.executable, str(parent_file), str(tmp_path / "out")], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert parent.stdout is not None
+    workers = [int(parent.stdout.readline()) for _ in range(2)]
+    parent.kill()
+    parent.wait()
+    assert all(ended(pid) for pid in workers), "the workers outlived their parent"
+    parent.stdout.close()
+
+
+def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:
+    assert run(plan_of(ball, bad, ball), out) == {"m1": "m1 is bad"}
+
+
+def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not that of the first run of this process, when the server that they are forked from began."""
+    for value in ("one", "two"):
+        monkeypatch.setenv("TOLD_TO_WORKERS", value)
+        failures = run(plan_of(*[tell] * 4, ball), tmp_path / value, n_workers=2)
+        n = min(numba.config.NUMBA_NUM_THREADS, max(1, (os.cpu_count() or 1) // 2))
+        assert failures == {f"m{i}": f"{value}, {n} threads" for i in range(4)}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
+def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
+    program = (
+        "import gc, os, sys, zbuf_occlude.workers.warm, numba\n"
+        "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
+        "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
+        "try: numba.threading_layer()\n"
+        "except ValueError: pass\n"
+        "else: raise AssertionError('OpenMP')\n"
+        "assert gc.isenabled() and gc.get_freeze_count() > 100_000, 'garbage'\n"
+        "assert 'scipy' not in sys.modules, 'hidden from numba only, and only from its import'\n"
+    )
+    environment = {**os.environ, **server.ENVIRONMENT}
+    child = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert child.returncode == 0, child.stderr
+
+
+@pytest.mark.long
+def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path) -> None:
+    """Of a mesh that takes too long the summary says all there is to say; numba's locks are nobody's business."""
+    options = [
+        "--limit=1",
+        "--method=oracle",
+        "--views=paper100",
+        "--points=50000",
+        "--mesh-seconds=0.001",
+        "--workers=1",
+    ]
+    command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert "timed out after 0.001 s" in ended.stderr
+    assert "resource_tracker" not in ended.stderr
+    assert ended.stderr.rstrip().splitlines()[-1].startswith("error: ")
+
+
+def test_a_temporary_folder_of_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
+    """An address of a process that lies there would be too long for the system."""
+    folder = tmp_path / ("long" * 30)
+    folder.mkdir()
+    options = ["--limit=1", "--method=oracle", "--views=ring:1@0", "--points=50", "--sample-size=8", "--workers=1"]
+    command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "out" / "manifest.json").is_file()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
+@pytest.mark.parametrize("n_dead", [2, 3])
+def test_servers_that_die_are_replaced_and_three_in_a_row_an_error(
+    out: Path, monkeypatch: pytest.MonkeyPatch, n_dead: int
+) -> None:
+    """Not an interruption, which is what the end of a file means to a command line."""
+    deaths, fork = iter(range(n_dead)), ForkServerProcess._Popen
+
+    def lost(process: object) -> object:
+        if next(deaths, None) is None:
+            return fork(process)
+        raise EOFError
+
+    monkeypatch.setattr(ForkServerProcess, "_Popen", staticmethod(lost))
+    if n_dead < local.SERVERS:
+        run(plan_of(ball), out, n_workers=1)
+    else:
+        with pytest.raises(DatasetError, match="the process that workers are forked from must live; 3 in a row ended"):
+            run(plan_of(ball), out, n_workers=1)
+
+
+def test_an_interrupt_while_the_server_starts_is_no_traceback() -> None:
+    code = (
+        "import multiprocessing, os, signal, time\n"
+        "from zbuf_occlude.workers.server import start_server\n"
+        "signal.signal(signal.SIGINT, lambda *_: None)\n"
+        "start_server()\n"
+        "for _ in range(40):\n"
+        "    time.sleep(0.02)\n"
+        "    os.killpg(0, signal.SIGINT)\n"
+        "child = multiprocessing.get_context('forkserver').Process(target=print, args=('forked',))\n"
+        "child.start()\n"
+        "child.join()\n"
+    )
+    outcome = subprocess.run(
+        [sys.executable, "-c", code], start_new_session=True, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert (outcome.stdout, outcome.stderr) == ("forked\n", ""), "and the server goes on"

@@ -1,1 +1,0 @@
-"""exact on NVIDIA GPUs, for tensors that are there already: the kernel and the mesh as it reads it. Experimental."""

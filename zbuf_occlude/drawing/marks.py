@@ -1,0 +1,144 @@
+"""Points as marks on a picture: where each lands, in which order and colour; and painted into pixels, all at once."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zbuf_occlude.arrays import FloatArray, as_vectors
+from zbuf_occlude.geometry.camera import view_matrices
+
+COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)
+"""What a surface is painted with unless told otherwise."""
+LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
+"""Direction to the light in eye space: over the viewer's left shoulder."""
+LEAST_AREA, LARGEST_AREA = 0.25, 12.0
+"""Of a mark, in typographic points squared."""
+
+
+def project(
+    positions: ArrayLike, *, eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None, perspective: bool = True
+) -> FloatArray:
+    """Project positions onto the picture plane through the target.
+
+    Parameters
+    ----------
+    positions : (n, 3) float
+        World space.
+    eye, target : (3,) float
+        World space; the target falls on the picture's origin.
+    up : (3,) float, optional
+        What points upwards in the picture; as in `zbuf_occlude.geometry.camera.view_matrices` by default.
+    perspective : bool
+        Lines of sight through the eye; otherwise parallel.
+
+    Returns
+    -------
+    (n, 3) float64
+        x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
+        What lies behind a perspective eye gets NaN for x and y.
+    """
+    positions, eye, target = as_vectors(positions, "positions"), np.asarray(eye, float), np.asarray(target, float)
+    x, y, back = axes_of_eye(eye, target, up) @ (positions - eye).T
+    depth = -back
+    if perspective:
+        factor = np.full_like(depth, np.nan)
+        np.divide(np.linalg.norm(target - eye), depth, out=factor, where=depth > 0.0)
+        x, y = x * factor, y * factor
+    return np.stack([x, y, depth], axis=1)
+
+
+def axes_of_eye(eye: ArrayLike, target: ArrayLike, up: ArrayLike | None) -> FloatArray:
+    """Return the (3, 3) rotation from world to eye axes."""
+    ups = None if up is None else np.asarray(up, float)[None]
+    return view_matrices(np.asarray(eye, float)[None], np.asarray(target, float), ups)[0, :3, :3]
+
+
+def marks_of(
+    positions: ArrayLike,
+    *,
+    eye: ArrayLike,
+    target: ArrayLike,
+    up: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    values: ArrayLike | None = None,
+    colour: tuple[float, float, float] = COLOUR,
+    perspective: bool = True,
+) -> tuple[FloatArray, FloatArray]:
+    """Return places (m, 2) and colours (m, 3) of the marks of a cloud, the farthest first; what is behind the eye goes.
+
+    Parameters are those of `zbuf_occlude.drawing.pictures.draw_cloud`; `colour` is RGB in [0, 1].
+    """
+    positions = as_vectors(positions, "positions")
+    screen = project(positions, eye=eye, target=target, up=up, perspective=perspective)
+    keep = np.isfinite(screen[:, 0])
+    order = np.flatnonzero(keep)[np.argsort(-screen[keep, 2], kind="stable")]
+    base = np.broadcast_to(colour, (len(positions), 3)) if values is None else as_vectors(values, "values")
+    lit, fade = np.full(len(positions), 0.8), 0.8
+    if normals is not None:
+        lit, fade = lambert(as_vectors(normals, "normals") @ axes_of_eye(eye, target, up).T), 0.4
+    return screen[order, :2], shade(base[order], lit[order], screen[order, 2], fade)
+
+
+def lambert(normals: FloatArray) -> FloatArray:
+    """Two-sided diffuse light in [0, 1]; normals (n, 3) in eye axes, any sign. A zero normal is fully lit."""
+    towards_viewer = np.where(normals[:, 2:] < 0.0, -normals, normals)
+    lit = np.clip(towards_viewer @ LIGHT, 0.0, 1.0)
+    return np.where((normals == 0.0).all(axis=1), 1.0, lit)
+
+
+def shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
+    """Darken colours away from the light and fade them towards white with depth; (n, 3) RGB."""
+    if not len(depth):
+        return np.empty((0, 3))
+    near, far = depth.min(), depth.max()
+    mist = fade * ((depth - near) / (far - near) if far > near else np.zeros_like(depth))[:, None]
+    colour = base * (0.35 + 0.65 * lit)[:, None]
+    highlight = 0.25 * (lit**4)[:, None]
+    colour = colour + (1.0 - colour) * highlight
+    return np.clip(colour + (1.0 - colour) * mist, 0.0, 1.0)
+
+
+def frame_of(places: FloatArray, radius: float | None) -> tuple[FloatArray, float]:
+    """Return middle (2,) and half the side of a square picture: about the target, or fitted to what is in it."""
+    centre, half = np.zeros(2), 1.0 if radius is None else radius
+    if radius is None and len(places):
+        low, high = places.min(axis=0), places.max(axis=0)
+        centre, half = (low + high) / 2.0, float((high - low).max()) * 0.53
+    return centre, half if half > 0.0 else 1.0
+
+
+def area_of_mark(places: FloatArray, half: float, side: float) -> float:
+    """Area of a mark with which the marks cover what they span about once, in typographic points squared.
+
+    `half` is half the picture's side in the units of `places`, `side` the whole in typographic points.
+    """
+    spans = np.ptp(places, axis=0)
+    return float(np.clip(np.prod(spans / (2.0 * half) * side) / len(places), LEAST_AREA, LARGEST_AREA))
+
+
+def paint(picture: NDArray[np.uint32], places: FloatArray, diameter: float, colours: FloatArray) -> None:
+    """Paint round marks into the pixels of a picture, later ones over earlier ones.
+
+    Parameters
+    ----------
+    picture : (h, w) uint32
+        RGBA, a byte each; filled in place. May be a part of a larger picture.
+    places : (n, 2) float
+        Middles, in pixels to the right and down from the upper left corner. What is outside is left out.
+    diameter : float
+        In pixels.
+    colours : (n, 3) float
+        RGB in [0, 1].
+    """
+    reach, (height, width) = int(diameter / 2.0), picture.shape
+    offsets = np.arange(-reach, reach + 1)
+    down, right = np.nonzero(offsets[:, None] ** 2 + offsets**2 <= diameter**2 / 4.0)
+    columns, rows = np.floor(places).astype(np.intp).T
+    shown = (rows >= -reach) & (rows < height + reach) & (columns >= -reach) & (columns < width + reach)
+    wide = np.empty((height + 4 * reach, width + 4 * reach), dtype=np.uint32)  # whole marks fit, and none is cut
+    wide[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width] = picture
+    opaque = np.full((len(colours), 4), 255, dtype=np.uint8)
+    opaque[:, :3] = np.rint(colours * 255.0)
+    corners = (rows[shown] + reach) * wide.shape[1] + columns[shown] + reach
+    marked = (corners[:, None] + (down * wide.shape[1] + right)).ravel()
+    wide.ravel()[marked] = np.repeat(opaque.view(np.uint32)[shown], len(down))  # of several to one NumPy keeps the last
+    picture[:] = wide[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width]

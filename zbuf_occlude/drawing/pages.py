@@ -1,0 +1,190 @@
+"""HTML and Markdown pages: tables, reports, and point clouds for the interactive viewer."""
+
+import base64
+import html
+import io
+import json
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zbuf_occlude.arrays import as_vectors
+from zbuf_occlude.errors import printable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 110
+_MARKUP = re.compile(r"[\\`*\[\]]|(?<![^\W_])_|_(?![^\W_])")
+_REFERENCE = re.compile(r"&amp;(#\d+|lt|gt|amp);")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; ```code``` and ``**bold**`` in a cell mean what they do in Markdown, if not `verbatim`."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""  # below the table
+    texts: Collection[int] = (0,)  # columns that are text; the others are numbers, aligned right
+
+    def as_markdown(self, *, aligned: bool = False) -> str:
+        """Return the table as Markdown, its title a heading; `aligned` columns also line up as plain text."""
+        cells = [[printable(cell).replace("|", "\\|") for cell in row] for row in (self.header, *self.rows)]
+        widths = [max(map(len, column)) if aligned else 4 for column in zip(*cells, strict=True)]
+        rule = ["-" * (width - 1) + ("-" if i in self.texts else ":") for i, width in enumerate(widths)]
+        if aligned:
+            cells = [
+                [cell.ljust(widths[i]) if i in self.texts else cell.rjust(widths[i]) for i, cell in enumerate(row)]
+                for row in cells
+            ]
+        lines = [f"## {self.title}", ""] if self.title else []
+        lines += ["| " + " | ".join(row) + " |" for row in (cells[0], rule, *cells[1:])]
+        return "\n".join(lines + (["", self.note] if self.note else [])) + "\n"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a report; the heading stands above, the caption below it."""
+
+    name: str  # of its PNG file, without the suffix
+    png: bytes
+    heading: str = ""
+    caption: str = ""
+
+
+Section = Table | Picture
+
+
+def verbatim(name: str) -> str:
+    """Return a name, or a text with names in it, so that none of it is taken for markup, in Markdown and in HTML.
+
+    What could be is written as character references, which no dialect of Markdown takes for markup.
+    """
+    return _MARKUP.sub(lambda match: f"&#{ord(match[0])};", html.escape(printable(name), quote=False))
+
+
+def marked_up(text: str) -> str:
+    """Turn backticks and double asterisks into HTML; everything else is escaped, but for what `verbatim` wrote."""
+    text = _REFERENCE.sub(r"&\1;", html.escape(printable(text)))
+    text = re.sub(r"`([^`]+)`", r"<code>\1</code>", text)
+    return re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", text)
+
+
+def as_png(figure: "Figure") -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()
+
+
+def write_report(
+    folder: Path,
+    name: str,
+    title: str,
+    *,
+    answers: list[str],
+    facts: list[str],
+    sections: list[Section],
+    first: Sequence[Section] = (),
+    page: str = "page.html.j2",
+    **more: Any,
+) -> list[Path]:
+    """Write a report: a self-contained HTML page, the same as Markdown, its pictures as PNG files; return their paths.
+
+    `answers` and `facts` are the first paragraphs, the second kind smaller; `first` stands before the other sections,
+    as the template `page` (in ``zbuf_occlude/assets``) says, which shows `more` besides. Needs the package jinja2.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
+
+    loader = PackageLoader("zbuf_occlude", "assets")
+    templates = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    templates.filters |= {"marked_up": marked_up, "base64": lambda data: base64.b64encode(data).decode()}
+    templates.globals |= {"asset": asset, "viewer_script": viewer_script, "json_for_page": json_for_page}
+    content = {"title": title, "answers": answers, "facts": facts, "first": list(first), "sections": sections, **more}
+    written = []
+    for template, suffix in ((page, "html"), ("page.md.j2", "md")):
+        written.append(folder / f"{name}.{suffix}")
+        written[-1].write_text(templates.get_template(template).render(content).strip() + "\n", encoding="utf-8")
+    for picture in (*first, *sections):
+        if isinstance(picture, Picture):
+            written.append(folder / f"{picture.name}.png")
+            written[-1].write_bytes(picture.png)
+    return written
+
+
+@cache
+def viewer_script() -> str:
+    """Return the viewer's JavaScript, to be put into a ``<script>`` of the page; it defines the class CloudViewer."""
+    return asset("cloud_viewer.js")
+
+
+def asset(name: str) -> str:
+    """Return the text of a file of ``zbuf_occlude/assets``."""
+    return (files("zbuf_occlude") / "assets" / name).read_text(encoding="utf-8")
+
+
+def pack_cloud(
+    positions: ArrayLike,
+    *,
+    centre: ArrayLike,
+    longest: float,
+    normals: ArrayLike | None = None,
+    codes: ArrayLike | None = None,
+    palette: list[tuple[int, int, int]] | None = None,
+    emphasis: list[int] | None = None,
+) -> dict[str, Any]:
+    """Pack a cloud as the viewer reads it; ``json_for_page`` puts it into a page.
+
+    Parameters
+    ----------
+    positions : (n, 3) float
+        World space.
+    centre : (3,) float
+    longest : float
+        The object's longest side; a position may lie at most so far from the centre.
+    normals : (n, 3) float, optional
+        Unit normals of either sign.
+    codes : (m,) int, optional
+        Index into `palette` for each point; where m < n only the first m points are shown.
+    palette : list of (r, g, b) in 0..255
+    emphasis : list of int
+        Codes that are drawn larger, unshaded and over the others.
+
+    Returns
+    -------
+    dict
+        n, positions (int16, step longest / 32767), normals (int8), codes (uint8), palette, emphasis; arrays as base64.
+    """
+    positions = as_vectors(positions, "positions")
+    shorts = np.clip(np.round((positions - np.asarray(centre)) / longest * 32767.0), -32767, 32767).astype("<i2")
+    return {
+        "n": len(positions),
+        "positions": _base64(shorts),
+        "normals": None if normals is None else _base64(np.round(np.asarray(normals) * 127.0).astype(np.int8)),
+        "codes": None if codes is None else _base64(np.asarray(codes).astype(np.uint8)),
+        "palette": [(61, 111, 180)] if palette is None else palette,
+        "emphasis": emphasis or [],
+    }
+
+
+def coloured(codes: ArrayLike, palette: Sequence[Sequence[int]]) -> dict[str, Any]:
+    """Return codes (n,) and their palette as the viewer reads them, to be put over those of a packed cloud."""
+    return {"codes": _base64(np.asarray(codes).astype(np.uint8)), "palette": [list(colour) for colour in palette]}
+
+
+def json_for_page(document: Any) -> str:
+    """Return JSON that may stand inside a ``<script>`` element, whatever texts it holds."""
+    return json.dumps(document, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _base64(array: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

@@ -1,0 +1,110 @@
+"""Points in packets of 32 and chunks of 8 packets, of neighbours along a Hilbert curve."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.exact.bvh import Float32, Scene
+from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
+from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.jit.compiler import inner
+from zbuf_occlude.jit.pointer import reference
+from zbuf_occlude.jit.pool import shared, take, together
+
+
+class Packets(NamedTuple):
+    """n points in the order in which the kernels take them, filled up to whole chunks by repeating the last one.
+
+    Parameters
+    ----------
+    n_points : int
+    order : (n',) int32
+        Where each was among the caller's points.
+    coordinates : (3, n') float32, scene space
+    own : (n',) int32
+        The row of the own face; -1 for none.
+    boxes : (6, n' / 32) float32
+        Of the packets, scene space.
+    reach : (n' / 32,) float32
+        Largest distance from the scene's centre in each packet, at least 1.
+    chunk_boxes : (6, c) float32
+        Of the chunks, scene space; padded to a multiple of 16 of them.
+    chunk_reach : (n' / 256,) float32
+    farthest : float32
+        Largest reach.
+    positions : (n, 3) float64
+        World space, in the caller's order.
+    """
+
+    n_points: int
+    order: IntArray
+    coordinates: Float32
+    own: IntArray
+    boxes: Float32
+    reach: Float32
+    chunk_boxes: Float32
+    chunk_reach: Float32
+    farthest: np.float32
+    positions: FloatArray
+
+
+def make_packets(scene: Scene, points: SurfacePoints) -> Packets:
+    """Sort points and cut them into packets and chunks; O(n log n), about 60 bytes per point."""
+    order = hilbert_order(points.positions).astype(np.int32)
+    n_chunks = -(-len(order) // CHUNK_POINTS)
+    order = np.concatenate([order, np.full(n_chunks * CHUNK_POINTS - len(order), order[-1])])
+    packets = Packets(
+        n_points=len(points),
+        order=order,
+        coordinates=np.empty((3, len(order)), dtype=np.float32),
+        own=np.empty(len(order), dtype=np.int32),
+        boxes=np.empty((6, n_chunks * CHUNK), dtype=np.float32),
+        reach=np.empty(n_chunks * CHUNK, dtype=np.float32),
+        chunk_boxes=np.zeros((6, -(-n_chunks // GROUP) * GROUP), dtype=np.float32),
+        chunk_reach=np.empty(n_chunks, dtype=np.float32),
+        farthest=ONE,
+        positions=points.positions,
+    )
+    together(_fill_chunks, n_chunks, scene, points.face_ids, packets)
+    return packets._replace(farthest=packets.chunk_reach.max())
+
+
+@shared
+def _fill_chunks(tasks, scene, face_ids, packets):
+    """Fill in coordinates, own rows, boxes and reaches."""
+    scene_at, packets_at = reference(scene), reference(packets)
+    chunk = take(tasks)
+    while chunk < len(packets.chunk_reach):
+        reach = ONE
+        for axis in range(3):
+            packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = ENDLESS, -ENDLESS
+        for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
+            _fill_packet(scene_at, face_ids, packets_at, packet)
+            reach = max(reach, packets.reach[packet])
+            for axis in range(3):
+                lower, upper = packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet]
+                packets.chunk_boxes[axis, chunk] = min(packets.chunk_boxes[axis, chunk], lower)
+                packets.chunk_boxes[UPPER + axis, chunk] = max(packets.chunk_boxes[UPPER + axis, chunk], upper)
+        packets.chunk_reach[chunk] = reach
+        chunk = take(tasks)
+
+
+@inner
+def _fill_packet(scene, face_ids, packets, packet):
+    first, farthest = packet * PACKET, 0.0
+    for i in range(first, first + PACKET):
+        k = packets.order[i]
+        packets.own[i] = scene.rows[face_ids[k]]
+        x = (packets.positions[k, 0] - scene.centre[0]) * scene.scale
+        y = (packets.positions[k, 1] - scene.centre[1]) * scene.scale
+        z = (packets.positions[k, 2] - scene.centre[2]) * scene.scale
+        packets.coordinates[0, i], packets.coordinates[1, i], packets.coordinates[2, i] = x, y, z
+        farthest = max(farthest, x * x + y * y + z * z)
+    for axis in range(3):
+        lower, upper = ENDLESS, -ENDLESS
+        for i in range(first, first + PACKET):
+            lower, upper = min(lower, packets.coordinates[axis, i]), max(upper, packets.coordinates[axis, i])
+        packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet] = lower, upper
+    packets.reach[packet] = max(ONE, np.float32(np.sqrt(farthest) * (1.0 + 1e-6)))

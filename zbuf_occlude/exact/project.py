@@ -1,0 +1,238 @@
+"""Projection of points, and of boxes around points and faces, into a view.
+
+Error analysis, in float32 with unit roundoff u = 2^-24 and scene units (the mesh lies in the unit sphere). A projected
+coordinate is the product of a row of the matrix (a unit vector) and a point, plus a number: with the rounding of what
+enters it errs by less than ``COORDINATE_ERROR = 8 u`` times the point's *reach*, its distance from the centre or 1, or
+the eye's where coordinates are about the eye.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.exact.layout import (
+    BOTTOM,
+    CHUNK_POINTS,
+    CLUSTER,
+    COORDINATE_ERROR,
+    ENDLESS,
+    FARTHEST,
+    GROUP,
+    HALF,
+    LEFT,
+    NEAREST,
+    ONE,
+    PACKET,
+    RIGHT,
+    TOP,
+    UPPER,
+    ZERO,
+)
+from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.simd import (
+    absolute,
+    divide,
+    greater,
+    highest,
+    load3,
+    load3_wide,
+    lowest,
+    maximum,
+    minimum,
+    not_less,
+    select,
+    splat,
+    store,
+    transform,
+)
+
+
+class Extent(NamedTuple):
+    """Where some points are, as a view sees them: those of a packet, of a chunk, or all.
+
+    Parameters
+    ----------
+    first : int
+        Number of the first of them, in the packets' order.
+    left, right, bottom, top, farthest : float32
+        Bounds of x / w, y / w and w, widened by their error.
+    blur : float32
+        How much larger the error of an edge function is for them than for a point with reach / w = 1.
+    reach : float32
+        Their largest distance from the scene's centre, or the eye's, or 1.
+    inverse_distance_max : float32
+        At least 1 / (distance from the eye - contact tolerance) of any; `ENDLESS` when there is no bound.
+    inverse_distance_min : float32
+        At most 1 / distance of any.
+    """
+
+    first: int
+    left: np.float32
+    right: np.float32
+    bottom: np.float32
+    top: np.float32
+    farthest: np.float32
+    blur: np.float32
+    reach: np.float32
+    inverse_distance_max: np.float32
+    inverse_distance_min: np.float32
+
+
+@inner
+def project_boxes(boxes, first, last, view, error, rectangles):
+    """Project boxes, 16 at a time.
+
+    Parameters
+    ----------
+    boxes : (6, total) float32, scene space
+    first, last : int
+        Which; multiples of 16.
+    view : View
+    error : float32
+        What a projected coordinate may err.
+    rectangles : (6, at least last - first) float32
+        Receives, from column 0 on, the boxes' rectangles, widened by `error`. What lies behind the eye or outside the
+        window gets an empty rectangle; what reaches behind the eye, an endless one.
+    """
+    total, width = boxes.shape[1], rectangles.shape[1]
+    far, near, guard, edge = splat(ENDLESS), splat(-ENDLESS), splat(error), splat(view.window)
+    for i in range(first, last, CLUSTER):
+        x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
+        left, right, below, above = near, near, near, near
+        lower, upper = load3(boxes, i, total), load3(boxes, UPPER * total + i, total)
+        for corner in range(8):
+            x = upper[0] if corner & 1 else lower[0]
+            y = upper[1] if corner & 2 else lower[1]
+            z = upper[2] if corner & 4 else lower[2]
+            u, v, w = transform(view.matrix, x, y, z)
+            inverse = divide(splat(ONE), w)
+            blur = guard * inverse
+            su, sv = u * inverse, v * inverse
+            x0, x1 = minimum(x0, su - blur), maximum(x1, su + blur)
+            y0, y1 = minimum(y0, sv - blur), maximum(y1, sv + blur)
+            w0, w1 = minimum(w0, w - guard), maximum(w1, w + guard)
+            rim = edge * w
+            left, right = maximum(left, u + rim), maximum(right, rim - u)
+            below, above = maximum(below, v + rim), maximum(above, rim - v)
+        # a box that is not wholly before the eye has no rectangle of its own
+        whole = greater(w0, splat(ZERO))
+        slack = splat(-error * view.window * np.float32(2.0)) if view.near > ZERO else near
+        seen = not_less(w1, splat(ZERO)) & not_less(left, slack) & not_less(right, slack)
+        seen &= not_less(below, slack) & not_less(above, slack)
+        to = i - first
+        store(rectangles, LEFT * width + to, select(seen, select(whole, x0, near), far))
+        store(rectangles, RIGHT * width + to, select(seen, select(whole, x1, far), near))
+        store(rectangles, BOTTOM * width + to, select(whole, y0, near))
+        store(rectangles, TOP * width + to, select(whole, y1, far))
+        store(rectangles, NEAREST * width + to, w0)
+        store(rectangles, FARTHEST * width + to, w1)
+
+
+@inner
+def extent_of_chunk(scene, points, chunk, view, rectangles):
+    """Extent of a chunk; `rectangles` has the projected boxes of its group."""
+    column = chunk % GROUP
+    window, reach = view.window * np.float32(1.001), max(points.chunk_reach[chunk], view.reach)
+    bounds = _inverse_distances(points.chunk_boxes, chunk, view, np.float32(scene.contact))
+    nearest = max(rectangles[NEAREST, column], view.near * view.reach)
+    return Extent(
+        first=chunk * CHUNK_POINTS,
+        left=max(rectangles[LEFT, column], -window),
+        right=min(rectangles[RIGHT, column], window),
+        bottom=max(rectangles[BOTTOM, column], -window),
+        top=min(rectangles[TOP, column], window),
+        farthest=rectangles[FARTHEST, column],
+        blur=reach / (view.reach * min(ONE, nearest)),
+        reach=reach,
+        inverse_distance_max=bounds[0],
+        inverse_distance_min=bounds[1],
+    )
+
+
+@inlined
+def is_empty(extent):
+    """Whether the view shows none of the points."""
+    return not extent.left <= extent.right
+
+
+@inner
+def joined(a, b):
+    """Extent of the points of two."""
+    if is_empty(a) or is_empty(b):
+        return b if is_empty(a) else a
+    return Extent(
+        first=min(a.first, b.first),
+        left=min(a.left, b.left),
+        right=max(a.right, b.right),
+        bottom=min(a.bottom, b.bottom),
+        top=max(a.top, b.top),
+        farthest=max(a.farthest, b.farthest),
+        blur=max(a.blur, b.blur),
+        reach=max(a.reach, b.reach),
+        inverse_distance_max=max(a.inverse_distance_max, b.inverse_distance_max),
+        inverse_distance_min=min(a.inverse_distance_min, b.inverse_distance_min),
+    )
+
+
+@inlined
+def project_packet(scene, points, packet, view, image):
+    """Project the points of a packet.
+
+    Parameters
+    ----------
+    scene, points, packet, view
+        Which packet of which points, seen how.
+    image : (3, 32) float32
+        Receives x / w, y / w and w.
+
+    Returns
+    -------
+    Extent
+    int
+        Mask of the points that are in the view: without padding, what lies outside the window, or is too near.
+    """
+    base, total = packet * PACKET, points.coordinates.shape[1]
+    reach = max(points.reach[packet], view.reach)
+    shown = (1 << min(points.n_points - base, PACKET)) - 1
+    x, y, z = load3_wide(points.coordinates, base, total)
+    u, v, w = transform(view.matrix, x, y, z)
+    if view.near > ZERO:
+        rim = view.window * w
+        shown &= not_less(rim, absolute(u)) & not_less(rim, absolute(v)) & greater(w, view.near * reach)
+    inverse = divide(ONE, w)
+    u, v = u * inverse, v * inverse
+    store(image, 0, u)
+    store(image, PACKET, v)
+    store(image, 2 * PACKET, w)
+    # what the view does not show must not widen the rectangle
+    inverse_max = max(ONE, highest(select(shown, inverse, -ENDLESS)))
+    slack = np.float32(3.0) * COORDINATE_ERROR * reach * inverse_max
+    bounds = _inverse_distances(points.boxes, packet, view, np.float32(scene.contact))
+    extent = Extent(
+        first=base,
+        left=lowest(select(shown, u, ENDLESS)) - slack,
+        right=highest(select(shown, u, -ENDLESS)) + slack,
+        bottom=lowest(select(shown, v, ENDLESS)) - slack,
+        top=highest(select(shown, v, -ENDLESS)) + slack,
+        farthest=highest(select(shown, w, -ENDLESS)) + slack,
+        blur=inverse_max * reach / view.reach,
+        reach=reach,
+        inverse_distance_max=bounds[0],
+        inverse_distance_min=bounds[1],
+    )
+    return extent, shown
+
+
+@inlined
+def _inverse_distances(boxes, i, view, contact):
+    """`inverse_distance_max` and `inverse_distance_min` of the points in a box."""
+    distance_squared, radius_squared = ZERO, ZERO
+    for axis in range(3):
+        lower, upper = boxes[axis, i], boxes[UPPER + axis, i]
+        away, half = HALF * (lower + upper) - view.eye[axis], HALF * (upper - lower)
+        distance_squared += away * away
+        radius_squared += half * half
+    distance, radius = np.sqrt(distance_squared), np.sqrt(radius_squared)
+    least = distance * np.float32(0.999) - radius * np.float32(1.001) - contact
+    most = (distance + radius) * np.float32(1.001)  # zero for points that are where the eye is
+    return ONE / least if least > ZERO else ENDLESS, ONE / most if most > ZERO else ENDLESS

@@ -1,0 +1,155 @@
+"""Views: how an eye looks at the scene; in one frame from outside, in the six of a cube about it from inside."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.exact.bvh import Scene
+from zbuf_occlude.exact.layout import ONE, ZERO
+from zbuf_occlude.jit.compiler import inner, njit
+
+OUTSIDE = 1.5
+"""An eye farther from the centre than this times the farthest point sees everything in one frame."""
+
+GUARD = np.float32(1.05)
+"""Half-width of a cube face's window; more than 1, so that rounding loses no point between two faces."""
+
+NO_WINDOW = np.float32(1e30)
+
+_X, _Y, _Z = np.eye(3)
+SIDES = np.concatenate([_Y, _Z, _X, _Z, _Y, -_X, _Z, _X, _Y, _X, _Z, -_Y, _X, _Y, _Z, _Y, _X, -_Z]) + 0.0
+"""(54,): rows x, y, w of the frames that look along +x, -x, +y, -y, +z, -z."""
+
+NEAR = np.float32(1e-3)
+"""Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
+
+
+class Views(NamedTuple):
+    """How k eyes look at the scene.
+
+    Parameters
+    ----------
+    matrices : (k, 6, 12) float32
+        Rows x, y, w of 3 x 4 matrices of positive determinant: scene space to homogeneous coordinates of the image.
+        What lies before the eye has w > 0, and is seen at (x / w, y / w).
+    axes : (k, 6, 3, 3) float64
+        Their left parts, not rounded.
+    n_frames : (k,) int64
+        1: the eye is outside, w is 1 at the scene's centre. 6: faces of a cube about the eye, w is scene units.
+    eyes : (k, 3) float64, scene space
+    world_eyes : (k, 3) float64
+        The caller's own, for float64: an eye that went through scene space and back has been rounded, and is on one
+        side of planes that it lies in.
+    """
+
+    matrices: NDArray[np.float32]
+    axes: FloatArray
+    n_frames: NDArray[np.int64]
+    eyes: FloatArray
+    world_eyes: FloatArray
+
+
+class View(NamedTuple):
+    """One frame of one eye, as the kernels pass it on.
+
+    Parameters
+    ----------
+    number : int
+        Of the frame, among those of all eyes.
+    matrix : (12,) float32
+        As in `Views`.
+    window : float32
+        Only what has |x|, |y| <= window x w belongs to the frame.
+    near : float32
+        Points with w below this times their reach do not belong to it either; 0 from outside, where there are none.
+    eye, world_eye : tuples of 3 float32, scene space, and of 3 float64
+    reach : float32
+        Largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it.
+    """
+
+    number: int
+    matrix: NDArray[np.float32]
+    window: np.float32
+    near: np.float32
+    eye: tuple[np.float32, np.float32, np.float32]
+    world_eye: tuple[float, float, float]
+    reach: np.float32
+
+
+def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
+    """Place a frame, or the six faces of a cube, before each eye.
+
+    Parameters
+    ----------
+    scene : Scene
+    world_eyes : (k, 3) float64, world space
+    farthest : float
+        Radius of a sphere about the scene's centre that holds the mesh and all points, scene units.
+
+    Notes
+    -----
+    A frame from outside keeps coordinates about the scene's centre and divides by the distance: float32 resolves the
+    scene equally well from any distance. From inside coordinates are about the eye; the cube's faces are those of
+    the axes.
+    """
+    k, world_eyes = len(world_eyes), np.ascontiguousarray(world_eyes)
+    eyes, n_frames = np.empty(3 * k), np.empty(k, dtype=np.int64)
+    matrices, axes = np.zeros(72 * k, dtype=np.float32), np.zeros(54 * k)
+    _place_frames(world_eyes.reshape(-1), scene.centre, scene.scale, OUTSIDE * farthest, eyes, matrices, axes, n_frames)
+    return Views(matrices.reshape(k, 6, 12), axes.reshape(k, 6, 3, 3), n_frames, eyes.reshape(k, 3), world_eyes)
+
+
+@inner
+def view_of(views, k, frame):
+    """Return a frame of eye k as the kernels take it."""
+    eye, world_eye = views.eyes[k], views.world_eyes[k]
+    inside = views.n_frames[k] > 1
+    distance = np.float32(1.001 * np.sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]))
+    return View(
+        number=6 * k + frame,
+        matrix=views.matrices[k, frame],
+        window=GUARD if inside else NO_WINDOW,
+        near=NEAR if inside else ZERO,
+        eye=(np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])),
+        world_eye=(world_eye[0], world_eye[1], world_eye[2]),
+        reach=max(ONE, distance) if inside else ONE,
+    )
+
+
+@njit(cache=True)
+def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_frames):
+    """Fill in the fields of `Views`, each flat, where the others are 0: a kernel, as in NumPy one eye takes longest.
+
+    An eye farther than `outside` looks at the centre, world z upwards where that can be, one nearer along the axes.
+    """
+    for k in range(len(n_frames)):
+        for axis in range(3):
+            eyes[3 * k + axis] = (world_eyes[3 * k + axis] - centre[axis]) * scale
+        x, y, z = eyes[3 * k], eyes[3 * k + 1], eyes[3 * k + 2]
+        distance = math.sqrt(x * x + y * y + z * z)
+        if distance > outside:
+            n_frames[k] = 1
+            x, y, z = -x / distance, -y / distance, -z / distance
+            pole = abs(z) > 0.999
+            a, b, c = (-z if pole else y), (0.0 if pole else -x), (x if pole else 0.0)  # forward x upwards
+            length = math.sqrt(a * a + b * b + c * c)
+            a, b, c = a / length, b / length, c / length
+            _put_row(matrices, axes, 18 * k, (a, b, c), 0.0)
+            _put_row(matrices, axes, 18 * k + 1, (y * c - z * b, z * a - x * c, x * b - y * a), 0.0)
+            _put_row(matrices, axes, 18 * k + 2, (x / distance, y / distance, z / distance), 1.0)
+        else:
+            n_frames[k] = 6
+            for row in range(18):
+                a, b, c = SIDES[3 * row], SIDES[3 * row + 1], SIDES[3 * row + 2]
+                _put_row(matrices, axes, 18 * k + row, (a, b, c), -(a * x + b * y + c * z))
+
+
+@inner
+def _put_row(matrices, axes, row, along, constant):
+    for i in range(3):
+        axes[3 * row + i] = along[i]
+        matrices[4 * row + i] = along[i]
+    matrices[4 * row + 3] = constant

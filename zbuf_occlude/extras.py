@@ -1,0 +1,111 @@
+"""Optional packages: imported when they are used; where they are missing or broken, one line says what would help."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from traceback import walk_tb
+
+from zbuf_occlude.errors import OccludeError, UnavailableError
+
+EXTRAS = {
+    "DracoPy": "draco",
+    "OpenEXR": "exr",
+    "PIL": "report",
+    "embreex": "embree",
+    "fpsample": "fps",
+    "jinja2": "report",
+    "matplotlib": "report",
+    "open3d": "open3d",
+    "pyarrow": "parquet",
+    "pyrender": "pyrender",
+    "ray": "ray",
+    "torch": "learn",
+}
+"""Package to the extra that brings it."""
+
+DEBIAN = {
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libgomp.so.1": "libgomp1",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+}
+"""Libraries that the packages link to and do not bring, and Debian's packages of them."""
+
+_NO_LIBRARY = re.compile(r"(lib[^\s:/]*\.so[.\d]*): cannot open shared object file")
+_PATIENCE = 120.0  # seconds
+
+
+def missing(package: str) -> str:
+    """Say in words that a package is not installed; "" where it is. Imports nothing."""
+    if find_spec(package) is not None:
+        return ""
+    return f"needs the package {package}; install it: pip install 'zbuf-occlude[{EXTRAS[package]}]'"
+
+
+@contextmanager
+def importing(package: str, what: str) -> Iterator[None]:
+    """Import, within the block, an optional package or a module of ours that needs it.
+
+    Parameters
+    ----------
+    package : str
+        A key of `EXTRAS`.
+    what : str
+        What needs it, the subject of the message.
+
+    Raises
+    ------
+    UnavailableError
+        The package is missing or cannot be imported; the message names the library that is missing, if one is, and the
+        command that helps.
+    """
+    try:
+        yield
+    except OccludeError:
+        raise
+    except Exception as error:  # broken packages raise anything while they are imported
+        raise UnavailableError(f"{what} {reason(package, error)}") from None
+
+
+def reason(package: str, error: Exception) -> str:
+    """Say in words why a package could not be imported, and what helps."""
+    if lacking := missing(package):
+        return lacking
+    from importlib.metadata import packages_distributions  # late: it takes a while, and is seldom asked
+
+    said = " ".join(f"{type(error).__name__}: {error}".split())
+    fix = f"install it again: pip install --force-reinstall {packages_distributions().get(package, [package])[0]}"
+    if library := _NO_LIBRARY.search(said):
+        said = f"the library {library[1]} is missing"
+        if library[1] in DEBIAN:
+            fix = f"on Debian: apt install {DEBIAN[library[1]]}"
+    elif isinstance(error, ModuleNotFoundError) and error.name and error.name.partition(".")[0] != package:
+        fix = f"install that too: pip install {error.name.partition('.')[0]}"
+    return f"needs the package {package}; it is installed, and its import fails: {said.removesuffix('.')}; {fix}"
+
+
+def culprit(error: ImportError) -> str:
+    """Return which of the optional packages an import failed in; "" for none."""
+    names = [error.name or "", *(frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__))]
+    return next((root for name in names if (root := name.partition(".")[0]) in EXTRAS), "")
+
+
+def tried(package: str, module: str) -> str:
+    """Say in words why a package, or the module of ours that needs it, cannot be imported; "" where both can.
+
+    They are imported in a process of its own.
+    """
+    program = f"from zbuf_occlude.extras import importing\nwith importing({package!r}, ''): import {package}, {module}"
+    command = [sys.executable, "-P", "-c", program]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+    except subprocess.TimeoutExpired:
+        return f"needs the package {package}; its import did not end in {_PATIENCE:g} seconds"
+    if child.returncode == 0:
+        return ""
+    last_line = (child.stderr.strip().splitlines() or [f"the process ended with code {child.returncode}"])[-1]
+    return last_line.removeprefix(f"{UnavailableError.__module__}.{UnavailableError.__name__}:").strip()

@@ -1,1 +1,0 @@
-"""Engines that make a plan's shards: worker processes on this machine, and schedulers' clusters."""

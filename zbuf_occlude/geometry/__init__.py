@@ -1,0 +1,1 @@
+"""Pure functions of arrays: meshes and their colours, cameras, points on surfaces, the definition of "blocked"."""

@@ -1,0 +1,203 @@
+"""Cameras as matrices, in OpenGL's conventions: view, off-centre frustum fitted to a mesh, cube faces, window space.
+
+Eye space is right-handed: x right, y up, the camera looks along -z. NDC is [-1, 1] on all three axes, -1 at the near
+plane. Window space is in pixels from the lower left corner, pixel (0, 0) has its centre at (0.5, 0.5), depth is in
+[0, 1]. Matrices multiply columns from the left, ``clip = projection @ view @ world``; the last axes are the matrix,
+all leading axes are a batch of cameras. Eye depth is the distance along the axis, positive in front: ``-z``.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.errors import ArgumentError
+
+WIDEST = 1.5
+"""A single frustum may open so far to either side (tangent; 56 degrees); beyond, cube faces use their pixels better."""
+
+_CUBE_AXES = np.array(
+    # right, up, backward: rows of the rotation from world to eye space
+    [
+        [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],  # looks along +x
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],  # -x
+        [[1, 0, 0], [0, 0, 1], [0, -1, 0]],  # +y
+        [[1, 0, 0], [0, 0, -1], [0, 1, 0]],  # -y
+        [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],  # +z
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],  # -z
+    ],
+    dtype=np.float64,
+)
+
+
+class Frusta(NamedTuple):
+    """Off-centre frusta, one for each of k cameras; (k,) each.
+
+    `left`, `right`, `bottom`, `top` are tangents (eye x or y over eye depth), `near` and `far` eye depths, positive.
+    """
+
+    left: FloatArray
+    right: FloatArray
+    bottom: FloatArray
+    top: FloatArray
+    near: FloatArray
+    far: FloatArray
+
+
+def view_matrices(eyes: ArrayLike, targets: ArrayLike, ups: ArrayLike | None = None) -> FloatArray:
+    """Return the matrices that take world space to eye space.
+
+    Parameters
+    ----------
+    eyes : (k, 3) float
+        Centres of projection, world space.
+    targets : (3,) or (k, 3) float
+        What the cameras look at, world space.
+    ups : (3,) or (k, 3) float, optional
+        Directions that shall point up in the picture. By default +z, or +y for a camera that looks along z.
+
+    Returns
+    -------
+    (k, 4, 4) float64, rigid motions.
+
+    Raises
+    ------
+    ArgumentError
+        An eye at its target, or an up vector of no length or along the line of sight.
+    """
+    eyes = as_vectors(eyes, "eyes")
+    backward = eyes - np.broadcast_to(np.asarray(targets, dtype=np.float64), eyes.shape)
+    distances = np.linalg.norm(backward, axis=1)
+    if not (distances > 0).all():
+        raise ArgumentError(f"an eye must not be at its target; eye {int(np.argmin(distances))} is.")
+    backward = backward / distances[:, None]
+    if ups is None:
+        along_z = np.abs(backward[:, 2:]) > 1.0 - 1e-6
+        ups = np.where(along_z, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    right = np.cross(np.broadcast_to(np.asarray(ups, dtype=np.float64), eyes.shape), backward)
+    lengths = np.linalg.norm(right, axis=1)
+    if not (lengths > 1e-9).all():
+        raise ArgumentError(
+            f"an up vector must not lie along the line of sight; that of eye {int(np.argmin(lengths))} does."
+        )
+    right /= lengths[:, None]
+    return rigid_matrices(np.stack([right, np.cross(backward, right), backward], axis=1), eyes)
+
+
+def cube_view_matrices(eyes: ArrayLike) -> FloatArray:
+    """Return six view matrices an eye, looking along +x, -x, +y, -y, +z, -z: (k, 6, 4, 4) float64."""
+    eyes = as_vectors(eyes, "eyes")
+    rotations = np.broadcast_to(_CUBE_AXES, (len(eyes), 6, 3, 3))
+    return rigid_matrices(rotations, np.broadcast_to(eyes[:, None], (len(eyes), 6, 3)))
+
+
+def cube_faces(directions: ArrayLike) -> FloatArray:
+    """Return which of the six cube faces each direction (..., 3) falls on, in the order of `cube_view_matrices`."""
+    directions = np.asarray(directions, dtype=np.float64)
+    axis = np.abs(directions).argmax(axis=-1)
+    negative = np.take_along_axis(directions, axis[..., None], axis=-1)[..., 0] < 0
+    return np.asarray(2 * axis + negative)
+
+
+def rigid_matrices(rotations: FloatArray, eyes: FloatArray) -> FloatArray:
+    """Return the view matrices (..., 4, 4) of cameras at `eyes` (..., 3) turned by `rotations` (..., 3, 3)."""
+    matrices = np.zeros((*rotations.shape[:-2], 4, 4))
+    matrices[..., :3, :3] = rotations
+    matrices[..., :3, 3] = -np.einsum("...ij,...j->...i", rotations, eyes)
+    matrices[..., 3, 3] = 1.0
+    return matrices
+
+
+def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -> tuple[BoolArray, Frusta]:
+    """Fit each camera's frustum tightly around a set of points.
+
+    Parameters
+    ----------
+    views : (k, 4, 4) float
+        View matrices.
+    positions : (m, 3) float
+        World space; a mesh's vertices, or those of its convex hull.
+    margin : float
+        Widen every side by this much, as a fraction of the opening; 2 / resolution leaves two pixels free all round.
+
+    Returns
+    -------
+    fits : (k,) bool
+        False where a single frustum cannot hold the points (one of them is not in front of the eye), or would open
+        wider than `WIDEST`; its row of the frusta then means nothing. Use cube faces there.
+    frusta : Frusta
+        The near and far planes are 1e-3 nearer and farther than the points.
+    """
+    from zbuf_occlude.geometry.extents import extents  # late: cameras are described where nothing is computed
+
+    views = np.asarray(views, dtype=np.float64)
+    bounds = extents(views, np.ascontiguousarray(positions, dtype=np.float64))
+    nearest, farthest, low, high = bounds[:, 0], bounds[:, 1], bounds[:, 2:4], bounds[:, 4:6]
+    in_front = nearest > 0
+    # a flat mesh seen edge on has no width; give it some, relative to its other side
+    opening = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True) + 1e-9)
+    middle = (low + high) / 2
+    low, high = middle - opening * (0.5 + margin), middle + opening * (0.5 + margin)
+    fits = in_front & (np.maximum(-low, high) <= WIDEST).all(axis=1)
+    return fits, Frusta(low[:, 0], high[:, 0], low[:, 1], high[:, 1], nearest * (1 - 1e-3), farthest * (1 + 1e-3))
+
+
+def cube_frusta(n: int, near: float, far: float, margin: float = 0.0) -> Frusta:
+    """Return n equal frusta of 90 degrees, every side wider by `margin` times the opening."""
+    side = np.full(n, 1.0 + 2.0 * margin)
+    return Frusta(-side, side, -side, side, np.full(n, near), np.full(n, far))
+
+
+def projection_matrices(frusta: Frusta) -> FloatArray:
+    """Return the perspective matrices of frusta, as glFrustum makes them: (k, 4, 4) float64, eye space to clip space.
+
+    Raises
+    ------
+    ArgumentError
+        A frustum without opening, or a near plane that is not in front of the eye and of the far plane.
+    """
+    left, right, bottom, top, near, far = (np.asarray(bound, dtype=np.float64) for bound in frusta)
+    if not ((left < right) & (bottom < top) & (near > 0) & (near < far)).all():
+        raise ArgumentError("a frustum must have left < right, bottom < top and 0 < near < far; one has not.")
+    matrices = np.zeros((*left.shape, 4, 4))
+    matrices[..., 0, 0] = 2.0 / (right - left)
+    matrices[..., 0, 2] = (right + left) / (right - left)
+    matrices[..., 1, 1] = 2.0 / (top - bottom)
+    matrices[..., 1, 2] = (top + bottom) / (top - bottom)
+    matrices[..., 2, 2] = -(far + near) / (far - near)
+    matrices[..., 2, 3] = -2.0 * far * near / (far - near)
+    matrices[..., 3, 2] = -1.0
+    return matrices
+
+
+def window_coordinates(matrices: ArrayLike, positions: ArrayLike, size: tuple[int, int]) -> FloatArray:
+    """Project points into window space.
+
+    Parameters
+    ----------
+    matrices : (..., 4, 4) float
+        World to clip space (projection @ view).
+    positions : (n, 3) float
+        World space.
+    size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    (..., n, 3) float64
+        x and y in pixels, depth in [0, 1] between the near and far planes. NaN for a point in the eye's own plane;
+        points behind the eye come out mirrored with a depth above 1.
+    """
+    matrices = np.asarray(matrices, dtype=np.float64)
+    positions = np.asarray(positions, dtype=np.float64)
+    clip = np.einsum("...ij,nj->...ni", matrices[..., :3], positions) + matrices[..., None, :, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ndc = clip[..., :3] / clip[..., 3:]
+    return np.asarray((ndc + 1.0) / 2.0 * np.array([size[0], size[1], 1.0]))
+
+
+def eye_depths(depths: ArrayLike, near: ArrayLike, far: ArrayLike) -> FloatArray:
+    """Turn window depths in [0, 1] into eye depths between near and far (the inverse of the projection)."""
+    depths, near, far = (np.asarray(a, dtype=np.float64) for a in (depths, near, far))
+    return np.asarray(far * near / (far - depths * (far - near)))

@@ -1,0 +1,45 @@
+"""How far points reach to either side, as cameras see them: what frusta are fitted to."""
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.jit.pool import n_blocks, shared, take, together
+
+PAIRS_PER_TASK = 20_000
+"""Pairs of camera and point that are worth waking a thread for."""
+
+
+def extents(views: FloatArray, positions: FloatArray) -> FloatArray:
+    """Least and largest depth, least tangents, largest tangents of points for each camera; (k, 6).
+
+    The tangents mean nothing where a point is not in front.
+    """
+    bounds = np.empty((len(views), 6))
+    n_tasks = min(len(views), n_blocks(len(views) * len(positions), PAIRS_PER_TASK))
+    together(_measure, n_tasks, views, positions, bounds)
+    return bounds
+
+
+@shared
+def _measure(tasks, views, positions, bounds):
+    """Take camera after camera."""
+    k = take(tasks)
+    while k < len(views):
+        view = views[k]
+        nearest, farthest = np.inf, -np.inf
+        left, right, bottom, top = np.inf, -np.inf, np.inf, -np.inf
+        for i in range(len(positions)):
+            x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+            depth = -(view[2, 0] * x + view[2, 1] * y + view[2, 2] * z + view[2, 3])
+            nearest, farthest = min(nearest, depth), max(farthest, depth)
+            if depth > 0.0:
+                inverse = 1.0 / depth
+                across = (view[0, 0] * x + view[0, 1] * y + view[0, 2] * z + view[0, 3]) * inverse
+                upward = (view[1, 0] * x + view[1, 1] * y + view[1, 2] * z + view[1, 3]) * inverse
+                left, right = min(left, across), max(right, across)
+                bottom, top = min(bottom, upward), max(top, upward)
+        if nearest <= 0.0:
+            left = right = bottom = top = 0.0
+        row = bounds[k]
+        row[0], row[1], row[2], row[3], row[4], row[5] = nearest, farthest, left, bottom, right, top
+        k = take(tasks)

@@ -1,0 +1,134 @@
+"""Hilbert order: positions along a curve through space that never jumps, so that what is consecutive is compact."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
+
+Keys = NDArray[np.uint64]
+
+CODE_BITS = 10
+"""Bits per axis of a place along the curve: what is consecutive has to be near, not in perfect order."""
+
+BLOCK = 1024
+"""Positions that a thread places at a time: their cells stay in its nearest cache."""
+
+DIGIT_BITS = 11
+"""Keys are sorted by so many bits at a time: the counts of all digits stay in a cache."""
+
+
+def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
+    """Return the indices that put positions (n, 3) into Hilbert order; what shares a cell keeps its order.
+
+    Notes
+    -----
+    The curve runs through 2^10 cells per axis of the positions' bounding cube. Packets of consecutive points, and boxes
+    around consecutive faces, have a tenth less to test than in Morton order, which jumps.
+
+    References
+    ----------
+    Skilling: Programming the Hilbert curve. AIP Conference Proceedings 707 (2004), doi:10.1063/1.1751381.
+    """
+    index_bits = len(positions).bit_length()
+    low = [float(axis.min()) for axis in positions.T]  # axis by axis: 20 times as fast as positions.min(axis=0)
+    side = max(float(axis.max()) - lowest for axis, lowest in zip(positions.T, low, strict=True))
+    scale = (2.0**CODE_BITS - 1.0) / side if side > 0.0 else 0.0
+    # with the index in the low bits, sorting the keys is all
+    keys = np.empty(len(positions), dtype=np.uint64)
+    together(_keys, n_blocks(len(positions), BLOCK), positions, tuple(low), scale, index_bits, keys, own=new_cells)
+    keys = sorted_keys(keys, index_bits, 3 * CODE_BITS)
+    return (keys & np.uint64((1 << index_bits) - 1)).astype(np.int64)
+
+
+def sorted_keys(keys: Keys, index_bits: int, n_bits: int) -> Keys:
+    """Return keys (n,) sorted by `n_bits` bits, below which an index ascends already; the keys given are scratch.
+
+    In a fourth of the time of NumPy's sort, which compares.
+    """
+    spare, counts = np.empty_like(keys), np.zeros((-(-n_bits // DIGIT_BITS), 1 << DIGIT_BITS), dtype=np.int64)
+    return spare if _sort(keys, spare, counts, np.uint64(index_bits)) else keys
+
+
+@njit(cache=True, nogil=True)
+def _sort(keys, spare, counts, first_bit):
+    """Sort by digit after digit, the lowest first, from array to array; return whether it ended in `spare`."""
+    n, in_spare, mask = len(keys), False, np.uint64((1 << DIGIT_BITS) - 1)
+    for i in range(n):
+        for digit in range(len(counts)):
+            counts[digit, (keys[i] >> (first_bit + np.uint64(digit * DIGIT_BITS))) & mask] += 1
+    for digit in range(len(counts)):
+        shift, begin = first_bit + np.uint64(digit * DIGIT_BITS), 0
+        if n == 0 or counts[digit, (keys[0] >> shift) & mask] == n:
+            continue  # all have the same
+        for value in range(len(counts[digit])):
+            counts[digit, value], begin = begin, begin + counts[digit, value]
+        for i in range(n):
+            value = (keys[i] >> shift) & mask
+            spare[counts[digit, value]] = keys[i]
+            counts[digit, value] += 1
+        keys, spare, in_spare = spare, keys, not in_spare
+    return in_spare
+
+
+def new_cells() -> NDArray[np.int64]:
+    """Return what a thread puts the cells of a block in, (3, `BLOCK`), for `place_along_curve`."""
+    return np.empty((3, BLOCK), dtype=np.int64)
+
+
+@shared
+def _keys(tasks, positions, low, scale, index_bits, keys, cells):
+    """Place along the curve, and index, of each position."""
+    first, last = take_block(tasks, len(positions), BLOCK)
+    while first < last:
+        for axis in range(3):
+            for i in range(last - first):
+                cells[axis, i] = np.int64((positions[first + i, axis] - low[axis]) * scale)
+        place_along_curve(cells, last - first)
+        for i in range(last - first):
+            keys[first + i] = (np.uint64(cells[0, i]) << np.uint64(index_bits)) | np.uint64(first + i)
+        first, last = take_block(tasks, len(positions), BLOCK)
+
+
+@njit()
+def place_along_curve(cells, n):
+    """Put into row 0 the places along the curve, 3 x `CODE_BITS` bits, of the first n cells, (3, >= n) int64.
+
+    Cells count from 0 to 2^`CODE_BITS` - 1 along each axis. Level by level, each for all of them: loops without
+    branches, which the compiler turns into vectors; cell by cell it took twelve times as long.
+    """
+    xs, ys, zs = cells[0, :n], cells[1, :n], cells[2, :n]
+    # undo the curve's turns, from the coarsest cell to the finest: where an axis has the bit, mirror x below it,
+    # else swap that axis with x below it (masks instead of branches)
+    for level in range(CODE_BITS - 1, 0, -1):
+        below = (1 << level) - 1
+        for i in range(len(xs)):
+            x, y, z = xs[i], ys[i], zs[i]
+            x ^= below & -(x >> level & 1)
+            mirror = below & -(y >> level & 1)
+            swap = (x ^ y) & (below ^ mirror)
+            x ^= swap | mirror
+            ys[i] = y ^ swap
+            mirror = below & -(z >> level & 1)
+            swap = (x ^ z) & (below ^ mirror)
+            xs[i], zs[i] = x ^ (swap | mirror), z ^ swap
+    for i in range(len(xs)):
+        x = xs[i]
+        y = ys[i] ^ x  # Gray code
+        z = zs[i] ^ y
+        above = z >> 1  # becomes, at each bit, the parity of those above it
+        above ^= above >> 1
+        above ^= above >> 2
+        above ^= above >> 4
+        above ^= above >> 8
+        xs[i] = _spaced(x ^ above) << 2 | _spaced(y ^ above) << 1 | _spaced(z ^ above)
+
+
+@njit()
+def _spaced(bits):
+    """Put two zeros before each of 10 bits."""
+    bits = (bits | bits << 16) & 0x030000FF
+    bits = (bits | bits << 8) & 0x0300F00F
+    bits = (bits | bits << 4) & 0x030C30C3
+    return (bits | bits << 2) & 0x09249249

@@ -1,0 +1,236 @@
+"""Mesh: vertices and triangles as two arrays, with the few measures that everything else needs."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_array,
+    as_indices,
+    as_numbers,
+    as_vectors,
+    frozen,
+    sealed,
+)
+from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.geometry.cleaning import faulty_faces
+from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
+from zbuf_occlude.jit.vec3 import fill_normals
+from zbuf_occlude.origin import UNKNOWN, Origin
+
+NO_AREA = 1e-12
+"""A face has no area when the length of its normal is at most this times its longest edge squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in world space. Immutable, its measures too: every transformation returns a new one.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float
+        Positions; any unit. Stored as float64.
+    faces : (f, 3) int
+        Indices into `vertices`. Winding carries no meaning (ModelNet's is inconsistent). Stored as int32.
+    name : str
+        Shown in messages and manifests.
+    source_face_ids : (f,) int, optional
+        For each face the face of the file it came from; ``arange(f)`` by default.
+    dropped : dict of str to int
+        What `cleaned` removed, by reason.
+    origin : Origin
+        What it was made of, where that is known: the content of its files, or a shape's recipe.
+    colors : SurfaceColors, optional
+        Base colours of the faces, where they were asked for.
+
+    Raises
+    ------
+    MeshError
+        No faces, or no vertices.
+    ArgumentError
+        Arrays of the wrong shape or type, NaN or infinite positions, indices out of range.
+
+    Notes
+    -----
+    Nothing is merged, reordered or repaired here; `cleaned` drops duplicate and degenerate faces,
+    and `load_mesh` calls it once.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str = "mesh"
+    source_face_ids: IntArray | None = None
+    dropped: dict[str, int] = field(default_factory=dict)
+    origin: Origin = UNKNOWN
+    colors: SurfaceColors | None = None
+
+    def __post_init__(self) -> None:
+        vertices = as_vectors(self.vertices, "vertices")
+        faces = as_array(self.faces, "faces", "(n, 3) int")
+        if len(vertices) == 0 or faces.size == 0:
+            raise MeshError(
+                f"a mesh must have vertices and faces; {self.name} has {len(vertices)} vertices and "
+                f"{len(np.atleast_1d(faces))} faces. Is it a point cloud or an empty file?"
+            )
+        faces = as_indices(faces, "faces", columns=3, upper=len(vertices))
+        source = np.arange(len(faces)) if self.source_face_ids is None else self.source_face_ids
+        source = as_indices(source, "source_face_ids", columns=None, upper=np.iinfo(np.int32).max)
+        if len(source) != len(faces):
+            raise MeshError(f"source_face_ids must have one entry a face ({len(faces)}); got {len(source)}.")
+        if self.colors is not None and len(self.colors.material_ids) != len(faces):
+            raise MeshError(
+                f"colors must be of {len(faces)} faces; they are of {len(self.colors.material_ids)}. Select alike."
+            )
+        object.__setattr__(self, "vertices", frozen(vertices))
+        object.__setattr__(self, "faces", frozen(faces))
+        object.__setattr__(self, "source_face_ids", frozen(source))
+
+    def __repr__(self) -> str:
+        return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    @classmethod
+    def of_checked(
+        cls,
+        vertices: FloatArray,
+        faces: IntArray,
+        name: str,
+        source_face_ids: IntArray,
+        dropped: dict[str, int],
+        origin: Origin,
+        colors: SurfaceColors | None = None,
+    ) -> "Mesh":
+        """Take over arrays that were checked already, float64 and int32, and that nobody else will change."""
+        mesh = object.__new__(cls)
+        for key, value in (
+            ("vertices", sealed(vertices)),
+            ("faces", sealed(faces)),
+            ("name", name),
+            ("source_face_ids", sealed(source_face_ids)),
+            ("dropped", dropped),
+            ("origin", origin),
+            ("colors", colors),
+        ):
+            object.__setattr__(mesh, key, value)
+        return mesh
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any, name: str = "mesh", *, colors: bool = False) -> "Mesh":
+        """Take vertices and faces of a ``trimesh.Trimesh`` as they are (not cleaned), and its colours if asked for."""
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+            raise ArgumentError(
+                f"mesh must be a trimesh.Trimesh; got {type(mesh).__name__}. Make one mesh of a scene: scene.to_mesh()."
+            )
+        found = of_trimesh(mesh) if colors else None
+        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name, colors=found)
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Corner positions of every face, (f, 3 corners, 3)."""
+        return sealed(self.vertices.take(self.faces, axis=0))  # a third of the time of vertices[faces]
+
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
+        normals = np.empty((len(self.faces), 3))
+        fill_normals(self.corners, normals)
+        return sealed(normals)
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Areas of the faces, (f,) (paper Eq. 4)."""
+        x, y, z = self.face_normals.T.copy()  # in a third of the time of norm(axis=1), the same numbers
+        return sealed(np.sqrt(x * x + y * y + z * z) / 2.0)
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Lower and upper corner of the axis-aligned box of the vertices in use, (2, 3)."""
+        is_used = np.zeros(len(self.vertices), dtype=bool)
+        is_used[self.faces.reshape(-1)] = True
+        used = self.vertices.compress(is_used, axis=0).T.copy()  # along rows minima are found a dozen times as fast
+        return sealed(np.stack([used.min(axis=1), used.max(axis=1)]))
+
+    @cached_property
+    def centre(self) -> FloatArray:
+        """Centre of the bounding box, (3,)."""
+        return sealed((self.bounds[0] + self.bounds[1]) / 2.0)
+
+    @cached_property
+    def longest_side(self) -> float:
+        """Longest side of the bounding box: the paper's "maximum dimension"."""
+        return float(np.ptp(self.bounds, axis=0).max())
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box; the length that the contact tolerance is relative to."""
+        return float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+
+    def in_box(self, positions: FloatArray) -> BoolArray:
+        """Return which positions (n, 3) lie inside the bounding box, (n,)."""
+        return np.asarray(((positions > self.bounds[0]) & (positions < self.bounds[1])).all(axis=1))
+
+    def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
+        """Return the mesh with every vertex v moved to ``scale * v + translation``."""
+        return self._with_vertices(
+            self.vertices * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
+        )
+
+    def rotated(self, rotation: ArrayLike) -> "Mesh":
+        """Return the mesh with every vertex v moved to ``rotation @ v``; rotation is (3, 3)."""
+        matrix = as_numbers(rotation, "rotation", (3, 3), " Take the upper left of a (4, 4)?")
+        return self._with_vertices(self.vertices @ matrix.T)
+
+    def normalized(self) -> "Mesh":
+        """Return the mesh centred at the origin with its longest side 1 (paper 3.4: "maximum dimension is 1")."""
+        if self.longest_side == 0.0:
+            raise MeshError(f"a mesh must have an extent to be normalized; all vertices of {self.name} coincide.")
+        return self._with_vertices((self.vertices - self.centre) / self.longest_side)
+
+    def cleaned(self) -> "Mesh":
+        """Return the mesh without duplicate faces and faces of no area, and count what went in `dropped`.
+
+        Two faces are duplicates when their corners have the same three positions in any order; the first stays.
+        A face has no area when the length of its normal is at most `NO_AREA` times its longest edge squared.
+        Vertices are neither merged nor reordered. `source_face_ids` leads back to the faces before cleaning.
+
+        Raises
+        ------
+        MeshError
+            Nothing is left.
+        """
+        degenerate, duplicate = faulty_faces(self.vertices, self.faces, NO_AREA)
+        keep = ~(degenerate | duplicate)
+        if not keep.any():
+            raise MeshError(f"a mesh must have faces of some area; none of the {len(keep)} faces of {self.name} has.")
+        dropped = {
+            **self.dropped,
+            "degenerate": self.dropped.get("degenerate", 0) + int(degenerate.sum()),
+            "duplicate": self.dropped.get("duplicate", 0) + int((duplicate & ~degenerate).sum()),
+        }
+        assert self.source_face_ids is not None  # set in __post_init__; for the type checker
+        colors = None if self.colors is None else self.colors.select(keep)
+        return Mesh.of_checked(
+            self.vertices,
+            self.faces.compress(keep, axis=0),  # a fourth of the time of faces[keep]
+            self.name,
+            self.source_face_ids.compress(keep),
+            dropped,
+            self.origin,
+            colors,
+        )
+
+    def _with_vertices(self, vertices: FloatArray) -> "Mesh":
+        return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin, self.colors)
+
+
+def box_around(positions: FloatArray) -> Mesh:
+    """Return the box, along the axes, around (n, 3) positions, n > 0: what a cloud has instead of a mesh."""
+    ends = np.stack([positions.min(axis=0), positions.max(axis=0)])
+    corner = np.indices((2, 2, 2)).reshape(3, 8).T
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return Mesh(ends[corner, [0, 1, 2]], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), name="box")

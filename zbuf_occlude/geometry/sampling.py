@@ -1,0 +1,321 @@
+"""Random points on a mesh's surface: Algorithms 1 and 2 of the paper (section 3.4)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.geometry.colors import Bytes, barycentric
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.seeds import generator
+
+MAX_POINTS = int(np.iinfo(np.int32).max)
+"""Counts and ids are int32."""
+
+CELLS = 2.0**16
+"""Of the curve that `curve_order` follows, along each axis."""
+
+_FEW = 16
+
+Seed = int | np.random.SeedSequence | np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoints:
+    """Points on a surface, each with the face it lies on. Immutable.
+
+    Parameters
+    ----------
+    positions : (n, 3) float
+        World space. Stored as float64.
+    face_ids : (n,) int
+        Index into ``mesh.faces`` of the point's own face, which never hides it; -1: none (a free point).
+    normals : (n, 3) float
+        Unit normal of the own face (sign as the face is wound, which carries no meaning); zero for a free point.
+    colors : (n, 3) uint8, optional
+        Base colour there, sRGB; of meshes with colours.
+
+    Raises
+    ------
+    ArgumentError
+        Wrong shapes, dtypes, lengths, or values that are not finite.
+    """
+
+    positions: FloatArray
+    face_ids: IntArray
+    normals: FloatArray
+    colors: Bytes | None = None
+
+    def __post_init__(self) -> None:
+        positions = as_vectors(self.positions, "positions")
+        face_ids = as_indices(self.face_ids, "face_ids", columns=None, upper=np.iinfo(np.int32).max, lowest=-1)
+        normals = as_vectors(self.normals, "normals")
+        if not len(positions) == len(face_ids) == len(normals):
+            raise ArgumentError(
+                "positions, face_ids and normals must have one length; "
+                f"got {len(positions)}, {len(face_ids)} and {len(normals)}."
+            )
+        if self.colors is not None:
+            colors = np.asarray(self.colors)
+            if colors.dtype != np.uint8 or colors.shape != positions.shape:
+                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {describe(self.colors)}.")
+            object.__setattr__(self, "colors", sealed(colors.copy()))
+        object.__setattr__(self, "positions", frozen(positions))
+        object.__setattr__(self, "face_ids", frozen(face_ids))
+        object.__setattr__(self, "normals", frozen(normals))
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        return f"SurfacePoints({len(self)})"
+
+    @classmethod
+    def free(cls, positions: ArrayLike) -> "SurfacePoints":
+        """Points that lie on no face: any face may hide them."""
+        positions = as_vectors(positions, "positions")
+        return cls(positions, np.full(len(positions), -1, dtype=np.int32), np.zeros_like(positions))
+
+    @classmethod
+    def of_checked(
+        cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray, colors: Bytes | None = None
+    ) -> "SurfacePoints":
+        """Take over arrays that were checked already, and that nobody else will change."""
+        points = object.__new__(cls)
+        for name, array in (("positions", positions), ("face_ids", face_ids), ("normals", normals)):
+            object.__setattr__(points, name, sealed(array))
+        object.__setattr__(points, "colors", None if colors is None else sealed(colors))
+        return points
+
+    def select(self, which: ArrayLike) -> "SurfacePoints":
+        """Return the points that a boolean mask or an index array picks, in its order."""
+        chosen = np.asarray(which)
+        if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
+            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
+        if chosen.dtype.kind == "b":
+            if len(chosen) != len(self):
+                raise ArgumentError(f"which must pick among {len(self)} points; boolean it has {len(chosen)} entries.")
+            chosen = np.flatnonzero(chosen)
+        rows = chosen.astype(np.intp, copy=False)
+        try:
+            return SurfacePoints.of_checked(
+                self.positions.take(rows, axis=0),  # a fourth of the time of positions[rows]
+                self.face_ids.take(rows),
+                self.normals.take(rows, axis=0),
+                None if self.colors is None else self.colors.take(rows, axis=0),
+            )
+        except IndexError as error:
+            raise ArgumentError(f"which must pick among {len(self)} points; {error}.") from None
+
+    def normals_towards(self, eye: FloatArray) -> FloatArray:
+        """Return the normals (n, 3), each on the side of its face on which an eye (3,) is."""
+        away = np.einsum("na,na->n", self.normals, eye - self.positions) < 0.0
+        return np.where(away[:, None], -self.normals, self.normals)
+
+    def transformed(self, scale: float = 1.0, translation: ArrayLike = (0.0, 0.0, 0.0)) -> "SurfacePoints":
+        """Return the points moved to ``scale * p + translation``, with a mesh moved alike."""
+        moved = self.positions * as_numbers(scale, "scale", ()) + as_numbers(translation, "translation", (3,))
+        return SurfacePoints(moved, self.face_ids, self.normals, self.colors)
+
+
+def sample_surface(
+    mesh: Mesh, *, n_points: int | None = None, density: float | None = None, seed: Seed = 0
+) -> SurfacePoints:
+    """Sample points uniformly over a mesh's surface.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    n_points : int, optional
+        Exactly this many points: each falls on a face with probability proportional to its area.
+    density : float, optional
+        Points per unit of area: the paper's Algorithm 1, whose total is random.
+        Give exactly one of `n_points` and `density`.
+    seed : int, SeedSequence or Generator
+        The same seed gives the same points, byte for byte.
+
+    Returns
+    -------
+    SurfacePoints
+        Ordered by face. World space, float64. With colours where the mesh has them (`load_mesh` with ``colors=True``).
+
+    Raises
+    ------
+    ArgumentError
+        Neither or both of `n_points` and `density`; a value out of range; a mesh without area.
+
+    References
+    ----------
+    Paper section 3.4, Algorithms 1 and 2. Departures: Algorithm 2's v1 and v2 are the *consecutive* edges b - a and
+    c - b (with Eq. 1's v2 = c - a half of the points would fall outside the triangle); the exact count `n_points`
+    is ours (a multinomial draw instead of Algorithm 1's stochastic rounding).
+    """
+    if (n_points is None) == (density is None):
+        raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
+    if not isinstance(mesh, Mesh):
+        raise ArgumentError(f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}.")
+    rng = generator(seed)
+    if density is not None:
+        counts = stochastic_counts(mesh.areas, density, rng)
+    else:
+        counts = exact_counts(mesh.areas, n_points or 0, rng)
+    positions = points_in_triangles(mesh.corners, counts, rng)
+    face_ids, normals = np.empty(len(positions), dtype=np.int32), np.empty((len(positions), 3))
+    _fill_faces(mesh.face_normals, counts, face_ids, normals)
+    colors = None
+    if mesh.colors is not None:
+        colors = mesh.colors.at(face_ids, barycentric(mesh.corners[face_ids], positions))
+    return SurfacePoints.of_checked(positions, face_ids, normals, colors)
+
+
+def stochastic_counts(areas: FloatArray, density: float, rng: np.random.Generator) -> IntArray:
+    """Algorithm 1 for all faces: floor(A s), plus one with probability equal to the fraction left. (f,) int32."""
+    if not (isinstance(density, (int, float, np.integer, np.floating)) and 0 < density < math.inf):
+        raise ArgumentError(f"density must be positive and finite; got {density!r}.")
+    wanted = areas * density
+    if wanted.sum() > MAX_POINTS:
+        raise ArgumentError(f"density {density} asks for {wanted.sum():.3g} points; at most 2^31 - 1 can be made.")
+    whole = np.floor(wanted)
+    return np.asarray(whole + (rng.random(len(areas)) < wanted - whole), dtype=np.int32)
+
+
+def exact_counts(areas: FloatArray, n_points: int, rng: np.random.Generator) -> IntArray:
+    """Draw how many of exactly `n_points` fall on each face, proportionally to area. (f,) int32."""
+    if isinstance(n_points, bool) or not isinstance(n_points, (int, np.integer)) or n_points < 1:
+        raise ArgumentError(f"n_points must be a positive int; got {n_points!r}.")
+    if n_points > MAX_POINTS:
+        raise ArgumentError(f"n_points must be at most 2^31 - 1; got {n_points}.")
+    total = areas.sum()
+    if not total > 0:
+        raise ArgumentError("a mesh must have area to be sampled; this one has none.")
+    edges = np.cumsum(areas)
+    if not np.isfinite(edges[-1]):
+        raise ArgumentError("a mesh must have a finite area to be sampled; this one overflows. Scale it down.")
+    counts, guide = np.zeros(len(edges), dtype=np.int32), np.empty(len(edges), dtype=np.int64)
+    _count(rng.random(n_points), edges, guide, counts)
+    return counts
+
+
+def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Algorithm 2: of each triangle, corners (f, 3, 3), as many uniform points as `counts` (f,) says, (n, 3)."""
+    draws = rng.random((2, int(counts.sum())))
+    positions = np.empty((draws.shape[1], 3))
+    _place(corners, counts, draws, positions)
+    return positions
+
+
+def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
+    """Order points that come face by face along a Morton curve within each face.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Of ascending `face_ids`.
+    lower : (3,) float64
+        Lower corner of the cube of that `side` which is divided into 2^16 cells along each axis; what shares a cell
+        keeps its order.
+    side : float
+
+    Returns
+    -------
+    (n,) int64, a permutation for `SurfacePoints.select`.
+    """
+    n = len(points)
+    codes, order, spare = np.zeros(n, dtype=np.int64), np.arange(n), np.empty(n, dtype=np.int64)
+    _sort_along_curve(points.positions, points.face_ids, lower, CELLS / side if side > 0 else 0.0, codes, order, spare)
+    return order
+
+
+@njit(cache=True, nogil=True)
+def _count(draws, edges, guide, counts):
+    """How many draws, in [0, 1) of the last edge, fall between the edges of each face and of the one before."""
+    n = len(edges)
+    face = 0
+    for cell in range(n):  # the first face that draws of each n-th part may fall on
+        while face < n - 1 and edges[face] / edges[-1] * n < cell:
+            face += 1
+        guide[cell] = face
+    for draw in draws:
+        face, place = guide[min(int(draw * n), n - 1)], draw * edges[-1]
+        while face > 0 and edges[face - 1] > place:  # rounding
+            face -= 1
+        while face < n - 1 and edges[face] <= place:
+            face += 1
+        counts[face] += 1
+
+
+@njit(cache=True, nogil=True)
+def _place(corners, counts, draws, positions):
+    """Points of uniform draws (2, n) in triangles."""
+    i = 0
+    for face in range(len(counts)):
+        for _ in range(counts[face]):
+            r1, r2 = draws[0, i], draws[1, i]
+            if r1 + r2 > 1.0:
+                r1, r2 = 1.0 - r1, 1.0 - r2
+            for axis in range(3):
+                a, b, c = corners[face, 0, axis], corners[face, 1, axis], corners[face, 2, axis]
+                positions[i, axis] = b - r1 * (b - a) + r2 * (c - b)
+            i += 1
+
+
+@njit(cache=True, nogil=True)
+def _fill_faces(face_normals, counts, face_ids, normals):
+    """Face and unit normal of each point, the points in the order of the faces; no normal where there is no area."""
+    end = 0
+    for face in range(len(counts)):
+        begin, end = end, end + counts[face]
+        x, y, z = face_normals[face]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            x, y, z = x / length, y / length, z / length
+        for i in range(begin, end):
+            face_ids[i] = face
+            normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _sort_along_curve(positions, face_ids, lower, scale, codes, order, spare):
+    """Merge sort of 0, 1, 2, ... in `order` by (code, place), face by face; the codes are 0 before."""
+    n = len(positions)
+    for axis in range(3):
+        least = lower[axis]
+        for i in range(n):  # of several points at a time: no call, no branch, int64
+            bits = np.int64(min(max((positions[i, axis] - least) * scale, 0.0), CELLS - 1.0))
+            bits = (bits | bits << 16) & 0x001F0000FF0000FF
+            bits = (bits | bits << 8) & 0x100F00F00F00F00F
+            bits = (bits | bits << 4) & 0x10C30C30C30C30C3
+            bits = (bits | bits << 2) & 0x1249249249249249
+            codes[i] |= bits << axis
+    end = 0
+    while end < n:
+        begin = end
+        while end < n and face_ids[end] == face_ids[begin]:
+            end += 1
+        for first in range(begin, end, _FEW):  # runs of a few by insertion, then merged two by two
+            for i in range(first + 1, min(first + _FEW, end)):
+                j, code = i, codes[order[i]]
+                moved = order[i]
+                while j > first and codes[order[j - 1]] > code:
+                    order[j] = order[j - 1]
+                    j -= 1
+                order[j] = moved
+        width = _FEW
+        while width < end - begin:
+            for left in range(begin, end - width, 2 * width):
+                middle, right = left + width, min(left + 2 * width, end)
+                i, j = left, middle
+                for place in range(left, right):
+                    if j == right or (i < middle and codes[order[i]] <= codes[order[j]]):
+                        spare[place] = order[i]
+                        i += 1
+                    else:
+                        spare[place] = order[j]
+                        j += 1
+                for place in range(left, right):
+                    order[place] = spare[place]  # a slice takes numba two seconds to compile, for its error's text
+            width *= 2

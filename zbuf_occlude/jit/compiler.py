@@ -1,0 +1,166 @@
+"""numba's decorators, and the folder that compiled code is kept in: one for each state of the sources.
+
+numba takes 0.3 s to import: functions are declared without it and compiled, or loaded, when they are first called.
+"""
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, cached_property, update_wrapper
+from pathlib import Path
+from typing import Any
+
+PACKAGE = Path(__file__).parents[1]
+ROOMS = ("", "exact", "geometry", "gl", "jit", "meshes", "object_space", "visibility")
+"""Folders of the package from which compiled functions take functions and constants of other files."""
+
+_lock = threading.Lock()
+
+
+class Kernel:
+    """A function that numba compiles when it is first called, or named in another that is."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._function, self._options = function, options
+
+    @cached_property
+    def _compiled(self) -> Any:
+        import numba  # late: see above
+
+        folder = cache_folder() if self._options.get("cache") else None
+        with _lock:  # numba looks for the folder while a function is declared; other functions keep theirs
+            before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+            try:
+                return numba.njit(**{**self._options, "cache": folder is not None})(self._function)
+            finally:
+                numba.config.CACHE_DIR = before
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return self._compiled(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the compiled function, which is what numba sees in functions that call this one."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._compiled, name)
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
+    """Return `numba.njit` with these options, applied when the function is needed.
+
+    By default references to arrays are not counted (``_nrt=False``): each row that a loop looks at, ``vertices[i]``,
+    would be counted there and back, 3 % of a dataset's time. A function that allocates needs ``_nrt=True``.
+    """
+    return lambda function: Kernel(function, {"_nrt": False, **options})
+
+
+inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorator of a function that only compiled functions call. Without its wrappers compiling takes 10 % less."""
+inlined = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""The same, for what LLVM copies into its callers."""
+merged = njit(inline="always", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""The same, for what has one caller, which takes it in before types are inferred: inner functions are optimised anew
+with each outer one. The caller's options become its own, so the caller must not count references either."""
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder of the code that was compiled of these sources, for this processor.
+
+    A subfolder of NUMBA_CACHE_DIR where that is set; else of the package's own ``__pycache__``, of ``~/.cache``, or of
+    a private temporary folder, whichever can be written. A new folder takes the place of those of other sources. None
+    where nothing can be written: each process then compiles for itself.
+    """
+    place = _digest(str(PACKAGE), sys.implementation.cache_tag, _processor())
+    name = f"zbuf_occlude-{place}-{_digest(*_sources())}"
+    for base in _bases():
+        folder = base / name
+        with suppress(OSError):
+            if not folder.exists():
+                for other in base.glob(f"zbuf_occlude-{place}-*"):
+                    shutil.rmtree(other, ignore_errors=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            return folder
+    return None
+
+
+def is_compiled(job: str) -> bool:
+    """Return whether all that a job calls is compiled, as `note_compiled` noted."""
+    folder = cache_folder()
+    return folder is not None and (folder / f"{job}.compiled").exists()
+
+
+def note_compiled(job: str) -> None:
+    """Note that all that a job calls is compiled."""
+    if folder := cache_folder():
+        with suppress(OSError):
+            (folder / f"{job}.compiled").touch()
+
+
+def _bases() -> Iterator[Path]:
+    """Yield the folders in which the cache may lie."""
+    if given := os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(given)
+    yield PACKAGE / "__pycache__"
+    yield Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "zbuf_occlude")
+    if hasattr(os, "getuid"):
+        private = Path(tempfile.gettempdir(), f"zbuf_occlude-{os.getuid()}")
+        with suppress(OSError):
+            private.mkdir(mode=0o700, exist_ok=True)
+            status = private.lstat()
+            if status.st_uid == os.getuid() and status.st_mode & 0o077 == 0:  # nobody else put code there
+                yield private
+
+
+def _sources() -> Iterator[bytes]:
+    """Yield what compiled code depends on: the sources of `ROOMS`, and when numba was installed."""
+    numba = importlib.util.find_spec("numba")
+    if numba is not None and numba.origin:
+        yield f"{numba.origin} {os.stat(numba.origin).st_mtime_ns}".encode()
+    for room in ROOMS:
+        for source in sorted((PACKAGE / room).glob("*.py")):
+            yield source.name.encode(errors="surrogateescape")
+            yield source.read_bytes()
+
+
+def _processor() -> str:
+    """Return what Linux says of the processor that is the same for all of its kind."""
+    told = ("vendor_id", "cpu family", "model\t", "flags", "CPU ", "Features", "cpu\t", "isa")
+    with suppress(OSError), open("/proc/cpuinfo") as file:
+        return "".join(line for line in file.read(8192).partition("\n\n")[0].splitlines(True) if line.startswith(told))
+    import platform  # late: nothing else needs it
+
+    return platform.processor()
+
+
+def _digest(*parts: str | bytes | None) -> str:
+    found = hashlib.sha1()
+    for part in parts:
+        found.update(b"%b\0" % (part if isinstance(part, bytes) else str(part).encode(errors="surrogateescape")))
+    return found.hexdigest()[:12]
+
+
+@contextmanager
+def without_scipy() -> Iterator[None]:
+    """Hide scipy from numba and trimesh within the block, in a process that is all ours.
+
+    Before its first function numba imports scipy, for 0.15 s, to see whether there is BLAS to call; none here calls it.
+    trimesh, imported within, stays without it for good: only where nothing of trimesh's that needs it is called.
+    """
+    hidden = "scipy" not in sys.modules
+    if hidden:
+        sys.modules["scipy"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules["scipy"]

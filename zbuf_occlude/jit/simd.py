@@ -1,0 +1,386 @@
+"""Vectors of 16 float32 lanes for numba kernels, wide ones of 32, and masks of as many bits.
+
+LLVM lowers them to whatever the machine has: 16 lanes to one AVX-512 register, two of AVX, four of SSE. Kernels touch
+LLVM only here, in `threads` and in `image_space.reference`; `tests/test_lanes.py` compares every operation with its
+plain twin in NumPy.
+
+A vector lives inside a kernel only: it is loaded from a C-contiguous float32 array at a flat index, computed with
+(``+ - *``, the functions below), and stored, or reduced to a number or to a mask. What takes vectors takes them of 16
+or of 32, with float32 numbers among them, which stand in all lanes. A mask is an int64 whose bit i stands for lane i.
+Nothing here is contracted or reassociated beyond `muladd`, which may round once or twice.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel import models, register_default
+from numba.core.errors import TypingError
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import intrinsic, lower_builtin
+
+from zbuf_occlude.jit.compiler import inlined
+
+N_LANES = 16
+ALL = (1 << N_LANES) - 1
+"""The mask of all lanes."""
+N_WIDE = 2 * N_LANES
+"""Lanes of a wide vector: code is compiled once for all of them, where a loop over two vectors would be for each."""
+
+
+class VectorType(types.Type):  # type: ignore[misc]  # numba ships no types
+    """Numba's type of a vector of n float32."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.floats = ir.VectorType(ir.FloatType(), n)
+        super().__init__(name=f"float32x{n}")
+
+
+VECTOR, WIDE = VectorType(N_LANES), VectorType(N_WIDE)
+_WORD = ir.IntType(64)
+
+
+@register_default(VectorType)
+class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]  # numba ships no types
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, kind.floats)
+
+
+def _vector_of(*kinds: Any) -> Any:
+    """The type of the vectors among arguments; None where there is none, or what no vector can be computed with."""
+    vectors = {kind for kind in kinds if isinstance(kind, VectorType)}
+    others = {kind for kind in kinds if kind not in vectors} - {types.float32}
+    return vectors.pop() if len(vectors) == 1 and not others else None
+
+
+def _vectors(builder: Any, vector: Any, kinds: Any, values: Any) -> list[Any]:
+    """Values of such kinds, as vectors of one."""
+    pairs = zip(kinds, values, strict=True)
+    return [_repeat(builder, value, vector.floats) if kind == types.float32 else value for kind, value in pairs]
+
+
+def _to_word(builder: Any, bools: Any) -> Any:
+    return builder.zext(builder.bitcast(bools, ir.IntType(bools.type.count)), _WORD)
+
+
+def _to_bools(builder: Any, mask: Any, n: int) -> Any:
+    return builder.bitcast(builder.trunc(mask, ir.IntType(n)), ir.VectorType(ir.IntType(1), n))
+
+
+def _repeat(builder: Any, value: Any, kind: Any) -> Any:
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), places)
+
+
+def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+
+def _must_be_contiguous(array: Any) -> None:
+    if array.layout != "C" or array.dtype != types.float32:
+        raise TypingError(f"lanes must be taken from a C-contiguous float32 array; got {array}.")
+
+
+def _operation(emit: Callable[..., Any], result: Any, *kinds: Any) -> Any:
+    """The signature and code of what is computed from vectors, and numbers among them, by what `emit` emits."""
+    vector = _vector_of(*kinds)
+    if vector is None:
+        return None
+
+    def codegen(context, builder, signature, args):
+        return emit(builder, *_vectors(builder, vector, kinds, args))
+
+    return (vector if result is None else result)(*kinds), codegen
+
+
+def _unary(emit: Callable[[Any, Any], Any], result: Any = None) -> Any:
+    """Make a function of a vector from what it emits."""
+
+    @intrinsic
+    def operation(typing_context, a):
+        return _operation(emit, result, a)
+
+    return operation
+
+
+def _binary(emit: Callable[[Any, Any, Any], Any], result: Any = None) -> Any:
+    """Make a function of two vectors from what it emits."""
+
+    @intrinsic
+    def operation(typing_context, a, b):
+        return _operation(emit, result, a, b)
+
+    return operation
+
+
+def _call(name: str) -> Callable[..., Any]:
+    """What emits a call of one of LLVM's functions of vectors."""
+
+    def emit(builder: Any, *args: Any) -> Any:
+        kind = args[0].type
+        function = ir.FunctionType(kind, [kind] * len(args))
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, function, f"llvm.{name}.v{kind.count}f32"), args
+        )
+
+    return emit
+
+
+def _smaller(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.fcmp_ordered("<", a, b), a, b)
+
+
+def _larger(builder: Any, a: Any, b: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+
+minimum = _binary(_smaller)
+"""Smaller of a and b in each lane; b where either is NaN."""
+maximum = _binary(_larger)
+"""Larger of a and b in each lane; b where either is NaN."""
+divide = _binary(lambda builder, a, b: builder.fdiv(a, b))
+"""a / b"""
+greater = _binary(lambda builder, a, b: _to_word(builder, builder.fcmp_ordered(">", a, b)), types.int64)
+"""Mask of a > b; False where either is NaN."""
+not_less = _binary(lambda builder, a, b: _to_word(builder, builder.fcmp_unordered(">=", a, b)), types.int64)
+"""Mask of not (a < b); True where either is NaN."""
+absolute = _unary(_call("fabs"))
+"""|a|"""
+square_root = _unary(_call("sqrt"))
+"""The square root, NaN of negative numbers."""
+
+
+class _Arithmetic(AbstractTemplate):  # type: ignore[misc]  # numba ships no types
+    def generic(self, args: Any, kws: Any) -> Any:
+        vector = _vector_of(*args)
+        return vector and vector(*args)
+
+
+def _operator(function: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
+    """Give an operator to vectors. As an `overload` it would be a function to compile for each pair of types."""
+    infer_global(function)(_Arithmetic)
+
+    def lower(context, builder, signature, args):
+        return emit(builder, *_vectors(builder, signature.return_type, signature.args, args))
+
+    for kinds in ((VectorType, VectorType), (VectorType, types.float32), (types.float32, VectorType)):
+        lower_builtin(function, *kinds)(lower)
+
+
+_operator(operator.add, lambda builder, a, b: builder.fadd(a, b))
+_operator(operator.sub, lambda builder, a, b: builder.fsub(a, b))
+_operator(operator.mul, lambda builder, a, b: builder.fmul(a, b))
+
+
+@intrinsic
+def muladd(typing_context, a, b, c):
+    """a * b + c, fused where the machine can."""
+    return _operation(_call("fmuladd"), None, a, b, c)
+
+
+@intrinsic
+def splat(typing_context, value):
+    """One number in all 16 lanes."""
+
+    def codegen(context, builder, signature, args):
+        return _repeat(builder, args[0], VECTOR.floats)
+
+    return VECTOR(types.float32), codegen
+
+
+def _load(vector: VectorType) -> Any:
+    @intrinsic
+    def operation(typing_context, array, index):
+        _must_be_contiguous(array)
+
+        def codegen(context, builder, signature, args):
+            return builder.load(_address(context, builder, array, args[0], args[1], vector.floats), align=4)
+
+        return vector(array, types.intp), codegen
+
+    return operation
+
+
+load, load_wide = _load(VECTOR), _load(WIDE)
+"""The 16, or 32, float32 of an array that begin at a flat index."""
+
+
+@intrinsic
+def number(typing_context, array, index):
+    """The float32 of an array at a flat index."""
+    _must_be_contiguous(array)
+
+    def codegen(context, builder, signature, args):
+        return builder.load(_address(context, builder, array, args[0], args[1], ir.FloatType()), align=4)
+
+    return types.float32(array, types.intp), codegen
+
+
+@intrinsic
+def store(typing_context, array, index, vector):
+    """Write a vector to an array from a flat index on."""
+    _must_be_contiguous(array)
+    if _vector_of(vector) is None:
+        return None
+
+    def codegen(context, builder, signature, args):
+        builder.store(args[2], _address(context, builder, array, args[0], args[1], vector.floats), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, vector), codegen
+
+
+def _equal(n: int) -> Any:
+    @intrinsic
+    def operation(typing_context, array, index, value):
+        def codegen(context, builder, signature, args):
+            kind = ir.VectorType(ir.IntType(32), n)
+            values = builder.load(_address(context, builder, array, args[0], args[1], kind), align=4)
+            return _to_word(builder, builder.icmp_signed("==", values, _repeat(builder, args[2], kind)))
+
+        return types.int64(array, types.intp, types.int32), codegen
+
+    return operation
+
+
+equal, equal_wide = _equal(N_LANES), _equal(N_WIDE)
+"""Mask of the 16, or 32, int32 of an array from a flat index on that equal a value."""
+
+
+@intrinsic
+def fill(typing_context, array, index, mask, value):
+    """Write a value to the lanes of a mask of the 16 int32 of an array from a flat index on."""
+
+    def codegen(context, builder, signature, args):
+        kind = ir.VectorType(ir.IntType(32), N_LANES)
+        address = _address(context, builder, array, args[0], args[1], kind)
+        old = builder.load(address, align=4)
+        new = builder.select(_to_bools(builder, args[2], N_LANES), _repeat(builder, args[3], kind), old)
+        builder.store(new, address, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.int64, types.int32), codegen
+
+
+@intrinsic
+def select(typing_context, mask, a, b):
+    """a in the lanes of a mask, b in the others."""
+    vector = _vector_of(a, b)
+    if vector is None:
+        return None
+
+    def codegen(context, builder, signature, args):
+        bools = _to_bools(builder, args[0], vector.n)
+        return builder.select(bools, *_vectors(builder, vector, (a, b), args[1:]))
+
+    return vector(types.int64, a, b), codegen
+
+
+def _folded(emit: Callable[[Any, Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """What folds a vector in halves, 16 to 8 to 4 to 2 to 1, by what `emit` emits."""
+
+    def fold(builder: Any, vector: Any) -> Any:
+        n = vector.type.count
+        while n > 1:
+            n //= 2
+            halves = [
+                builder.shuffle_vector(
+                    vector,
+                    ir.Constant(vector.type, ir.Undefined),
+                    ir.Constant(ir.VectorType(ir.IntType(32), n), list(range(first, first + n))),
+                )
+                for first in (0, n)
+            ]
+            vector = emit(builder, *halves)
+        return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
+
+    return fold
+
+
+lowest = _unary(_folded(_smaller), types.float32)
+"""The smallest lane."""
+highest = _unary(_folded(_larger), types.float32)
+"""The largest lane."""
+
+
+@intrinsic
+def first_lane(typing_context, mask):
+    """The lowest lane of a mask that is not empty."""
+
+    def codegen(context, builder, signature, args):
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def count_lanes(typing_context, mask):
+    """The number of lanes in a mask."""
+
+    def codegen(context, builder, signature, args):
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
+
+
+# three vectors at a time: tuples of 3, one for each axis
+
+
+@inlined
+def load3(array, index, stride):
+    """Load three vectors, each `stride` numbers after the one before."""
+    return load(array, index), load(array, index + stride), load(array, index + 2 * stride)
+
+
+@inlined
+def load3_wide(array, index, stride):
+    """Load three wide vectors likewise."""
+    return load_wide(array, index), load_wide(array, index + stride), load_wide(array, index + 2 * stride)
+
+
+@inlined
+def numbers3(array, index, stride):
+    """Three numbers likewise."""
+    return number(array, index), number(array, index + stride), number(array, index + 2 * stride)
+
+
+@inlined
+def store3(array, index, stride, vectors):
+    """Write three vectors likewise."""
+    store(array, index, vectors[0])
+    store(array, index + stride, vectors[1])
+    store(array, index + 2 * stride, vectors[2])
+
+
+@inlined
+def splat3(values):
+    """Each of three numbers in all lanes."""
+    return splat(values[0]), splat(values[1]), splat(values[2])
+
+
+@inlined
+def dot3(a, b, c):
+    """a . b + c"""
+    return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
+
+
+@inlined
+def cross3(a, b):
+    """a x b"""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def transform(matrix, x, y, z):
+    """Rows 0 to 2 of a 3 x 4 matrix, (12,) float32, times (x, y, z, 1)."""
+    return (
+        muladd(x, matrix[0], muladd(y, matrix[1], muladd(z, matrix[2], matrix[3]))),
+        muladd(x, matrix[4], muladd(y, matrix[5], muladd(z, matrix[6], matrix[7]))),
+        muladd(x, matrix[8], muladd(y, matrix[9], muladd(z, matrix[10], matrix[11]))),
+    )

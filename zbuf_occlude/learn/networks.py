@@ -1,0 +1,422 @@
+"""The classifiers: their base class, VoxNet, PointNet and 3DmFV-Net. Numbers of parameters are those of K classes.
+
+References
+----------
+D. Maturana, S. Scherer: "VoxNet: A 3D Convolutional Neural Network for Real-Time Object Recognition", IROS 2015.
+
+C. R. Qi, H. Su, K. Mo, L. J. Guibas: "PointNet: Deep Learning on Point Sets for 3D Classification and Segmentation",
+CVPR 2017; Figure 2, supplementary C.
+
+Y. Ben-Shabat, M. Lindenbaum, A. Fischer: "3DmFV: Three-Dimensional Point Cloud Classification in Real-Time Using
+Convolutional Neural Networks", IEEE RA-L 3(4), 2018; the layers are those of the authors' published TensorFlow code,
+which also keeps 5^3 on the smaller grid.
+"""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise, product
+from typing import Any
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.learn.features import CHANNELS, fisher_vectors, occupancy
+
+ORTHOGONALITY = 0.001
+"""Weight of PointNet's regulariser beside the cross-entropy."""
+EPSILON = 1e-5
+"""Added to variances, as torch's batch normalisation does."""
+SMALL = 4
+"""Cells a side up to which, on a CPU, products of slices are faster than torch's convolution, as measured."""
+
+
+class Classifier(nn.Module):
+    """Base of the three networks; the training loop and the evaluation know no more than this.
+
+    A subclass defines ``forward(points) -> logits``: (b, n, 3) float32 in the frame that `normalise` leaves, to (b,
+    n_classes) float32. Features are extracted inside. `normalise` is called once for each cloud, before any
+    augmentation: called after it, it would undo the scaling.
+    """
+
+    def __init__(self, n_classes: int) -> None:
+        super().__init__()
+        self.n_classes = n_classes
+
+    def normalise(self, points: torch.Tensor) -> torch.Tensor:
+        """Move and scale clouds (b, n, 3) as the network's paper wants them.
+
+        Here the bounding box of each cloud is centred at the origin, its longest side 1 (paper, section 3.4).
+        """
+        low, high = points.amin(dim=1, keepdim=True), points.amax(dim=1, keepdim=True)
+        return (points - (low + high) / 2.0) / _positive((high - low).amax(dim=2, keepdim=True))
+
+    def loss(self, points: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+        """Return the training loss of clouds (b, n, 3) with labels (b,): cross-entropy, and any regulariser; ()."""
+        return functional.cross_entropy(self(points), labels)
+
+    def settle(self, progress: float) -> None:
+        """Let the running statistics of batch normalisation change more slowly as `progress` goes from 0 to 1.
+
+        The share of each batch in them falls from 0.5 to 0.05. With torch's 0.1 they lag so far behind the first
+        hundreds of steps that a network which knows its training clouds fails on them in evaluation mode. The code of
+        PointNet and of 3DmFV begins with 0.5 too, and halves it down to 0.01 in a million clouds.
+        """
+        for module in self.modules():
+            if hasattr(module, "momentum"):
+                module.momentum = 0.5 * 0.1**progress
+
+
+class SphereClassifier(Classifier):
+    """A classifier of clouds that are scaled into the unit sphere; the order of the points does not matter."""
+
+    def normalise(self, points: torch.Tensor) -> torch.Tensor:
+        """Scale clouds (b, n, 3) into the unit sphere, their centroids at its centre."""
+        return unit_sphere(points)
+
+
+def unit_sphere(points: torch.Tensor) -> torch.Tensor:
+    """Move the centroids of clouds (b, n, 3) to the origin; scale the farthest point of each to the unit sphere."""
+    centred = points - points.mean(dim=1, keepdim=True)
+    return centred / _positive(torch.linalg.norm(centred, dim=2, keepdim=True).amax(dim=1, keepdim=True))
+
+
+def _positive(lengths: torch.Tensor) -> torch.Tensor:
+    """Return the lengths, with 1 for those of a single place."""
+    return torch.where(lengths > 0.0, lengths, 1.0)
+
+
+# ---- VoxNet ------------------------------------------------------------------------------------------------------
+
+
+class VoxNet(Classifier):
+    """VoxNet (Maturana and Scherer 2015): a small 3D convolutional network on an occupancy grid of 32^3.
+
+        layer              output         parameters
+        occupancy          1 x 32^3       -
+        conv 5^3 / 2       32 x 14^3      4,032
+        leaky ReLU 0.1, dropout 0.2
+        conv 3^3           32 x 12^3      27,680
+        leaky ReLU 0.1
+        max pool 2         32 x 6^3       -
+        dropout 0.3
+        linear, ReLU       128            884,864
+        dropout 0.4
+        linear             K              128 K + K
+
+    921,736 parameters for K = 40: the number of its paper, all weights and biases counted.
+
+    Notes
+    -----
+    Clouds are scaled as the base class says: the longest side takes 24 of the 32 voxels. What augmentation turns or
+    scales beyond the grid is cut off.
+
+    The first weights are those of the paper, but each kernel of the first layer has the mean 0. The grid is -1 nearly
+    everywhere; with any other mean that background is all that the first steps see, and training takes ten times as
+    many of them.
+    """
+
+    def __init__(self, n_classes: int) -> None:
+        super().__init__(n_classes)
+        first, second = nn.Conv3d(1, 32, 5, stride=2), nn.Conv3d(32, 32, 3)
+        hidden, last = nn.Linear(32 * 6**3, 128), nn.Linear(128, n_classes)
+        for convolution in (first, second):
+            nn.init.kaiming_normal_(convolution.weight, a=0.1)
+        with torch.no_grad():
+            first.weight -= first.weight.mean(dim=(1, 2, 3, 4), keepdim=True)
+        for linear in (hidden, last):
+            nn.init.normal_(linear.weight, std=0.01)
+        for layer in (first, second, hidden, last):
+            assert layer.bias is not None  # for the type checker
+            nn.init.zeros_(layer.bias)
+        self.body = nn.Sequential(
+            first, nn.LeakyReLU(0.1), nn.Dropout(0.2), second, nn.LeakyReLU(0.1), nn.MaxPool3d(2), nn.Dropout(0.3)
+        )
+        self.head = nn.Sequential(hidden, nn.ReLU(), nn.Dropout(0.4), last)
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Return logits (b, n_classes) of points (b, n, 3)."""
+        logits: torch.Tensor = self.head(self.body(occupancy(points)).flatten(1))
+        return logits
+
+
+# ---- PointNet ----------------------------------------------------------------------------------------------------
+
+
+class PointNet(SphereClassifier):
+    """PointNet (Qi et al. 2017): a function of each point, then the maximum over the points; both T-Nets.
+
+        layer                                output     parameters
+        T-Net of 3                           3 x 3      803,081
+        points times it                      n x 3      -
+        shared linear 64, 64                 n x 64     256 + 128, 4,160 + 128
+        T-Net of 64                          64 x 64    1,857,344
+        features times it                    n x 64     -
+        shared linear 64, 128, 1024          n x 1024   4,160 + 128, 8,320 + 256, 132,096 + 2,048
+        max over points                      1024       -
+        linear 512                           512        524,800 + 1,024
+        linear 256, dropout 0.3              256        131,328 + 512
+        linear                               K          256 K + K
+
+    T-Net: shared linear 64, 128, 1024; max over points; linear 512, 256; linear of the matrix, plus the identity.
+    After each layer but the last ones of the network and of the T-Nets: batch normalisation (the second number) and
+    ReLU. 3,480,049 parameters for K = 40: the 3.5 M of its Table 6, T-Nets and batch normalisation counted; 3,467,889
+    without the latter.
+    """
+
+    def __init__(self, n_classes: int) -> None:
+        super().__init__(n_classes)
+        self.input_transform = TNet(3)
+        self.local = shared(3, 64, 64)
+        self.feature_transform = TNet(64)
+        self.body = shared(64, 64, 128)
+        self.pool = MaxLinear(128, 1024)
+        self.head = nn.Sequential(shared(1024, 512, 256), nn.Dropout(0.3), nn.Linear(256, n_classes))
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Return logits (b, n_classes) of points (b, n, 3)."""
+        return self._logits_and_transform(points)[0]
+
+    def loss(self, points: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+        """Return the cross-entropy plus the distance of the 64 x 64 transforms A from orthogonal ones, |I - A A^T|^2.
+
+        Qi et al. 2017, Eq. 2 (mean over the batch).
+        """
+        logits, transforms = self._logits_and_transform(points)
+        with torch.autocast(points.device.type, enabled=False):  # small differences of products near 1
+            transforms = transforms.float()
+            defects = torch.eye(64, device=points.device) - transforms @ transforms.transpose(1, 2)
+        return functional.cross_entropy(logits, labels) + ORTHOGONALITY * defects.square().sum(dim=(1, 2)).mean()
+
+    def _logits_and_transform(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        features = self.local(points @ self.input_transform(points))
+        transforms = self.feature_transform(features)
+        return self.head(self.pool(self.body(features @ transforms))), transforms
+
+
+class TNet(nn.Module):
+    """A PointNet that maps the features of a cloud to a (size, size) matrix to multiply them by; at first identity."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.size = size
+        self.body = shared(size, 64, 128)
+        self.pool = MaxLinear(128, 1024)
+        last = nn.Linear(256, size * size)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.head = nn.Sequential(shared(1024, 512, 256), last)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Return (b, size, size) of features (b, n, size)."""
+        change = self.head(self.pool(self.body(features))).view(-1, self.size, self.size)
+        return change + torch.eye(self.size, device=change.device, dtype=change.dtype)
+
+
+class MaxLinear(nn.Module):
+    """Linear, batch normalisation, ReLU, maximum over the points; computed without the first three for every point.
+
+    The same function, statistics and gradients as the four one after the other, for about a third of the work of
+    training. The normalisation rises or falls with its input, by the sign of its factor, so the point that gives the
+    maximum of a channel is found from the product alone, without a gradient, and the layer is then evaluated for these
+    points only. Mean and variance over all points follow from those of the inputs: w m + b, and w C w^T for the
+    covariance C.
+    """
+
+    running_mean: torch.Tensor
+    running_variance: torch.Tensor
+
+    def __init__(self, n_inputs: int, n_outputs: int) -> None:
+        super().__init__()
+        self.momentum = 0.1
+        self.linear = nn.Linear(n_inputs, n_outputs)
+        self.factor = nn.Parameter(torch.ones(n_outputs))
+        self.shift = nn.Parameter(torch.zeros(n_outputs))
+        self.register_buffer("running_mean", torch.zeros(n_outputs))
+        self.register_buffer("running_variance", torch.ones(n_outputs))
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Return (b, n_outputs) of features (b, n, n_inputs)."""
+        b, n, width = features.shape
+        weight, bias = self.linear.weight, self.linear.bias
+        rows = features.reshape(-1, width)
+        with torch.no_grad():
+            rising = torch.where(self.factor < 0.0, -1.0, 1.0)
+            best = ((weight * rising[:, None]) @ features.transpose(1, 2)).argmax(dim=2)  # (b, n_outputs)
+            best += n * torch.arange(b, device=best.device)[:, None]
+        with torch.autocast(features.device.type, enabled=False):
+            rows = rows.to(weight.dtype)
+            chosen = rows.gather(0, best.view(-1, 1).expand(-1, width)).view(b, -1, width)
+            values = (chosen * weight).sum(dim=2) + bias
+            mean, variance = self.running_mean, self.running_variance
+            if self.training:
+                centre = rows.mean(dim=0)
+                covariance = (rows - centre).T @ (rows - centre) / len(rows)
+                mean, variance = weight @ centre + bias, ((weight @ covariance) * weight).sum(dim=1)
+                with torch.no_grad():  # as torch's own layer keeps them
+                    self.running_mean.lerp_(mean, self.momentum)
+                    self.running_variance.lerp_(variance * (len(rows) / (len(rows) - 1)), self.momentum)
+            return functional.relu((values - mean) * torch.rsqrt(variance + EPSILON) * self.factor + self.shift)
+
+
+def shared(*widths: int) -> nn.Sequential:
+    """Return linear layers of these widths, each with batch normalisation and ReLU, applied to each point by itself."""
+    layers: list[nn.Module] = []
+    for n_inputs, n_outputs in pairwise(widths):
+        layers += [nn.Linear(n_inputs, n_outputs), _PointNorm(n_outputs), nn.ReLU(inplace=True)]
+    return nn.Sequential(*layers)
+
+
+class _PointNorm(nn.BatchNorm1d):
+    """Batch normalisation over the last axis, whatever comes before."""
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        return super().forward(features.reshape(-1, features.shape[-1])).view(features.shape)
+
+
+# ---- 3DmFV-Net ---------------------------------------------------------------------------------------------------
+
+
+class ThreeDmFV(SphereClassifier):
+    """3DmFV-Net (Ben-Shabat et al. 2018): Fisher vectors on a grid of Gaussians, then a 3D inception network.
+
+        layer                      output, g = 8 (g = 5)   parameters
+        3DmFV                      20 x g^3                -
+        inception 64               192 x g^3               314,432
+        inception 128              384 x g^3               1,295,488
+        inception 256              768 x g^3               5,179,648
+        max pool 2                 768 x 4^3 (3^3)         -
+        inception 256              768 x 4^3 (3^3)         5,376,256
+        inception 512              1,536 x 4^3 (3^3)       20,713,984
+        max pool 2                 1,536 x 2^3 (2^3)       -
+        linear 1024, dropout 0.3   1024                    12,583,936 + 2,048
+        linear 256, dropout 0.3    256                     262,400 + 512
+        linear 128, dropout 0.3    128                     32,896 + 256
+        linear                     K                       128 K + K
+
+    After each layer but the last: batch normalisation (counted; the second number of the linear ones) and ReLU.
+    45,767,016 parameters for K = 40, as many as in the authors' code; 45,756,904 without batch normalisation.
+
+    Parameters
+    ----------
+    n_classes : int
+    n_gaussians : int
+        Gaussians a side: 8 as in the best figures of its paper, or 5, the default of its code. Both have the same
+        layers and the same number of parameters. At least 5, for the mean over 3^3 on the smaller grid.
+    n_filters : int
+        Filters of the first inception module, 64 in its paper; all other widths are multiples of it. Even.
+
+    Raises
+    ------
+    OptionError
+        Fewer Gaussians, or filters that cannot be halved.
+    """
+
+    def __init__(self, n_classes: int, n_gaussians: int = 8, n_filters: int = 64) -> None:
+        super().__init__(n_classes)
+        if n_gaussians < 5:
+            raise OptionError(f"n_gaussians must be at least 5 per side; got {n_gaussians}.")
+        if n_filters < 2 or n_filters % 2:
+            raise OptionError(f"n_filters must be even and at least 2; got {n_filters}.")
+        self.n_gaussians = n_gaussians
+        f = n_filters
+        self.body = nn.Sequential(
+            Inception(CHANNELS, f),
+            Inception(3 * f, 2 * f),
+            Inception(6 * f, 4 * f),
+            nn.MaxPool3d(2, ceil_mode=True),
+            Inception(12 * f, 4 * f),
+            Inception(12 * f, 8 * f),
+            nn.MaxPool3d(2, ceil_mode=True),
+        )
+        side = -(-n_gaussians // 4)
+        head: list[nn.Module] = []
+        for n_inputs, n_outputs in pairwise((24 * f * side**3, 16 * f, 4 * f, 2 * f)):
+            head += [nn.Linear(n_inputs, n_outputs), nn.BatchNorm1d(n_outputs), nn.ReLU(), nn.Dropout(0.3)]
+        self.head = nn.Sequential(*head, nn.Linear(2 * f, n_classes))
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Return logits (b, n_classes) of points (b, n, 3)."""
+        logits: torch.Tensor = self.head(self.body(fisher_vectors(points, self.n_gaussians)).flatten(1))
+        return logits
+
+
+class Inception(nn.Module):
+    """Four branches of f = `n_filters`, concatenated.
+
+    A convolution 1^3 to f channels; on these one 3^3 and one 5^3, each to f/2; the mean over 3^3, then one 1^3 to f.
+    """
+
+    def __init__(self, n_inputs: int, n_filters: int) -> None:
+        super().__init__()
+        self.cell = _normed(nn.Conv3d(n_inputs, n_filters, 1), n_filters)
+        self.narrow = _normed(GridConv(n_filters, n_filters // 2, 3), n_filters // 2)
+        self.wide = _normed(GridConv(n_filters, n_filters // 2, 5), n_filters // 2)
+        self.mean = _normed(nn.Conv3d(n_inputs, n_filters, 1), n_filters)
+
+    def forward(self, grid: torch.Tensor) -> torch.Tensor:
+        """Return (b, 3 n_filters, r, r, r) of a grid (b, n_inputs, r, r, r)."""
+        cell = self.cell(grid)
+        mean = functional.avg_pool3d(grid, 3, stride=1, padding=1, count_include_pad=False)
+        return torch.cat([cell, self.narrow(cell), self.wide(cell), self.mean(mean)], dim=1)
+
+
+def _normed(convolution: nn.Module, n_outputs: int) -> nn.Sequential:
+    return nn.Sequential(convolution, nn.BatchNorm3d(n_outputs), nn.ReLU(inplace=True))
+
+
+class GridConv(nn.Module):
+    """What ``nn.Conv3d(n_inputs, n_outputs, size, padding=size // 2)`` computes; faster on small grids on a CPU.
+
+    With a kernel of 5 on a grid of 3 only 20 % of the products are not with padding. On grids up to `SMALL` the
+    convolution is a matrix product for each of the kernel's places, of those cells that have a neighbour there; the
+    weights lie as these want them, (size, size, size, n_inputs, n_outputs). Elsewhere, and on CUDA, it is torch's.
+    """
+
+    def __init__(self, n_inputs: int, n_outputs: int, size: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.empty(size, size, size, n_inputs, n_outputs))
+        self.bias = nn.Parameter(torch.empty(n_outputs))
+        bound = 1.0 / math.sqrt(n_inputs * size**3)  # torch's own first weights
+        nn.init.uniform_(self.weight, -bound, bound)
+        nn.init.uniform_(self.bias, -bound, bound)
+
+    def forward(self, grid: torch.Tensor) -> torch.Tensor:
+        """Return (b, n_outputs, r, r, r) of a grid (b, n_inputs, r, r, r)."""
+        if grid.is_cuda or grid.shape[2] > SMALL:
+            return functional.conv3d(grid, self.weight.permute(4, 3, 0, 1, 2), self.bias, padding=len(self.weight) // 2)
+        convolve: Any = _SmallConvolution.apply  # torch does not say its type
+        cells: torch.Tensor = convolve(grid.permute(0, 2, 3, 4, 1).contiguous(), self.weight)
+        return (cells + self.bias).permute(0, 4, 1, 2, 3)
+
+
+class _SmallConvolution(torch.autograd.Function):
+    """(b, r, r, r, n_inputs) cells and weights to (b, r, r, r, n_outputs) cells."""
+
+    @staticmethod
+    def forward(ctx: Any, cells: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+        ctx.save_for_backward(cells, weight)
+        result = cells.new_zeros(*cells.shape[:4], weight.shape[4])
+        for place, here, there in _places(cells.shape[1], len(weight)):
+            result[here] += cells[there] @ weight[place]
+        return result
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        cells, weight = ctx.saved_tensors
+        by_cells, by_weight = torch.zeros_like(cells), torch.zeros_like(weight)
+        for place, here, there in _places(cells.shape[1], len(weight)):
+            part = gradient[here]
+            torch.mm(cells[there].flatten(0, 3).T, part.flatten(0, 3), out=by_weight[place])
+            by_cells[there] += part @ weight[place].T
+        return by_cells, by_weight
+
+
+def _places(side: int, size: int) -> Iterator[tuple[tuple[int, int, int], tuple[slice, ...], tuple[slice, ...]]]:
+    """Yield the kernel's places that meet the grid, the cells that have a neighbour there, and those neighbours."""
+    shifts = range(max(-(size // 2), 1 - side), min(size // 2, side - 1) + 1)
+    here = {shift: slice(max(0, -shift), side - max(0, shift)) for shift in shifts}
+    for x, y, z in product(shifts, repeat=3):
+        place = (x + size // 2, y + size // 2, z + size // 2)
+        yield place, (slice(None), here[x], here[y], here[z]), (slice(None), here[-x], here[-y], here[-z])

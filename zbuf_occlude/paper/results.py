@@ -1,0 +1,146 @@
+"""The results of trials as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import describe
+from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.learn.models import find_model
+from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, ELEVATION, HSR, REALISM, paper_name
+from zbuf_occlude.paper.reported import TABLE_3A
+
+FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
+"""In a study's folder: a JSON file for each trial; what the study is; projected areas that are seen; real scans."""
+
+_FACTS: dict[str, dict[str, type]] = {
+    ELEVATION: {"model": str, "split": str, "seed": int},
+    AUGMENTATION: {"model": str, "set": int, "points": int, "budget": str, "seed": int},
+    HSR: {"model": str, "method": str, "points": int, "budget": str, "seed": int},
+    REALISM: {"model": str, "trained_on": str, "counts": str, "seed": int},
+}
+_REPORTED: dict[str, type | tuple[type, ...]] = {
+    "n_parameters": int, "n_training": int, "epochs": int, "seconds": (int, float), "machine": str, "device": str,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """How a classifier labelled a test set.
+
+    Raises ArgumentError where there is not a count for each row and column.
+    """
+
+    truth: tuple[str, ...]  # names of the rows; those of real scans are not the classifier's own
+    predicted: tuple[str, ...]  # names of the columns
+    counts: NDArray[np.int64]  # (t, p)
+
+    def __post_init__(self) -> None:
+        shape = (len(self.truth), len(self.predicted))
+        if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
+            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
+
+    @property
+    def n_clouds(self) -> int:
+        """Clouds of the test set."""
+        return int(self.counts.sum())
+
+    @property
+    def accuracy(self) -> float:
+        """Overall accuracy where truth and predictions have the same classes; NaN without clouds."""
+        return float(np.trace(self.counts) / self.n_clouds) if self.n_clouds else float("nan")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a trial came to."""
+
+    experiment: str
+    facts: Mapping[str, Any]  # of the `Trial`
+    tests: Mapping[str, Confusion]
+    document: Mapping[str, Any]  # all that is stored
+
+    def is_of(self, **facts: Any) -> bool:
+        """Whether the trial's facts are these."""
+        return all(self.facts.get(name) == value for name, value in facts.items())
+
+    def accuracy(self, test: str | int) -> float | None:
+        """Accuracy in a test; None where it was not tested."""
+        return self.tests[str(test)].accuracy if str(test) in self.tests else None
+
+
+def path_of(folder: Path, key: str) -> Path:
+    """Return where the result of a trial is."""
+    return folder / FOLDER / f"{key}.json"
+
+
+def read_result(path: Path) -> Result | None:
+    """Read a trial's result; None when there is none yet. Raises DatasetError where the file is damaged."""
+    if not path.exists():
+        return None
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        tests = {
+            name: Confusion(tuple(test["truth"]), tuple(test["predicted"]), np.array(test["confusion"], dtype=np.int64))
+            for name, test in document["tests"].items()
+        }
+        for values, kinds in ((document["facts"], _FACTS[document["experiment"]]), (document, _REPORTED)):
+            for name, kind in kinds.items():
+                if not isinstance(values[name], kind):
+                    raise TypeError(f"{name} {values[name]!r}")
+        find_model(document["facts"]["model"])
+        return Result(document["experiment"], document["facts"], tests, document)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DatasetError(f"{path} must be a trial's result; it is damaged ({error!r}). Delete it.") from None
+
+
+def read_study(folder: Path) -> dict[str, Any]:
+    """Read what a folder's study is: size, objects, date, missing_methods, failed_meshes.
+
+    Raises DatasetError where there is none, or its file is damaged.
+    """
+    path = folder / STUDY
+    try:
+        study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        study["size"]["name"], study["objects"], study["date"], study["missing_methods"]
+        study.setdefault("failed_meshes", {})
+    except FileNotFoundError:
+        raise DatasetError(f"{folder} must hold a study; it has no {STUDY}. See: zbuf-occlude paper -h") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{path} must be a study's; it is damaged ({error!r}). Choose another folder.") from None
+    return study
+
+
+def read_results(folder: Path) -> list[Result]:
+    """Read all results of a study's folder, in the order of their names."""
+    read = (read_result(path) for path in sorted((folder / FOLDER).glob("*.json")))
+    return [result for result in read if result is not None]
+
+
+def of(results: Iterable[Result], experiment: str, **facts: Any) -> list[Result]:
+    """Return the results of an experiment with these facts, in the order of their seeds."""
+    chosen = (result for result in results if result.experiment == experiment and result.is_of(**facts))
+    return sorted(chosen, key=lambda result: int(result.facts["seed"]))
+
+
+def values(results: Iterable[Result], fact: str) -> list[Any]:
+    """Return the values of a fact in the order in which they first come."""
+    return list(dict.fromkeys(result.facts[fact] for result in results))
+
+
+def budgets_of(results: Iterable[Result]) -> list[str]:
+    """Return the budgets that classifiers of 4.3 were trained under, in the order of `BUDGETS`."""
+    found = {result.facts["budget"] for result in results if result.experiment == AUGMENTATION}
+    return [budget for budget in BUDGETS if budget in found]
+
+
+def models_of(results: Sequence[Result], experiment: str) -> list[str]:
+    """Return the models of an experiment in the paper's order."""
+    order = list(TABLE_3A)
+    found = {str(result.facts["model"]) for result in results if result.experiment == experiment}
+    return sorted(found, key=lambda model: (order.index(paper_name(model)), model))

@@ -1,0 +1,30 @@
+"""Built-in shapes: the paper's ModelNet8 classes as parametric families, solids, formulas, benchmark meshes.
+
+    shapes.CLASSES                      the eight labels
+    shapes.make("chair", 7)             one member of a family, a Mesh
+    shapes.collection()                 all 600 as a MeshCollection, nothing built yet
+    shapes.solids.icosphere(4)          solids whose visible part is known in closed form
+    shapes.formulas.make("torus")       the paper's Fig. 9 kind of objects, from formulas
+    shapes.benchmark_mesh(45_000)       a mesh of a chosen number of faces
+
+Everything is computed from numbers alone: the same arguments give the same bytes.
+"""
+
+from zbuf_occlude.shapes import formulas, solids
+from zbuf_occlude.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
+from zbuf_occlude.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
+
+__all__ = [
+    "CLASSES",
+    "MEMBERS",
+    "benchmark_mesh",
+    "collection",
+    "formulas",
+    "key_of",
+    "make",
+    "refined",
+    "solids",
+    "soup",
+    "split_of",
+    "with_vertices",
+]
