@@ -8,10 +8,9 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box
-from tests.test_import_graph import PACKAGE
 
-ROOT = PACKAGE.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), PACKAGE / "cli" / "generate.py"]
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "zbuf_occlude" / "cli" / "generate.py"]
 NOT_HERE = re.compile(r"--labels|--engine|--shard|\.zip|--preset|OUT|ARGUMENTS")
 """Commands that need files of others, or a cluster, or have tests of their own."""
 

@@ -22,6 +22,9 @@ OTHERS = {"vertex_hsr", "vertex_hsr_culled", "occupancy_grid"}
 CASTERS = ("oracle", "exact", "embree", "depth_buffer")
 ERRORS = ("ArgumentError", "DatasetError", "GlError", "MeshError", "OptionError", "UnavailableError")
 
+REPLACED = {"experiment", "figure"}
+"""Names that are listed no more, and go on working; `options.py` finds none of theirs: keep their entries."""
+
 every_command = pytest.mark.parametrize("name", OPTIONS)
 
 
@@ -162,7 +165,7 @@ def test_nothing_heavy_is_imported() -> None:
 
 
 def test_commands_are_all_there() -> None:
-    assert set(OPTIONS) <= set(options.commands())
+    assert set(OPTIONS) - REPLACED <= set(options.commands())
 
 
 @every_command
