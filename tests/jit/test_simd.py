@@ -7,6 +7,7 @@ from numba.core.errors import TypingError
 
 from zbuf_occlude.jit import simd
 from zbuf_occlude.jit.simd import load, load_wide, store
+from zbuf_occlude.jit.vec3 import cross
 
 RNG = np.random.default_rng(0)
 SPECIAL = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 3e-39], dtype=np.float32)
@@ -205,7 +206,7 @@ def test_three_vectors_at_a_time() -> None:
     def kernel(a, b, matrix, out):  # type: ignore[no-untyped-def]
         u, v = simd.load3(a, 0, 16), simd.load3(b, 0, 16)
         store(out, 0, simd.dot3(u, v, simd.splat(np.float32(0.5))))
-        simd.store3(out, 16, 16, simd.cross3(u, v))
+        simd.store3(out, 16, 16, cross(u, v))
         simd.store3(out, 64, 16, simd.transform(matrix, u[0], u[1], u[2]))
         simd.store3(out, 112, 16, simd.splat3((matrix[0], matrix[1], matrix[2])))
         out[160:163] = simd.numbers3(matrix, 1, 4)

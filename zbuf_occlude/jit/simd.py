@@ -371,12 +371,6 @@ def dot3(a, b, c):
 
 
 @inlined
-def cross3(a, b):
-    """a x b"""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
 def transform(matrix, x, y, z):
     """Rows 0 to 2 of a 3 x 4 matrix, (12,) float32, times (x, y, z, 1)."""
     return (
