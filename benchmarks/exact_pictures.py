@@ -16,10 +16,10 @@ from matplotlib.patches import Rectangle
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.exact.bvh import make_scene
+from zbuf_occlude.exact.bvh import build_bvh
 from zbuf_occlude.exact.layout import PACKET
 from zbuf_occlude.exact.points import make_packets
-from zbuf_occlude.exact.view import make_views
+from zbuf_occlude.exact.view import project_eyes
 
 EYES = 3.0 * np.array([[np.cos(0.35) * np.cos(0.6), np.cos(0.35) * np.sin(0.6), np.sin(0.35)]])
 GREY, BLUE, ORANGE, RED = "#c8ccd0", "#3b78b5", "#e69f3c", "#c0392b"
@@ -39,11 +39,11 @@ def box_of(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def draw_clusters(path: Path) -> None:
     mesh = shapes.make("chair", 3).normalized()
     points = zo.sample_surface(mesh, n_points=6000, seed=0)
-    scene = make_scene(mesh, 1e-5 * mesh.diagonal)
-    packets = make_packets(scene, points)
-    matrix = make_views(scene, EYES, float(packets.farthest)).matrices[0, 0].reshape(3, 4).astype(np.float64)
-    corners = projected(matrix, (mesh.corners - scene.centre) * scene.scale)
-    members = [ids[ids >= 0] for ids in scene.face_ids]
+    bvh = build_bvh(mesh, 1e-5 * mesh.diagonal)
+    packets = make_packets(bvh, points)
+    matrix = project_eyes(bvh, EYES, float(packets.farthest)).matrices[0, 0].reshape(3, 4).astype(np.float64)
+    corners = projected(matrix, (mesh.corners - bvh.centre) * bvh.scale)
+    members = [ids[ids >= 0] for ids in bvh.face_ids]
     figure, axes = plt.subplots(1, 2, figsize=(11, 5.6))
     colours = plt.get_cmap("tab20")(np.arange(len(members)) % 20)
     depth = np.argsort(-corners[..., 2].mean(axis=1))

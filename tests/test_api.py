@@ -108,7 +108,7 @@ def is_kernel(node: ast.FunctionDef) -> bool:
     return any(
         name in ast.unparse(d)
         for d in node.decorator_list
-        for name in ("njit", "intrinsic", "inner", "inlined", "merged")
+        for name in ("njit", "intrinsic", "inner", "inlined", "merged", "shared")
     )
 
 

@@ -1,9 +1,37 @@
 """The engine of `exact`: hidden-surface removal in image space on the CPU, every doubt decided in float64.
 
-`engine` is the flow. `scene/` makes the mesh and the points ready, `view` the eyes, `search/` finds what hides what,
-`rays/` what rays meet first; `layout` has the numbers that all of them share. docs/exact.md tells the idea.
+A mesh becomes a BVH, points become packets, eyes become views, and each view is searched; rays are cast. docs/exact.md
+tells the idea.
 """
 
-from zbuf_occlude.exact.engine import Engine
+import numpy as np
 
-__all__ = ["Engine"]
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.exact.bvh import build_bvh
+from zbuf_occlude.exact.points import make_packets
+from zbuf_occlude.exact.rays import find_first_hits
+from zbuf_occlude.exact.search import find_visible
+from zbuf_occlude.exact.view import project_eyes
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
+
+
+class Engine:
+    """A prepared mesh; `contact` is the contact tolerance, world units.
+
+    Costs O(f log f) once, then O(n) for each set of points, and for each eye about n log f.
+    """
+
+    def __init__(self, mesh: Mesh, contact: float) -> None:
+        self._bvh = build_bvh(mesh, contact)
+
+    def visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+        """Return which of n points each of k eyes sees; (k, n) bool."""
+        if len(self._bvh.face_ids) == 0:  # no face that could block
+            return np.ones((len(eyes), len(points)), dtype=bool)
+        packets = make_packets(self._bvh, points)
+        return find_visible(self._bvh, packets, project_eyes(self._bvh, eyes, float(packets.farthest)))
+
+    def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return which face n rays meet first, (n,) int32, -1 for none, and the eye distance, (n,) float64."""
+        return find_first_hits(self._bvh, origins, directions)

@@ -1,14 +1,14 @@
-"""Hiding: 16 faces against a box of points, a packet against a face, 16 faces against a point."""
+"""Hiding: leaves against packets of points in float32; what is in doubt is decided in float64, by the definition."""
 
 import numpy as np
 
-from zbuf_occlude.exact.decide import decide
 from zbuf_occlude.exact.layout import (
-    CLUSTER,
+    CHUNK,
     CONTACT,
     EDGES,
     ENDLESS,
     HALF,
+    LEAF,
     NORMAL,
     PACKET,
     PLANE_ERROR,
@@ -16,7 +16,8 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.jit.compiler import inlined
+from zbuf_occlude.geometry.predicates import blocks
+from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
     absolute,
     dot3,
@@ -37,18 +38,14 @@ from zbuf_occlude.jit.simd import (
 
 SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
+BESIDE = 1e-6
+"""A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
+point is from mesh or eye: as the oracle (`visibility.oracle.ROUNDING`), which leaves out runs of faces so."""
 
 
 @inlined
-def classify(scene, points, space, slot, cluster, extent):
-    """Sort the 16 faces of a cluster by what they can do to the points of a packet.
-
-    Parameters
-    ----------
-    scene, points, space, slot, cluster
-        The cluster, and where the workspace has its set-up.
-    extent : Extent
-        The packet's.
+def classify(bvh, points, space, slot, leaf, extent):
+    """Test the 16 faces of a leaf against the box of a packet's points.
 
     Returns
     -------
@@ -57,19 +54,19 @@ def classify(scene, points, space, slot, cluster, extent):
     covers : bool
         Whether one face certainly hides all of them; a face does not hide its own points even where they lie behind it.
     """
-    row, packet = slot * SETUP_ROWS * CLUSTER, extent.first // PACKET
+    row, packet = slot * SETUP_ROWS * LEAF, extent.first // PACKET
     cx, hx = splat(HALF * (extent.left + extent.right)), splat(HALF * (extent.right - extent.left))
     cy, hy = splat(HALF * (extent.bottom + extent.top)), splat(HALF * (extent.top - extent.bottom))
     best, worst = splat(ENDLESS), splat(ENDLESS)
     for edge in range(3):
-        a, b, c = load3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+        a, b, c = load3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
         middle = muladd(a, cx, muladd(b, cy, c))
         half = muladd(absolute(a), hx, absolute(b) * hy)
         best, worst = minimum(best, middle + half), minimum(worst, middle - half)
-    zero, doubtful, used = splat(ZERO), space.doubtful[slot], scene.used[cluster]
-    normal = load3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
-    offset = load(space.setups, row + (NORMAL + 3) * CLUSTER)
-    contact = load(space.setups, row + CONTACT * CLUSTER)
+    zero, doubtful, used = splat(ZERO), space.doubtful[slot], bvh.used[leaf]
+    normal = load3(space.setups, row + NORMAL * LEAF, LEAF)
+    offset = load(space.setups, row + (NORMAL + 3) * LEAF)
+    contact = load(space.setups, row + CONTACT * LEAF)
     middle, half = zero - offset, splat(PLANE_ERROR * extent.reach)
     for axis in range(3):
         lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
@@ -82,24 +79,25 @@ def classify(scene, points, space, slot, cluster, extent):
         covering &= greater(zero - middle - half, contact * splat(extent.inverse_distance_max))
         while covering:
             lane = first_lane(covering)
-            if not equal_wide(points.own, extent.first, np.int32(CLUSTER * cluster + lane)):
+            if not equal_wide(points.own, extent.first, np.int32(LEAF * leaf + lane)):
                 return maybe, True
             covering &= covering - 1
     return maybe, False
 
 
 @inlined
-def hide_by_faces(scene, points, view, space, at, faces, within, extent):
-    """Return the mask of the points of a packet, of those within, that some face of a mask hides; face by face.
+def hide_by_faces(bvh, points, view, space, at, faces, within, extent):
+    """Test a packet's points, those within, against the faces of a mask, one by one; return the mask of the hidden.
 
-    `at` are the cluster's number and the slot that holds its set-up. No branch depends on what a test says: they could
-    not be predicted, and cost more than the tests.
+    `at` are the leaf and the slot that holds its set-up. No branch depends on what a test says: it could not
+    be predicted, and would cost more than the tests.
     """
-    base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
+    leaf, slot = at
+    base, width = slot * SETUP_ROWS * LEAF, points.coordinates.shape[1]
     x, y = load_wide(space.image, 0), load_wide(space.image, PACKET)
     point = load3_wide(points.coordinates, extent.first, width)
     blur, error = extent.blur * SURE, PLANE_ERROR * extent.reach
-    most, least, doubtful = extent.inverse_distance_max, extent.inverse_distance_min, space.doubtful[at[1]]
+    most, least, doubtful = extent.inverse_distance_max, extent.inverse_distance_min, space.doubtful[slot]
     hidden, doubt, doubt_faces = 0, 0, 0
     while faces:
         lane = first_lane(faces)
@@ -107,32 +105,33 @@ def hide_by_faces(scene, points, view, space, at, faces, within, extent):
         row = base + lane
         p, q, r = _edge_of(space, row, 0), _edge_of(space, row, 1), _edge_of(space, row, 2)
         inside = _inside(x, y, p, q, r)
-        normal = numbers3(space.setups, row + NORMAL * CLUSTER, CLUSTER)
-        height = number(space.setups, row + (NORMAL + 3) * CLUSTER) - dot3(point, normal, ZERO)
-        contact = number(space.setups, row + CONTACT * CLUSTER)
+        normal = numbers3(space.setups, row + NORMAL * LEAF, LEAF)
+        height = number(space.setups, row + (NORMAL + 3) * LEAF) - dot3(point, normal, ZERO)
+        contact = number(space.setups, row + CONTACT * LEAF)
         unknown = -((doubtful >> lane) & 1)
         possible = within & not_less(inside, -blur) & (not_less(height + error, contact * least) | unknown)
-        possible &= ~equal_wide(points.own, extent.first, np.int32(at[0] * CLUSTER + lane))
+        possible &= ~equal_wide(points.own, extent.first, np.int32(leaf * LEAF + lane))
         sure = possible & greater(inside, blur) & greater(height - error, contact * most) & ~unknown
         hidden |= sure
         doubt |= possible & ~sure
         doubt_faces |= np.int64((possible & ~sure) != 0) << lane
     if doubt & ~hidden:
-        hidden |= decide(scene, points, view, at[0], doubt_faces, doubt & ~hidden, extent.first)
+        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, extent.first)
     return hidden
 
 
 @inlined
-def hide_by_points(scene, points, view, space, at, within, extent):
-    """Return the mask of the points of a packet, of those within, that some face of a cluster hides; point by point."""
-    base, width = at[1] * SETUP_ROWS * CLUSTER, points.coordinates.shape[1]
+def hide_by_points(bvh, points, view, space, at, within, extent):
+    """Test a packet's points, those within, one by one against all faces of a leaf; return the mask of the hidden."""
+    leaf, slot = at
+    base, width = slot * SETUP_ROWS * LEAF, points.coordinates.shape[1]
     p, q, r = _edge(space, base, 0), _edge(space, base, 1), _edge(space, base, 2)
-    normal = load3(space.setups, base + NORMAL * CLUSTER, CLUSTER)
-    offset = load(space.setups, base + (NORMAL + 3) * CLUSTER)
-    contact = load(space.setups, base + CONTACT * CLUSTER)
+    normal = load3(space.setups, base + NORMAL * LEAF, LEAF)
+    offset = load(space.setups, base + (NORMAL + 3) * LEAF)
+    contact = load(space.setups, base + CONTACT * LEAF)
     blur, error = splat(extent.blur * SURE), splat(PLANE_ERROR * extent.reach)
     most, least = contact * splat(extent.inverse_distance_max), contact * splat(extent.inverse_distance_min)
-    no_blur, zero, doubtful, used = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[at[1]], scene.used[at[0]]
+    no_blur, zero, doubtful, used = splat(-extent.blur * SURE), splat(ZERO), space.doubtful[slot], bvh.used[leaf]
     hidden, doubt, doubt_faces = 0, 0, 0
     while within:
         lane = first_lane(within)
@@ -142,27 +141,25 @@ def hide_by_points(scene, points, view, space, at, within, extent):
         inside = _inside(x, y, p, q, r)
         height = offset - dot3(numbers3(points.coordinates, i, width), normal, zero)
         possible = not_less(inside, no_blur) & (not_less(height + error, least) | doubtful)
-        possible &= used & ~_own_face(points.own[i] - CLUSTER * at[0])
+        possible &= used & ~_own_face(points.own[i] - LEAF * leaf)
         sure = possible & greater(inside, blur) & greater(height - error, most) & ~doubtful
         unsure = possible & ~sure
         hidden |= np.int64(sure != 0) << lane
         doubt |= np.int64(unsure != 0) << lane
         doubt_faces |= unsure
     if doubt & ~hidden:
-        hidden |= decide(scene, points, view, at[0], doubt_faces, doubt & ~hidden, extent.first)
+        hidden |= decide(bvh, points, view, leaf, doubt_faces, doubt & ~hidden, extent.first)
     return hidden
 
 
 @inlined
 def _edge(space, base, edge):
-    """An edge function of 16 faces."""
-    return load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+    return load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
 
 
 @inlined
 def _edge_of(space, row, edge):
-    """An edge function of one face."""
-    return numbers3(space.setups, row + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+    return numbers3(space.setups, row + (EDGES + 3 * edge) * LEAF, LEAF)
 
 
 @inlined
@@ -175,4 +172,122 @@ def _inside(x, y, p, q, r):
 @inlined
 def _own_face(lane):
     """Mask of one lane, if it is one of the 16."""
-    return np.int64(0 <= lane < CLUSTER) << (lane & (CLUSTER - 1))
+    return np.int64(0 <= lane < LEAF) << (lane & (LEAF - 1))
+
+
+@inner
+def decide(bvh, points, view, leaf, faces, doubt, first):
+    """Mask of the points in doubt, numbered from `first` on, that one of a mask of a leaf's faces blocks."""
+    hidden = 0
+    while doubt:
+        i = first_lane(doubt)
+        doubt &= doubt - 1
+        hidden |= np.int64(_faces_block(bvh, points, view, first + i, leaf, faces)) << i
+    return hidden
+
+
+@inner
+def _faces_block(bvh, points, view, i, leaf, faces):
+    """Whether one of a mask of a leaf's faces, not its own, blocks the line of sight of point i."""
+    point = _world_point(points, i)
+    while faces:
+        lane = first_lane(faces)
+        faces &= faces - 1
+        is_own = points.own[i] == leaf * LEAF + lane
+        if not is_own and _face_blocks(bvh, view.world_eye, point, bvh.face_ids[leaf, lane]):
+            return True
+    return False
+
+
+@inner
+def hide_near_points(bvh, points, view, first, last, answer):
+    """Write 0 for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
+    for packet in range(first * CHUNK, last * CHUNK):
+        radius = view.near * max(points.reach[packet], view.reach) * 1.01
+        apart = ZERO
+        for axis in range(3):
+            lower, upper = points.boxes[axis, packet], points.boxes[UPPER + axis, packet]
+            apart = max(apart, lower - view.eye[axis], view.eye[axis] - upper)
+        if apart > radius:
+            continue
+        for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
+            if _is_near(points, view, i, radius) and _line_is_blocked(bvh, points, view, i):
+                answer[points.order[i]] = 0
+
+
+@inner
+def _is_near(points, view, i, radius):
+    """Whether point i is within a cube about the eye."""
+    away = ZERO
+    for axis in range(3):
+        away = max(away, abs(points.coordinates[axis, i] - view.eye[axis]))
+    return away <= radius
+
+
+@inner
+def _line_is_blocked(bvh, points, view, i):
+    """Whether any face but its own blocks the line of sight of point i; asks those whose leaves' boxes it meets."""
+    point, centre = _world_point(points, i), bvh.centre
+    # more than float64 can err
+    margin = 1e-12 * ((1.0 + view.reach) / bvh.scale + abs(centre[0]) + abs(centre[1]))
+    margin += 1e-12 * abs(centre[2])
+    for leaf in range(len(bvh.face_ids)):
+        if _segment_meets_box(view.world_eye, point, bvh.world_boxes[leaf], margin) and _faces_block(
+            bvh, points, view, i, leaf, bvh.used[leaf]
+        ):
+            return True
+    return False
+
+
+@inner
+def _segment_meets_box(eye, point, box, margin):
+    """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
+    enter, leave = 0.0, 1.0
+    for axis in range(3):
+        lower, upper = box[axis] - margin, box[UPPER + axis] + margin
+        enter, leave = _within_slab(eye[axis], point[axis], lower, upper, enter, leave)
+    return enter <= leave
+
+
+@inner
+def _within_slab(eye, point, lower, upper, enter, leave):
+    """Clip the part of a segment from `enter` to `leave`, fractions of its length, to what is between two walls."""
+    low, high, step = lower - eye, upper - eye, point - eye
+    if low <= 0.0 <= high and low <= step <= high:
+        return enter, leave  # inside this slab all the way; no division by a small step
+    if step == 0.0:
+        return 1.0, 0.0
+    first, second = low / step, high / step
+    return max(enter, min(first, second)), min(leave, max(first, second))
+
+
+@inner
+def _face_blocks(bvh, eye, point, face):
+    """Whether a face blocks a line of sight by the definition, unless it does so by rounding only."""
+    corners = bvh.world_corners[face]
+    a, b, c = corners[0], corners[1], corners[2]
+    by_definition = blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), bvh.world_contact)
+    return by_definition and not _passes_beside(bvh, eye, point, corners)
+
+
+@inner
+def _passes_beside(bvh, eye, point, corners):
+    """Whether a line of sight passes beside a face's box: one in the face's plane to the last digit, whose volumes'
+    signs are rounding."""
+    reach, size = 2.0 / bvh.scale, 0.0
+    for axis in range(3):
+        reach = max(reach, abs(eye[axis] - point[axis]), abs(point[axis] - bvh.centre[axis]))
+        size = max(size, abs(point[axis]))
+    margin = BESIDE * (reach * bvh.scale * reach + BESIDE * size)
+    enter, leave = 0.0, 1.0
+    for axis in range(3):
+        one, two, three = corners[0, axis], corners[1, axis], corners[2, axis]
+        lower, upper = min(one, two, three), max(one, two, three)
+        enter, leave = _within_slab(eye[axis], point[axis], lower - margin, upper + margin, enter, leave)
+    return enter > leave
+
+
+@inner
+def _world_point(points, i):
+    k = points.order[i]
+    return points.positions[k, 0], points.positions[k, 1], points.positions[k, 2]

@@ -1,47 +1,104 @@
-"""The numbers that several kernels share: how many things go together, and what the rows of their arrays hold."""
+"""Sizes and array layouts that the kernels share, error bounds of float32, and a thread's workspace."""
+
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from zbuf_occlude.arrays import IntArray
+from zbuf_occlude.jit.compiler import inlined
 from zbuf_occlude.jit.simd import N_LANES, N_WIDE
 
-CLUSTER = N_LANES
-"""Faces of a cluster, and children of a node: they are tested side by side."""
+Float32 = NDArray[np.float32]
+Int64 = NDArray[np.int64]
 
+LEAF = N_LANES
+"""Faces of a leaf, and children of a node: tested side by side."""
 PACKET = N_WIDE
-"""Points of a packet: tested side by side, too; in two registers, so that a look at a cluster, and each branch that
-nobody can predict, is for more."""
-
+"""Points, or rays, of a packet: tested side by side in two registers, so that a branch, which is hard to predict, is
+for more of them."""
 CHUNK = 8
-"""Packets of a chunk, which share a list of clusters."""
-
+"""Packets of a chunk, which share a candidate list."""
 CHUNK_POINTS = CHUNK * PACKET
-
 GROUP = N_LANES
-"""Chunks whose boxes are projected side by side."""
+"""Chunks of a group: their boxes are projected side by side."""
 
 # rows of (6, n) boxes: lower and upper corner; an axis' upper bound is UPPER rows below its lower one
 UPPER = 3
-
 # rows of (6, n) rectangles: bounds of x / w and y / w, the place in the image, and of w
 LEFT, RIGHT, BOTTOM, TOP, NEAREST, FARTHEST = range(6)
-
-# rows of a cluster's set-up, one lane for each face
+# rows of a leaf's triangle set-up, one lane for each face
 EDGES = 0  # A, B, C of three edge functions A x + B y + C, in units of their error; all are >= 0 within the face
 NORMAL = 9  # unit normal and offset: n . p - offset is positive on the eye's side
 CONTACT = 13  # contact tolerance times the eye's distance from the plane
 SETUP_ROWS = 14
 
 ROUNDOFF = np.float32(2.0**-24)
-"""Of float32: the largest relative error of an operation."""
-
+"""Largest relative error of an operation in float32."""
 COORDINATE_ERROR = np.float32(8.0) * ROUNDOFF
-"""Of a projected coordinate, for a point with reach 1 (`search.setup` derives these)."""
-
+"""Error bound of a projected coordinate, for a point with reach 1 (derived in `project`)."""
 EDGE_ERROR = np.float32(80.0) * ROUNDOFF
-"""Of an edge function, as a share of the size of its face, for a point with reach / w = 1."""
-
+"""Error bound of an edge function, as a share of the face's size, for reach / w = 1 (derived in `triangle_setup`)."""
 PLANE_ERROR = np.float32(12.0) * ROUNDOFF
-"""Of a point's distance from a plane, for a point with reach 1."""
+"""Error bound of a point's distance from a plane, for a point with reach 1."""
 
 ENDLESS = np.float32(3e38)
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+
+SLOTS = 4096
+"""Triangle set-ups kept at a time, 900 bytes each; a power of two."""
+DEPTHS = 64
+"""Intervals of depth that candidates are sorted into."""
+
+
+class CandidateList(NamedTuple):
+    """Leaves that may hide something, nearest first; their number is passed along with the list."""
+
+    leaves: IntArray  # (capacity,)
+    rectangles: Float32  # (6, capacity) around them in the image
+
+
+class Workspace(NamedTuple):
+    """What a thread needs to search views: up to 4 MB of triangle set-ups, and about 5 bytes per face."""
+
+    rectangles: Float32  # (6, total nodes) around the nodes in the image
+    chunk_rectangles: Float32  # (6, GROUP) around the chunks of a group
+    scratch: IntArray  # (2, leaves + 16)
+    depth_starts: Int64  # (DEPTHS + 1,)
+    before: CandidateList  # the leaves before a group of chunks
+    listed: CandidateList  # of these, the leaves before the current chunk
+    setups: Float32  # (n_slots x SETUP_ROWS x 16,)
+    slot_rectangles: Float32  # (6, n_slots) around the faces set up there
+    slot_tags: Int64  # (n_slots,) of which leaf, in which view
+    doubtful: Int64  # (n_slots,) masks of the faces that float32 must not decide
+    image: Float32  # (3, 32) x / w, y / w and w of the current packet
+
+
+def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
+    """Allocate a thread's workspace. numba can compile it, too."""
+    capacity = n_leaves + LEAF
+    leaves, rectangles = np.empty((2, capacity), dtype=np.int32), np.empty((2, 6, capacity), dtype=np.float32)
+    n_slots = 1
+    while n_slots < min(n_leaves, SLOTS):
+        n_slots *= 2
+    return Workspace(
+        rectangles=np.empty((6, n_nodes), dtype=np.float32),
+        chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
+        scratch=np.empty((2, capacity), dtype=np.int32),
+        depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
+        before=CandidateList(leaves[0], rectangles[0]),
+        listed=CandidateList(leaves[1], rectangles[1]),
+        setups=np.empty(n_slots * SETUP_ROWS * LEAF, dtype=np.float32),
+        slot_rectangles=np.empty((6, n_slots), dtype=np.float32),
+        slot_tags=np.full(n_slots, -1, dtype=np.int64),
+        doubtful=np.zeros(n_slots, dtype=np.int64),
+        image=np.zeros((3, PACKET), dtype=np.float32),
+    )
+
+
+@inlined
+def put(candidates, at, leaf, rectangles, column):
+    """Write a leaf and its rectangle, a column of `rectangles`, to a place of a list."""
+    candidates.leaves[at] = leaf
+    for row in range(6):
+        candidates.rectangles[row, at] = rectangles[row, column]

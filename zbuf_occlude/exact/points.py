@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.exact.bvh import Float32, Scene
-from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER
+from zbuf_occlude.exact.bvh import Bvh
+from zbuf_occlude.exact.layout import CHUNK, CHUNK_POINTS, ENDLESS, GROUP, ONE, PACKET, UPPER, Float32
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
@@ -15,42 +15,21 @@ from zbuf_occlude.jit.pool import shared, take, together
 
 
 class Packets(NamedTuple):
-    """n points in the order in which the kernels take them, filled up to whole chunks by repeating the last one.
-
-    Parameters
-    ----------
-    n_points : int
-    order : (n',) int32
-        Where each was among the caller's points.
-    coordinates : (3, n') float32, scene space
-    own : (n',) int32
-        The row of the own face; -1 for none.
-    boxes : (6, n' / 32) float32
-        Of the packets, scene space.
-    reach : (n' / 32,) float32
-        Largest distance from the scene's centre in each packet, at least 1.
-    chunk_boxes : (6, c) float32
-        Of the chunks, scene space; padded to a multiple of 16 of them.
-    chunk_reach : (n' / 256,) float32
-    farthest : float32
-        Largest reach.
-    positions : (n, 3) float64
-        World space, in the caller's order.
-    """
+    """n points in the kernels' order, filled up to n' (whole chunks) by repeating the last one; scene space."""
 
     n_points: int
-    order: IntArray
-    coordinates: Float32
-    own: IntArray
-    boxes: Float32
-    reach: Float32
-    chunk_boxes: Float32
-    chunk_reach: Float32
-    farthest: np.float32
-    positions: FloatArray
+    order: IntArray  # (n',) where each was among the caller's points
+    coordinates: Float32  # (3, n')
+    own: IntArray  # (n',) row of the own face; -1 for none
+    boxes: Float32  # (6, n' / 32) of the packets
+    reach: Float32  # (n' / 32,) largest distance from the scene's centre in each packet, at least 1
+    chunk_boxes: Float32  # (6, c) of the chunks; padded to a multiple of 16 of them
+    chunk_reach: Float32  # (n' / 256,)
+    farthest: np.float32  # largest reach
+    positions: FloatArray  # (n, 3) world space, in the caller's order
 
 
-def make_packets(scene: Scene, points: SurfacePoints) -> Packets:
+def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
     """Sort points and cut them into packets and chunks; O(n log n), about 60 bytes per point."""
     order = hilbert_order(points.positions).astype(np.int32)
     n_chunks = -(-len(order) // CHUNK_POINTS)
@@ -67,21 +46,21 @@ def make_packets(scene: Scene, points: SurfacePoints) -> Packets:
         farthest=ONE,
         positions=points.positions,
     )
-    together(_fill_chunks, n_chunks, scene, points.face_ids, packets)
+    together(_fill_chunks, n_chunks, bvh, points.face_ids, packets)
     return packets._replace(farthest=packets.chunk_reach.max())
 
 
 @shared
-def _fill_chunks(tasks, scene, face_ids, packets):
+def _fill_chunks(tasks, bvh, face_ids, packets):
     """Fill in coordinates, own rows, boxes and reaches."""
-    scene_at, packets_at = reference(scene), reference(packets)
+    bvh_at, packets_at = reference(bvh), reference(packets)
     chunk = take(tasks)
     while chunk < len(packets.chunk_reach):
         reach = ONE
         for axis in range(3):
             packets.chunk_boxes[axis, chunk], packets.chunk_boxes[UPPER + axis, chunk] = ENDLESS, -ENDLESS
         for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
-            _fill_packet(scene_at, face_ids, packets_at, packet)
+            _fill_packet(bvh_at, face_ids, packets_at, packet)
             reach = max(reach, packets.reach[packet])
             for axis in range(3):
                 lower, upper = packets.boxes[axis, packet], packets.boxes[UPPER + axis, packet]
@@ -92,14 +71,14 @@ def _fill_chunks(tasks, scene, face_ids, packets):
 
 
 @inner
-def _fill_packet(scene, face_ids, packets, packet):
+def _fill_packet(bvh, face_ids, packets, packet):
     first, farthest = packet * PACKET, 0.0
     for i in range(first, first + PACKET):
         k = packets.order[i]
-        packets.own[i] = scene.rows[face_ids[k]]
-        x = (packets.positions[k, 0] - scene.centre[0]) * scene.scale
-        y = (packets.positions[k, 1] - scene.centre[1]) * scene.scale
-        z = (packets.positions[k, 2] - scene.centre[2]) * scene.scale
+        packets.own[i] = bvh.rows[face_ids[k]]
+        x = (packets.positions[k, 0] - bvh.centre[0]) * bvh.scale
+        y = (packets.positions[k, 1] - bvh.centre[1]) * bvh.scale
+        z = (packets.positions[k, 2] - bvh.centre[2]) * bvh.scale
         packets.coordinates[0, i], packets.coordinates[1, i], packets.coordinates[2, i] = x, y, z
         farthest = max(farthest, x * x + y * y + z * z)
     for axis in range(3):

@@ -12,13 +12,12 @@ import numpy as np
 
 from zbuf_occlude.exact.layout import (
     BOTTOM,
-    CHUNK_POINTS,
-    CLUSTER,
     COORDINATE_ERROR,
     ENDLESS,
     FARTHEST,
     GROUP,
     HALF,
+    LEAF,
     LEFT,
     NEAREST,
     ONE,
@@ -47,56 +46,41 @@ from zbuf_occlude.jit.simd import (
 )
 
 
-class Extent(NamedTuple):
-    """Where some points are, as a view sees them: those of a packet, of a chunk, or all.
+class Window(NamedTuple):
+    """Where some points, or rays, are in a view: bounds of x / w and y / w, widened by their error; the largest w."""
 
-    Parameters
-    ----------
-    first : int
-        Number of the first of them, in the packets' order.
-    left, right, bottom, top, farthest : float32
-        Bounds of x / w, y / w and w, widened by their error.
-    blur : float32
-        How much larger the error of an edge function is for them than for a point with reach / w = 1.
-    reach : float32
-        Their largest distance from the scene's centre, or the eye's, or 1.
-    inverse_distance_max : float32
-        At least 1 / (distance from the eye - contact tolerance) of any; `ENDLESS` when there is no bound.
-    inverse_distance_min : float32
-        At most 1 / distance of any.
-    """
-
-    first: int
     left: np.float32
     right: np.float32
     bottom: np.float32
     top: np.float32
     farthest: np.float32
-    blur: np.float32
-    reach: np.float32
-    inverse_distance_max: np.float32
-    inverse_distance_min: np.float32
+
+
+class Extent(NamedTuple):
+    """A window of a packet's points, and what their tests need."""
+
+    first: int  # number of the first point, in the packets' order
+    left: np.float32
+    right: np.float32
+    bottom: np.float32
+    top: np.float32
+    farthest: np.float32
+    blur: np.float32  # how much larger the error of an edge function is for them than for a point with reach / w = 1
+    reach: np.float32  # their largest distance from the scene's centre, or the eye's, or 1
+    inverse_distance_max: np.float32  # at least 1 / (distance from the eye - contact tolerance) of any, or `ENDLESS`
+    inverse_distance_min: np.float32  # at most 1 / distance of any
 
 
 @inner
 def project_boxes(boxes, first, last, view, error, rectangles):
-    """Project boxes, 16 at a time.
+    """Project boxes (6, total) from column `first` to `last`, multiples of 16, to rectangles from column 0 on.
 
-    Parameters
-    ----------
-    boxes : (6, total) float32, scene space
-    first, last : int
-        Which; multiples of 16.
-    view : View
-    error : float32
-        What a projected coordinate may err.
-    rectangles : (6, at least last - first) float32
-        Receives, from column 0 on, the boxes' rectangles, widened by `error`. What lies behind the eye or outside the
-        window gets an empty rectangle; what reaches behind the eye, an endless one.
+    Rectangles are widened by `error`, the error bound of a projected coordinate. What lies behind the eye or outside
+    the window gets an empty rectangle; what reaches behind the eye, an endless one.
     """
     total, width = boxes.shape[1], rectangles.shape[1]
     far, near, guard, edge = splat(ENDLESS), splat(-ENDLESS), splat(error), splat(view.window)
-    for i in range(first, last, CLUSTER):
+    for i in range(first, last, LEAF):
         x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
         left, right, below, above = near, near, near, near
         lower, upper = load3(boxes, i, total), load3(boxes, UPPER * total + i, total)
@@ -129,61 +113,41 @@ def project_boxes(boxes, first, last, view, error, rectangles):
 
 
 @inner
-def extent_of_chunk(scene, points, chunk, view, rectangles):
-    """Extent of a chunk; `rectangles` has the projected boxes of its group."""
-    column = chunk % GROUP
-    window, reach = view.window * np.float32(1.001), max(points.chunk_reach[chunk], view.reach)
-    bounds = _inverse_distances(points.chunk_boxes, chunk, view, np.float32(scene.contact))
-    nearest = max(rectangles[NEAREST, column], view.near * view.reach)
-    return Extent(
-        first=chunk * CHUNK_POINTS,
-        left=max(rectangles[LEFT, column], -window),
-        right=min(rectangles[RIGHT, column], window),
-        bottom=max(rectangles[BOTTOM, column], -window),
-        top=min(rectangles[TOP, column], window),
+def window_of_chunk(chunk, view, rectangles):
+    """Window of a chunk; `rectangles` has the projected boxes of its group."""
+    column, edge = chunk % GROUP, view.window * np.float32(1.001)
+    return Window(
+        left=max(rectangles[LEFT, column], -edge),
+        right=min(rectangles[RIGHT, column], edge),
+        bottom=max(rectangles[BOTTOM, column], -edge),
+        top=min(rectangles[TOP, column], edge),
         farthest=rectangles[FARTHEST, column],
-        blur=reach / (view.reach * min(ONE, nearest)),
-        reach=reach,
-        inverse_distance_max=bounds[0],
-        inverse_distance_min=bounds[1],
     )
 
 
 @inlined
-def is_empty(extent):
+def is_empty(window):
     """Whether the view shows none of the points."""
-    return not extent.left <= extent.right
+    return not window.left <= window.right
 
 
 @inner
 def joined(a, b):
-    """Extent of the points of two."""
+    """Window of the points of two."""
     if is_empty(a) or is_empty(b):
         return b if is_empty(a) else a
-    return Extent(
-        first=min(a.first, b.first),
+    return Window(
         left=min(a.left, b.left),
         right=max(a.right, b.right),
         bottom=min(a.bottom, b.bottom),
         top=max(a.top, b.top),
         farthest=max(a.farthest, b.farthest),
-        blur=max(a.blur, b.blur),
-        reach=max(a.reach, b.reach),
-        inverse_distance_max=max(a.inverse_distance_max, b.inverse_distance_max),
-        inverse_distance_min=min(a.inverse_distance_min, b.inverse_distance_min),
     )
 
 
 @inlined
-def project_packet(scene, points, packet, view, image):
-    """Project the points of a packet.
-
-    Parameters
-    ----------
-    scene, points, packet, view
-        Which packet of which points, seen how.
-    image : (3, 32) float32
-        Receives x / w, y / w and w.
+def project_packet(bvh, points, packet, view, image):
+    """Project the points of a packet into `image`, (3, 32): x / w, y / w and w.
 
     Returns
     -------
@@ -207,7 +171,7 @@ def project_packet(scene, points, packet, view, image):
     # what the view does not show must not widen the rectangle
     inverse_max = max(ONE, highest(select(shown, inverse, -ENDLESS)))
     slack = np.float32(3.0) * COORDINATE_ERROR * reach * inverse_max
-    bounds = _inverse_distances(points.boxes, packet, view, np.float32(scene.contact))
+    bounds = _inverse_distances(points.boxes, packet, view, np.float32(bvh.contact))
     extent = Extent(
         first=base,
         left=lowest(select(shown, u, ENDLESS)) - slack,

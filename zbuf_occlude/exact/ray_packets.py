@@ -1,9 +1,9 @@
-"""Thirty-two rays of one origin against the clusters listed before them, nearest first.
+"""Packets of 32 rays of one origin against the leaves listed before them, nearest first.
 
-Clusters whose rectangles no ray goes through, or that lie behind what stops it, are left out. Where a few rays do, each
-is asked about 16 faces side by side. Where many do, the faces that their own rectangle misses are left out 16 at a
-time, and of each face left all rays are asked, 16 side by side. A face that a ray meets for certain nearer than its
-nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
+Leaves whose rectangles no ray goes through, or that lie behind what stops it, are left out. Where a few rays do, each
+is tested against 16 faces side by side. Where many do, the faces that the packet's rectangle misses are left out, 16 at
+a time, and all rays are tested against each face left, 16 side by side. A face that a ray meets for certain nearer than
+its nearest so far replaces that; where float32 cannot tell, whether it is met or which of two is nearer,
 `predicates.meeting` does, ray by ray. So faces and distances are the oracle's, ties included.
 """
 
@@ -11,25 +11,28 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.exact.layout import (
     BOTTOM,
-    CLUSTER,
     EDGES,
     ENDLESS,
+    LEAF,
     LEFT,
     NEAREST,
     ONE,
+    PACKET,
     RIGHT,
     SETUP_ROWS,
     TOP,
     ZERO,
+    Float32,
+    Int64,
 )
-from zbuf_occlude.exact.listing import overlapping
-from zbuf_occlude.exact.ray_setup import DEPTH, WITHIN, faces_before, slot_of
-from zbuf_occlude.exact.single_rays import nearer
+from zbuf_occlude.exact.project import Window
+from zbuf_occlude.exact.search import overlapping
+from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
+from zbuf_occlude.geometry.predicates import meeting
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.simd import (
     ALL,
@@ -57,97 +60,63 @@ from zbuf_occlude.jit.simd import (
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 ROUNDED = np.float32(5e-7)
-"""Of a g taken from a distance in float64, per 1 + |g|."""
-
-
+"""Error bound of a g taken from a distance in float64, per 1 + |g|."""
 ROUNDED_UP = np.float32(1.000002)
-
-PACKET_RAYS = 2 * N_LANES
-"""Rays of a packet: two vectors, so that a look at a cluster, and each branch that nobody can predict, is for more."""
-
 FEW_RAYS = 6
-"""Up to this many rays are asked about the 16 faces of a cluster one after the other; of more, all about a face."""
-
-
-class Window(NamedTuple):
-    """Bounds of x / w and y / w of some rays, and of the w at which they may still meet something."""
-
-    left: np.float32
-    right: np.float32
-    bottom: np.float32
-    top: np.float32
-    farthest: np.float32
+"""Up to this many rays are tested against the 16 faces of a leaf one by one; of more, all against a face."""
 
 
 class Rays(NamedTuple):
-    """Rays of one origin.
+    """n rays of one origin, world space, and their answers: a face is met height / slope directions away."""
 
-    Parameters
-    ----------
-    origin : (3,) float64, world space
-    directions : (3 n,) float64
-    face_ids, heights, slopes : (n,) int32, float64, float64
-        Their answers: a face is met height / slope directions away.
-    chosen : (m,) int32
-        Which of them are meant.
-    """
+    origin: FloatArray  # (3,)
+    directions: FloatArray  # (3 n,)
+    face_ids: IntArray  # (n,)
+    heights: FloatArray  # (n,)
+    slopes: FloatArray  # (n,)
+    chosen: IntArray  # (m,) which of them are meant
 
-    origin: FloatArray
-    directions: FloatArray
-    face_ids: IntArray
-    heights: FloatArray
-    slopes: FloatArray
-    chosen: IntArray
+
+class RayFrame(NamedTuple):
+    """What rays need of a view's frame."""
+
+    inside: bool  # a face of a cube about the origin
+    axis: FloatArray  # (3,) its axis w
+    inverse_away: float  # 1 / how far the scene's centre is
+    farthest: np.float32  # largest w
 
 
 class State(NamedTuple):
-    """What is known of the rays of a packet, `PACKET_RAYS` of them.
+    """What is known of the 32 rays of a packet."""
 
-    Parameters
-    ----------
-    coordinates : (2, 32) float32
-        x / w and y / w; the last ray's again where there are fewer.
-    lows, highs : (32,) float32
-        Bounds of g (`rays.setup`) where the nearest face so far is met; `ENDLESS` for none.
-    limits : (32,) float32
-        The largest w that the upper bound stands for.
-    scratch : (2, 16) float32
-    face_ids : (32,) int32
-        That face, -1 for none.
-    fractions : (32,) float64
-        How many directions away it is, of the rays of `decided`.
-    decided : (1,) int64
-        Mask of the rays of which more than the bounds is known.
-    """
-
-    coordinates: NDArray[np.float32]
-    lows: NDArray[np.float32]
-    highs: NDArray[np.float32]
-    limits: NDArray[np.float32]
-    scratch: NDArray[np.float32]
-    face_ids: IntArray
-    fractions: FloatArray
-    decided: NDArray[np.int64]
+    coordinates: Float32  # (2, 32) x / w and y / w; the last ray's again where there are fewer
+    lows: Float32  # (32,) lower bound of g (`triangle_setup`) where the nearest face so far is met; `ENDLESS` for none
+    highs: Float32  # (32,) upper bound
+    limits: Float32  # (32,) the largest w that the upper bound stands for
+    scratch: Float32  # (2, 16)
+    face_ids: IntArray  # (32,) that face, -1 for none
+    fractions: FloatArray  # (32,) how many directions away it is, of the rays of `decided`
+    decided: Int64  # (1,) mask of the rays of which more than the bounds is known
 
 
 @njit(_nrt=True)
 def make_state():
     """Return an empty `State`."""
     return State(
-        coordinates=np.empty((2, PACKET_RAYS), dtype=np.float32),
-        lows=np.empty(PACKET_RAYS, dtype=np.float32),
-        highs=np.empty(PACKET_RAYS, dtype=np.float32),
-        limits=np.empty(PACKET_RAYS, dtype=np.float32),
-        scratch=np.empty((2, CLUSTER), dtype=np.float32),
-        face_ids=np.empty(PACKET_RAYS, dtype=np.int32),
-        fractions=np.empty(PACKET_RAYS),
+        coordinates=np.empty((2, PACKET), dtype=np.float32),
+        lows=np.empty(PACKET, dtype=np.float32),
+        highs=np.empty(PACKET, dtype=np.float32),
+        limits=np.empty(PACKET, dtype=np.float32),
+        scratch=np.empty((2, LEAF), dtype=np.float32),
+        face_ids=np.empty(PACKET, dtype=np.int32),
+        fractions=np.empty(PACKET),
         decided=np.empty(1, dtype=np.int64),
     )
 
 
 @inner
 def window_of(coordinates, first, last, farthest):
-    """Return the window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
+    """Window of the rays from one to another, of (2, n) coordinates; `first` is a multiple of 16."""
     x, y, room = load(coordinates, first), load(coordinates, coordinates.shape[1] + first), coordinates.shape[1]
     left, right, bottom, top = x, x, y, y
     for i in range(first + N_LANES, last, N_LANES):
@@ -157,31 +126,23 @@ def window_of(coordinates, first, last, farthest):
 
 
 @inner
-def first_hits_of_packet(scene, view, frame, rays, n_listed, space, state):
-    """Find the faces that some rays meet first.
+def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
+    """Find the faces that the chosen rays, at most `PACKET`, meet first among the leaves in ``space.listed``.
 
-    Parameters
-    ----------
-    scene, view, frame
-        The scene, a `View`, and the frame's `Frame`.
-    rays : Rays
-        At most `PACKET_RAYS` are chosen; their coordinates are in `state`.
-    n_listed, space
-        The clusters in ``space.listed``, the workspace.
-    state : State
+    Their coordinates are in `state`.
     """
     farthest = frame.farthest
-    window = window_of(state.coordinates, 0, PACKET_RAYS, farthest)
-    for at in range(0, PACKET_RAYS, N_LANES):
+    window = window_of(state.coordinates, 0, PACKET, farthest)
+    for at in range(0, PACKET, N_LANES):
         store(state.lows, at, splat(ENDLESS))
         store(state.highs, at, splat(ENDLESS))
         store(state.limits, at, splat(farthest))
         fill(state.face_ids, at, ALL, np.int32(-1))
     state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
-    for j in range(0, n_listed, CLUSTER):
+    for j in range(0, n_listed, LEAF):
         found = overlapping(space.listed.rectangles, j, window)
-        if n_listed - j < CLUSTER:
+        if n_listed - j < LEAF:
             found &= (1 << (n_listed - j)) - 1
         while found:
             entry = j + first_lane(found)
@@ -189,29 +150,28 @@ def first_hits_of_packet(scene, view, frame, rays, n_listed, space, state):
             within = active & _rays_before(space.listed.rectangles, entry, state)
             if within == 0:
                 continue
-            cluster = space.listed.clusters[entry]
-            slot, changed = slot_of(scene, cluster, view, space), False
-            asked = cluster, slot
+            leaf = space.listed.leaves[entry]
+            slot, changed = slot_of(bvh, leaf, view, space, set_up_for_rays), False
             if count_lanes(within) <= FEW_RAYS:
                 while within:
                     lane = first_lane(within)
                     within &= within - 1
-                    changed |= _ask_ray(scene, frame, rays, asked, lane, space, state)
+                    changed |= _test_ray(bvh, frame, rays, leaf, slot, lane, space, state)
             else:
-                faces = faces_before(scene, cluster, space, slot, window, limit)
+                faces = faces_before(bvh, leaf, space, slot, window, limit)
                 while faces:
                     lane = first_lane(faces)
                     faces &= faces - 1
-                    changed |= _ask_face(scene, frame, rays, within, asked, lane, space, state)
+                    changed |= _test_face(bvh, frame, rays, within, leaf, slot, lane, space, state)
             if changed:
                 limit, most = -ENDLESS, ZERO
-                for at in range(0, PACKET_RAYS, N_LANES):
+                for at in range(0, PACKET, N_LANES):
                     highs = load(state.highs, at)
                     limits = _farthest(frame, highs)
                     store(state.limits, at, limits)
                     limit, most = max(limit, highest(highs)), max(most, highest(limits))
                 window = Window(window.left, window.right, window.bottom, window.top, most)
-    _finish(scene, rays, state)
+    _finish(bvh, rays, state)
 
 
 @inlined
@@ -231,68 +191,66 @@ def _rays_before(rectangles, entry, state):
     left, right = splat(rectangles[LEFT, entry]), splat(rectangles[RIGHT, entry])
     bottom, top = splat(rectangles[BOTTOM, entry]), splat(rectangles[TOP, entry])
     nearest, within = splat(rectangles[NEAREST, entry]), 0
-    for at in range(0, PACKET_RAYS, N_LANES):
-        x, y = load(state.coordinates, at), load(state.coordinates, PACKET_RAYS + at)
+    for at in range(0, PACKET, N_LANES):
+        x, y = load(state.coordinates, at), load(state.coordinates, PACKET + at)
         mask = not_less(x, left) & not_less(right, x) & not_less(y, bottom) & not_less(top, y)
         within |= (mask & not_less(load(state.limits, at), nearest)) << at
     return within
 
 
 @inlined
-def _ask_ray(scene, frame, rays, asked, lane, space, state):
-    """Ask a ray about the faces of a (cluster, slot); return whether its nearest has changed."""
-    cluster, slot = asked
+def _test_ray(bvh, frame, rays, leaf, slot, lane, space, state):
+    """Test a ray against the faces of a leaf; return whether its nearest has changed."""
     x, y = splat(state.coordinates[0, lane]), splat(state.coordinates[1, lane])
-    base, inside = slot * SETUP_ROWS * CLUSTER, splat(ENDLESS)
+    base, inside = slot * SETUP_ROWS * LEAF, splat(ENDLESS)
     for edge in range(3):
-        a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+        a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
         inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
-    maybe = scene.used[cluster] & not_less(inside, splat(-WITHIN))
+    maybe = bvh.used[leaf] & not_less(inside, splat(-WITHIN))
     if maybe == 0:
         return False
-    row = base + DEPTH * CLUSTER
-    a, b, c = load3(space.setups, row, CLUSTER)
+    row = base + DEPTH * LEAF
+    a, b, c = load3(space.setups, row, LEAF)
     g = muladd(x, a, muladd(y, b, c))
-    error = muladd(absolute(g), load(space.setups, row + 4 * CLUSTER), load(space.setups, row + 3 * CLUSTER))
+    error = muladd(absolute(g), load(space.setups, row + 4 * LEAF), load(space.setups, row + 3 * LEAF))
     low, high = g - error, g + error
     maybe &= not_less(splat(state.highs[lane]), low)
     sure = greater(inside, splat(WITHIN)) & ~space.doubtful[slot]
     store(state.scratch, 0, low)
-    store(state.scratch, CLUSTER, high)
+    store(state.scratch, LEAF, high)
     changed = False
     while maybe:
         place = first_lane(maybe)
         maybe &= maybe - 1
-        face = scene.face_ids[cluster, place]
+        face = bvh.face_ids[leaf, place]
         if (sure >> place) & 1 and state.scratch[1, place] < state.lows[lane]:
             state.lows[lane], state.highs[lane] = state.scratch[0, place], state.scratch[1, place]
             state.face_ids[lane] = face
             state.decided[0] &= ~(np.int64(1) << lane)
             changed = True
         elif state.scratch[0, place] <= state.highs[lane]:
-            changed |= _decide(scene, frame, rays, face, lane, state)
+            changed |= _decide(bvh, frame, rays, face, lane, state)
     return changed
 
 
 @inlined
-def _ask_face(scene, frame, rays, within, asked, place, space, state):
-    """Ask the rays within about a face of a (cluster, slot); return whether any ray's nearest has changed."""
-    cluster, slot = asked
-    base = slot * SETUP_ROWS * CLUSTER + place
-    row = base + DEPTH * CLUSTER
-    face, known = scene.face_ids[cluster, place], ((space.doubtful[slot] >> place) & 1) - 1
+def _test_face(bvh, frame, rays, within, leaf, slot, place, space, state):
+    """Test the rays within against a face of a leaf; return whether any ray's nearest has changed."""
+    base = slot * SETUP_ROWS * LEAF + place
+    row = base + DEPTH * LEAF
+    face, known = bvh.face_ids[leaf, place], ((space.doubtful[slot] >> place) & 1) - 1
     changed = False
-    for at in range(0, PACKET_RAYS, N_LANES):
-        x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET_RAYS + at), splat(ENDLESS)
+    for at in range(0, PACKET, N_LANES):
+        x, y, inside = load(state.coordinates, at), load(state.coordinates, PACKET + at), splat(ENDLESS)
         for edge in range(3):
-            a, b, c = numbers3(space.setups, base + (EDGES + 3 * edge) * CLUSTER, CLUSTER)
+            a, b, c = numbers3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
             inside = minimum(inside, muladd(x, a, muladd(y, b, c)))
         maybe = (within >> at) & not_less(inside, splat(-WITHIN))
         if maybe == 0:
             continue
-        a, b, c = numbers3(space.setups, row, CLUSTER)
+        a, b, c = numbers3(space.setups, row, LEAF)
         g = muladd(x, a, muladd(y, b, c))
-        error = muladd(absolute(g), number(space.setups, row + 4 * CLUSTER), number(space.setups, row + 3 * CLUSTER))
+        error = muladd(absolute(g), number(space.setups, row + 4 * LEAF), number(space.setups, row + 3 * LEAF))
         low, high, lows, highs = g - error, g + error, load(state.lows, at), load(state.highs, at)
         maybe &= not_less(highs, low)
         sure = maybe & known & greater(inside, splat(WITHIN)) & greater(lows, high)
@@ -306,12 +264,12 @@ def _ask_face(scene, frame, rays, within, asked, place, space, state):
         while doubtful:
             lane = first_lane(doubtful)
             doubtful &= doubtful - 1
-            changed |= _decide(scene, frame, rays, face, at + lane, state)
+            changed |= _decide(bvh, frame, rays, face, at + lane, state)
     return changed
 
 
 @njit(error_model="numpy")
-def _decide(scene, frame, rays, candidate, lane, state):
+def _decide(bvh, frame, rays, candidate, lane, state):
     """Decide in float64 whether a ray meets a face nearer than its nearest so far; return whether it does."""
     i = rays.chosen[lane]
     origin, direction = rays.origin, rays.directions[3 * i : 3 * i + 3]
@@ -319,14 +277,14 @@ def _decide(scene, frame, rays, candidate, lane, state):
     if (state.decided[0] >> lane) & 1:
         fraction = state.fractions[lane]
     elif face >= 0:
-        normal, height = _plane(scene.world_corners[face], origin)
+        normal, height = _plane(bvh.world_corners[face], origin)
         fraction = height / dot(direction, normal)
-    found, nearest = nearer(scene, origin, direction, candidate, face, fraction)
+    found, nearest = nearer(bvh, origin, direction, candidate, face, fraction)
     if found < 0:
         return False
     state.face_ids[lane], state.fractions[lane] = found, nearest
     state.decided[0] |= np.int64(1) << lane
-    w = nearest * dot(frame.axis, direction) * scene.scale
+    w = nearest * dot(frame.axis, direction) * bvh.scale
     g = -1.0 / w if frame.inside else (1.0 - 1.0 / w) / frame.inverse_away
     state.lows[lane] = np.float32(g) - ROUNDED * (ONE + np.float32(abs(g)))
     state.highs[lane] = np.float32(g) + ROUNDED * (ONE + np.float32(abs(g)))
@@ -343,7 +301,7 @@ def _plane(corners, origin):
 
 
 @inner
-def _finish(scene, rays, state):
+def _finish(bvh, rays, state):
     """Write the answers: faces, and distances as quotients."""
     directions, face_ids, heights, slopes = rays.directions, rays.face_ids, rays.heights, rays.slopes
     before, normal, height = -1, (0.0, 0.0, 0.0), 0.0
@@ -353,9 +311,19 @@ def _finish(scene, rays, state):
             continue
         if face != before:
             before = face
-            normal, height = _plane(scene.world_corners[face], rays.origin)
+            normal, height = _plane(bvh.world_corners[face], rays.origin)
         i = rays.chosen[lane]
         face_ids[i], heights[i] = face, height
         slopes[i] = dot((directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]), normal)
         if (state.decided[0] >> lane) & 1:
             heights[i], slopes[i] = state.fractions[lane], 1.0
+
+
+@inner
+def nearer(bvh, origin, direction, candidate, face, fraction):
+    """Return the nearer of a candidate and the nearest face so far, and how many directions away; the lower of ties."""
+    corners = bvh.world_corners[candidate]
+    found = meeting(origin, direction, corners[0], corners[1], corners[2])
+    if found < fraction or (found == fraction and found < math.inf and candidate < face):
+        return np.int64(candidate), found
+    return face, fraction

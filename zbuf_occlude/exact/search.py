@@ -1,77 +1,283 @@
-"""All views, shared out among threads."""
+"""The search: for each view the leaves before each packet of points, until every point is hidden or none is left."""
 
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.exact.bvh import Scene
-from zbuf_occlude.exact.chunks import search_chunks
-from zbuf_occlude.exact.decide import hide_near_points
-from zbuf_occlude.exact.layout import COORDINATE_ERROR, ENDLESS, GROUP, LEFT, RIGHT, ZERO
+from zbuf_occlude.exact.bvh import Bvh
+from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points, hide_near_points
+from zbuf_occlude.exact.layout import (
+    BOTTOM,
+    CHUNK,
+    COORDINATE_ERROR,
+    DEPTHS,
+    ENDLESS,
+    GROUP,
+    LEAF,
+    LEFT,
+    NEAREST,
+    PACKET,
+    RIGHT,
+    TOP,
+    ZERO,
+    make_workspace,
+    put,
+)
 from zbuf_occlude.exact.points import Packets
-from zbuf_occlude.exact.project import project_boxes
-from zbuf_occlude.exact.view import Views, view_of
-from zbuf_occlude.exact.workspace import make_workspace
-from zbuf_occlude.jit.compiler import inner, merged
+from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, window_of_chunk
+from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
+from zbuf_occlude.exact.view import EyeViews, view_of
+from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.pool import n_threads, shared, take, together
+from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, not_less, number, splat
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
+TIGHT_LEAVES = 1024
+"""Lists of at most this many leaves get the rectangles of the projected faces."""
+FEW_POINTS = 5
+"""Up to this many points are tested one by one against all faces of a leaf."""
 
 
-def find_visible(scene: Scene, points: Packets, views: Views) -> BoolArray:
-    """Answer which of n points each of k eyes sees; (k, n) bool in the caller's order."""
+def find_visible(bvh: Bvh, points: Packets, views: EyeViews) -> BoolArray:
+    """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
     n_eyes, wanted = len(views.eyes), 4 * n_threads()
     n_groups = -(-len(points.chunk_reach) // GROUP)
     n_blocks = 1 if n_eyes >= wanted else min(n_groups, wanted)
-    answer = np.empty((n_eyes, points.n_points), dtype=np.uint8)
-    if n_blocks > 1:
-        answer[:] = 1
-    alone = n_eyes * points.n_points <= PAIRS_ALONE
-    n_tasks = 1 if alone else n_eyes * n_blocks
-    sizes = len(scene.used), scene.nodes.shape[1]
-    together(_search_views, n_tasks, scene, points, views, n_blocks, answer, own=lambda: make_workspace(*sizes))
+    answer = np.ones((n_eyes, points.n_points), dtype=np.uint8)
+    n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_blocks
+    sizes = len(bvh.used), bvh.nodes.shape[1]
+    together(_search_views, n_tasks, bvh, points, views, n_blocks, answer, own=lambda: make_workspace(*sizes))
     return answer.view(bool)
 
 
 @shared
-def _search_views(tasks, scene, points, views, n_blocks, answer, space):
+def _search_views(tasks, bvh, points, views, n_blocks, answer, space):
     """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
-    _search_tasks(tasks, reference(scene), reference(points), views, n_blocks, answer, space)
+    _search_tasks(tasks, reference(bvh), reference(points), views, n_blocks, answer, space)
 
 
 @merged
-def _search_tasks(tasks, scene, points, views, n_blocks, answer, space):
+def _search_tasks(tasks, bvh, points, views, n_blocks, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     task = take(tasks)
     while task < len(views.eyes) * n_blocks:
         k, block = task // n_blocks, task % n_blocks
         first = n_groups * block // n_blocks * GROUP
         last = min(n_groups * (block + 1) // n_blocks * GROUP, n_chunks)
-        if n_blocks == 1:
-            answer[k] = 1
         for frame in range(views.n_frames[k]):
-            _search_view(scene, points, view_of(views, k, frame), (first, last), space, answer[k])
+            _search_view(bvh, points, view_of(views, k, frame), (first, last), space, answer[k])
         task = take(tasks)
 
 
 @merged
-def _search_view(scene, points, frame, chunks, workspace, answer):
+def _search_view(bvh, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
     if view.near > ZERO and view.number % 6 == 0:
-        hide_near_points(scene, points, view, chunks[0], chunks[1], answer)
-    project_nodes(scene, view, space)
-    search_chunks(scene, points, view, chunks, space, answer)
+        hide_near_points(bvh, points, view, chunks[0], chunks[1], answer)
+    project_nodes(bvh, view, space)
+    _search_chunks(bvh, points, view, chunks, space, answer)
+
+
+@merged
+def _search_chunks(bvh, points, view, chunks, space, answer):
+    """List the leaves before each group of chunks, choose from them for each, and take its packets through those."""
+    rectangles = space.chunk_rectangles
+    error = COORDINATE_ERROR * max(points.farthest, view.reach)
+    for first in range(chunks[0], chunks[1], GROUP):
+        last = min(first + GROUP, chunks[1])
+        project_boxes(points.chunk_boxes, first, first + GROUP, view, error, rectangles)
+        window = window_of_chunk(first, view, rectangles)
+        for chunk in range(first + 1, last):
+            window = joined(window, window_of_chunk(chunk, view, rectangles))
+        if is_empty(window):
+            continue
+        n_before = list_candidates(bvh, window, space)
+        if n_before <= TIGHT_LEAVES:
+            _tighten(bvh, n_before, view, space)
+        for chunk in range(first, last):
+            window = window_of_chunk(chunk, view, rectangles)
+            n_listed = choose(n_before, window, space)
+            if n_listed > 0 and not is_empty(window):
+                _search_packets(bvh, points, view, chunk, n_listed, space, answer)
+
+
+@merged
+def _search_packets(bvh, points, view, chunk, n, space, answer):
+    """Take the packets of a chunk through the n listed leaves."""
+    for packet in range(chunk * CHUNK, (chunk + 1) * CHUNK):
+        base = packet * PACKET
+        if base >= points.n_points:
+            return
+        extent, undecided = project_packet(bvh, points, packet, view, space.image)
+        if undecided:
+            hidden = _search_packet(bvh, points, view, undecided, extent, n, space)
+            for i in range(base, min(base + PACKET, points.n_points)):
+                answer[points.order[i]] &= ~(hidden >> (i - base)) & 1
+
+
+@inlined
+def _search_packet(bvh, points, view, undecided, extent, n, space):
+    """Go through the n listed leaves until every point of a packet is hidden; return the mask of the hidden ones."""
+    found_hidden = 0
+    # more than a coordinate, or its sum with this, can err
+    error = np.float32(1.5) * COORDINATE_ERROR * extent.blur * view.reach
+    seen = load3_wide(space.image, 0, PACKET)
+    least = seen[0] - error, seen[1] - error
+    most = seen[0] + error, seen[1] + error, seen[2] + error
+    for j in range(0, n, LEAF):
+        found = overlapping(space.listed.rectangles, j, extent)
+        if n - j < LEAF:
+            found &= (1 << (n - j)) - 1
+        while found:
+            entry = j + first_lane(found)
+            found &= found - 1
+            within = undecided & _within(space.listed.rectangles, entry, least, most)
+            if not within:
+                continue
+            hidden = _hide(bvh, points, view, within, extent, space.listed.leaves[entry], space)
+            found_hidden |= hidden
+            undecided &= ~hidden
+            if not undecided:
+                _promote(space.listed, entry)
+                return found_hidden
+    return found_hidden
+
+
+@inlined
+def _within(bounds, entry, least, most):
+    """Mask of the packet's points that are in a listed leaf's rectangle and not wholly before it.
+
+    `least` and `most` are the points' x / w, y / w and w, less and more their error bound.
+    """
+    capacity = bounds.shape[1]
+    return (
+        not_less(most[0], number(bounds, LEFT * capacity + entry))
+        & not_less(number(bounds, RIGHT * capacity + entry), least[0])
+        & not_less(most[1], number(bounds, BOTTOM * capacity + entry))
+        & not_less(number(bounds, TOP * capacity + entry), least[1])
+        & not_less(most[2], number(bounds, NEAREST * capacity + entry))
+    )
+
+
+@inlined
+def _hide(bvh, points, view, within, extent, leaf, space):
+    """Mask of the packet's points, of those within, that some face of a leaf hides."""
+    slot = slot_of(bvh, leaf, view, space, set_up_for_points)
+    n_within = count_lanes(within)
+    if n_within > FEW_POINTS:
+        maybe, covers = classify(bvh, points, space, slot, leaf, extent)
+        if covers or not maybe:
+            return within if covers else 0
+        if count_lanes(maybe) <= n_within:
+            return hide_by_faces(bvh, points, view, space, (leaf, slot), maybe, within, extent)
+    return hide_by_points(bvh, points, view, space, (leaf, slot), within, extent)
+
+
+@inlined
+def _promote(listed, entry):
+    """Move a leaf to the front of the list: what hides a packet is likely to hide the next."""
+    listed.leaves[0], listed.leaves[entry] = listed.leaves[entry], listed.leaves[0]
+    for row in range(6):
+        first, other = listed.rectangles[row, 0], listed.rectangles[row, entry]
+        listed.rectangles[row, 0], listed.rectangles[row, entry] = other, first
+
+
+# Candidate lists: the leaves that may hide something in a window, nearest first
 
 
 @inner
-def project_nodes(scene, view, space):
+def project_nodes(bvh, view, space):
     """Fill ``space.rectangles``; those of the padding are empty."""
-    project_boxes(
-        scene.nodes, scene.level_starts[0], scene.nodes.shape[1], view, COORDINATE_ERROR * view.reach, space.rectangles
-    )
-    for level in range(len(scene.level_counts)):
-        padding = scene.level_starts[level] + scene.level_counts[level]
+    error = COORDINATE_ERROR * view.reach
+    project_boxes(bvh.nodes, bvh.level_starts[0], bvh.nodes.shape[1], view, error, space.rectangles)
+    for level in range(len(bvh.level_counts)):
+        padding = bvh.level_starts[level] + bvh.level_counts[level]
         for i in range(padding, padding + (-padding % GROUP)):
             space.rectangles[LEFT, i], space.rectangles[RIGHT, i] = ENDLESS, -ENDLESS
+
+
+@inlined
+def overlapping(rectangles, i, window):
+    """Mask of the 16 rectangles from column i on that overlap a window and do not lie wholly behind it."""
+    total = rectangles.shape[1]
+    return (
+        not_less(splat(window.right), load(rectangles, LEFT * total + i))
+        & not_less(load(rectangles, RIGHT * total + i), splat(window.left))
+        & not_less(splat(window.top), load(rectangles, BOTTOM * total + i))
+        & not_less(load(rectangles, TOP * total + i), splat(window.bottom))
+        & not_less(splat(window.farthest), load(rectangles, NEAREST * total + i))
+    )
+
+
+@inner
+def list_candidates(bvh, window, space):
+    """Descend through the nodes to the leaves that overlap a window; fill ``space.before``, return how many."""
+    current, below = space.scratch[0], space.scratch[1]
+    top = len(bvh.level_counts) - 1
+    n = np.int64(0)  # as a plain 0, a constant, it would have what it is given to compiled twice
+    for i in range(0, bvh.level_counts[top], LEAF):
+        found = overlapping(space.rectangles, bvh.level_starts[top] + i, window)
+        while found:
+            current[n] = i + first_lane(found)
+            found &= found - 1
+            n += 1
+    for level in range(top - 1, -1, -1):
+        m = np.int64(0)
+        for j in range(n):
+            i = LEAF * current[j]
+            found = overlapping(space.rectangles, bvh.level_starts[level] + i, window)
+            while found:
+                below[m] = i + first_lane(found)
+                found &= found - 1
+                m += 1
+        current, below, n = below, current, m
+    _sort_by_depth(current, below, n, window.farthest, space)
+    for j in range(n):
+        put(space.before, j, below[j], space.rectangles, below[j])
+    return n
+
+
+@inner
+def _sort_by_depth(leaves, nearest_first, n, farthest, space):
+    """Sort n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
+    w, starts = space.rectangles[NEAREST], space.depth_starts
+    nearest = farthest
+    for j in range(n):
+        nearest = min(nearest, w[leaves[j]])
+    nearest = max(nearest, ZERO)
+    scale = np.float32(DEPTHS - 1) / max(farthest - nearest, np.float32(1e-30))
+    starts[:] = 0
+    for j in range(n):
+        starts[np.int64(max(w[leaves[j]] - nearest, ZERO) * scale) + 1] += 1
+    for i in range(DEPTHS):
+        starts[i + 1] += starts[i]
+    for j in range(n):
+        depth = np.int64(max(w[leaves[j]] - nearest, ZERO) * scale)
+        nearest_first[starts[depth]] = leaves[j]
+        starts[depth] += 1
+
+
+@inner
+def _tighten(bvh, n, view, space):
+    """Replace the rectangles of the n leaves in ``space.before`` by those of their projected faces."""
+    for j in range(n):
+        leaf = space.before.leaves[j]
+        put(space.before, j, leaf, space.slot_rectangles, slot_of(bvh, leaf, view, space, set_up_for_points))
+
+
+@inner
+def choose(n, window, space):
+    """List in ``space.listed`` those of the n leaves in ``space.before`` that overlap a window; return how many."""
+    n_listed = np.int64(0)
+    for j in range(0, n, LEAF):
+        found = overlapping(space.before.rectangles, j, window)
+        if n - j < LEAF:
+            found &= (1 << (n - j)) - 1
+        while found:
+            entry = j + first_lane(found)
+            found &= found - 1
+            put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry)
+            n_listed += 1
+    return n_listed

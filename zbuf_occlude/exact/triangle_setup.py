@@ -1,4 +1,4 @@
-"""Set-ups: the 16 faces of a cluster as a view sees them, in edge functions scaled by their own error, and planes.
+"""Triangle set-up: the 16 faces of a leaf as a view sees them, in edge functions scaled by their error, and planes.
 
 Error analysis, continued from `project`: u is float32's unit roundoff, *reach* a point's distance from the centre or 1.
 
@@ -14,25 +14,41 @@ Error analysis, continued from `project`: u is float32's unit roundoff, *reach* 
 
 So edge functions are divided by their error for a point with reach / w = 1; comparing them with the points' `blur`,
 the largest such ratio, says what is certain.
+
+Of rays the depth of each face's plane is needed. A ray's place in the image is P = (X, Y, 1). Where it meets a plane is
+monotone in g, which is linear in X and Y:
+
+* inside, g = -1 / w, where w is in scene units along the frame's axis: -g = n . r / h with r = X right + Y up + forward
+  and h = offset - n . eye.
+* outside, g = D (1 - 1 / w), where w is 1 at the scene's centre, D away from the eye: so float32 resolves the scene
+  equally well from any distance. g = (offset - X n . right - Y n . up) / h with h = offset / D + n . forward.
+
+With `size` as in `_set_up_planes`: normal, offset and frame are rounded once, so h errs by less than ``PLANE_ERROR
+size`` (from outside, ``PLANE_ERROR``), and so g by that over h, relatively. The numerator has three terms of at most
+1.5, whose factors err by 8 u at most; with the rounding of products and sums it errs by less than 48 u. `DEPTH_ERROR`
+and `HEIGHT_ERROR` have room for the rounding of the bounds themselves. Faces whose h is below twice its error are left
+to float64.
 """
 
 import numpy as np
 
 from zbuf_occlude.exact.layout import (
     BOTTOM,
-    CLUSTER,
     CONTACT,
     COORDINATE_ERROR,
     EDGE_ERROR,
     EDGES,
     ENDLESS,
     FARTHEST,
+    HALF,
+    LEAF,
     LEFT,
     NEAREST,
     NORMAL,
     ONE,
     PLANE_ERROR,
     RIGHT,
+    ROUNDOFF,
     SETUP_ROWS,
     TOP,
     ZERO,
@@ -40,7 +56,6 @@ from zbuf_occlude.exact.layout import (
 from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
     absolute,
-    cross3,
     divide,
     dot3,
     greater,
@@ -50,6 +65,7 @@ from zbuf_occlude.jit.simd import (
     lowest,
     maximum,
     minimum,
+    muladd,
     not_less,
     select,
     splat,
@@ -59,43 +75,65 @@ from zbuf_occlude.jit.simd import (
     store3,
     transform,
 )
+from zbuf_occlude.jit.vec3 import cross, minus
+
+DEPTH = NORMAL
+"""First of the rows with g = A x + B y + C, and its error, E + F |g|; in the place of the planes that points need."""
+DEPTH_ERROR = np.float32(64.0) * ROUNDOFF
+HEIGHT_ERROR = np.float32(2.0) * PLANE_ERROR
+WITHIN = np.float32(1.001)
+"""A ray passes a face for certain where its edge functions, in units of their error, are above this."""
 
 
 @inlined
-def slot_of(scene, cluster, view, space):
-    """Slot of the workspace that holds a cluster's set-up for this view, after setting it up if none does."""
-    slot = cluster & (len(space.slot_tags) - 1)
-    tag = view.number * len(scene.used) + cluster
+def slot_of(bvh, leaf, view, space, set_up):
+    """Slot that holds a leaf's set-up for this view; where none does, call `set_up_for_points` or `set_up_for_rays`."""
+    slot = leaf & (len(space.slot_tags) - 1)
+    tag = view.number * len(bvh.used) + leaf
     if space.slot_tags[slot] != tag:
         space.slot_tags[slot] = tag
-        _set_up(scene, cluster, view, space, slot)
+        set_up(bvh, leaf, view, space, slot)
     return slot
 
 
 @inner
-def _set_up(scene, cluster, view, space, slot):
-    """Fill in what the workspace has of a slot."""
-    base, used = cluster * 9 * CLUSTER, scene.used[cluster]
-    corners = (
-        project_corner(scene, base, view),
-        project_corner(scene, base + 3 * CLUSTER, view),
-        project_corner(scene, base + 6 * CLUSTER, view),
-    )
-    below, doubtful = set_up_planes(scene, cluster, view, space, slot)
+def set_up_for_points(bvh, leaf, view, space, slot):
+    """Write edge functions, planes and the rectangle around a leaf's faces to a slot."""
+    corners, doubtful = _set_up_faces(bvh, leaf, view, space, slot)
     space.doubtful[slot] = doubtful
-    set_up_edges(corners, below, doubtful, view, space, slot)
-    _bound(corners, used, view, space, slot)
+    _bound(corners, bvh.used[leaf], view, space, slot)
+
+
+@inner
+def set_up_for_rays(bvh, leaf, view, space, slot):
+    """Write edge functions and depths of a leaf's faces to a slot."""
+    _, doubtful = _set_up_faces(bvh, leaf, view, space, slot)
+    space.doubtful[slot] = _set_up_depths(bvh, leaf, view, doubtful, space, slot)
 
 
 @inlined
-def project_corner(scene, base, view):
+def _set_up_faces(bvh, leaf, view, space, slot):
+    """Write planes and edge functions; return the projected corners and the mask of the doubtful faces."""
+    base = leaf * 9 * LEAF
+    corners = (
+        _project_corner(bvh, base, view),
+        _project_corner(bvh, base + 3 * LEAF, view),
+        _project_corner(bvh, base + 6 * LEAF, view),
+    )
+    below, doubtful = _set_up_planes(bvh, leaf, view, space, slot)
+    _set_up_edges(corners, below, doubtful, view, space, slot)
+    return corners, doubtful
+
+
+@inlined
+def _project_corner(bvh, base, view):
     """Homogeneous coordinates of a corner of 16 faces, which begins at a flat index of the scene's."""
-    x, y, z = load3(scene.corners, base, CLUSTER)
+    x, y, z = load3(bvh.corners, base, LEAF)
     return transform(view.matrix, x, y, z)
 
 
 @inlined
-def set_up_planes(scene, cluster, view, space, slot):
+def _set_up_planes(bvh, leaf, view, space, slot):
     """Write planes, turned so that the eye is on their positive side.
 
     Returns
@@ -103,23 +141,23 @@ def set_up_planes(scene, cluster, view, space, slot):
     below, doubtful : int
         Masks of the faces that were turned, and of those seen edge-on or without a float32 plane.
     """
-    base, used, zero = cluster * 4 * CLUSTER, scene.used[cluster], splat(ZERO)
-    normal, offset = load3(scene.planes, base, CLUSTER), load(scene.planes, base + 3 * CLUSTER)
+    base, used, zero = leaf * 4 * LEAF, bvh.used[leaf], splat(ZERO)
+    normal, offset = load3(bvh.planes, base, LEAF), load(bvh.planes, base + 3 * LEAF)
     height = dot3(normal, splat3(view.eye), zero - offset)
     below = greater(zero, height)
     size = max(abs(view.eye[0]), abs(view.eye[1]), abs(view.eye[2])) + ONE
     edge_on = not_less(splat(np.float32(2.0) * PLANE_ERROR * size), absolute(height))
-    row = (slot * SETUP_ROWS + NORMAL) * CLUSTER
+    row = (slot * SETUP_ROWS + NORMAL) * LEAF
     for axis in range(3):
-        store(space.setups, row + axis * CLUSTER, select(below, zero - normal[axis], normal[axis]))
-    store(space.setups, row + 3 * CLUSTER, select(below, zero - offset, offset))
-    row = (slot * SETUP_ROWS + CONTACT) * CLUSTER
-    store(space.setups, row, absolute(height) * splat(np.float32(scene.contact)))
-    return below, (edge_on | scene.weak[cluster]) & used
+        store(space.setups, row + axis * LEAF, select(below, zero - normal[axis], normal[axis]))
+    store(space.setups, row + 3 * LEAF, select(below, zero - offset, offset))
+    row = (slot * SETUP_ROWS + CONTACT) * LEAF
+    store(space.setups, row, absolute(height) * splat(np.float32(bvh.contact)))
+    return below, (edge_on | bvh.weak[leaf]) & used
 
 
 @inlined
-def set_up_edges(corners, below, doubtful, view, space, slot):
+def _set_up_edges(corners, below, doubtful, view, space, slot):
     """Write edge functions P . (A x (B - A)), turned like the planes, in units of their error."""
     a, b, c = corners
     one, zero, endless = splat(ONE), splat(ZERO), splat(ENDLESS)
@@ -132,7 +170,7 @@ def set_up_edges(corners, below, doubtful, view, space, slot):
         )
         nearest = maximum(nearest, aside * splat(ONE / (view.window * np.float32(1.001))))
     nearest = nearest - splat(COORDINATE_ERROR * view.reach)
-    ab, bc, ca = _difference(b, a), _difference(c, b), _difference(a, c)
+    ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
     span = square_root(maximum(maximum(dot3(a, a, zero), dot3(b, b, zero)), dot3(c, c, zero)))
     length = square_root(maximum(maximum(dot3(ab, ab, zero), dot3(bc, bc, zero)), dot3(ca, ca, zero)))
     ahead = greater(nearest, zero)
@@ -140,7 +178,7 @@ def set_up_edges(corners, below, doubtful, view, space, slot):
     size = minimum(select(ahead, length * stretch, endless), one + length) * span
     scale = divide(one, maximum(size * splat(EDGE_ERROR * view.reach), splat(np.float32(1e-30))))
     scale = select(below, scale, zero - scale)
-    p, q, r = _scaled(cross3(a, ab), scale), _scaled(cross3(b, bc), scale), _scaled(cross3(c, ca), scale)
+    p, q, r = _scaled(cross(a, ab), scale), _scaled(cross(b, bc), scale), _scaled(cross(c, ca), scale)
     if doubtful:
         # which side is inside is unknown: a band about the longest edge that holds the face, or everything
         first, second, third = dot3(p, p, zero), dot3(q, q, zero), dot3(r, r, zero)
@@ -153,15 +191,10 @@ def set_up_edges(corners, below, doubtful, view, space, slot):
         p = _chosen(doubtful, edge, p)
         q = _chosen(doubtful, _scaled(edge, zero - one), q)
         r = _chosen(doubtful, (zero, zero, zero), r)
-    row = (slot * SETUP_ROWS + EDGES) * CLUSTER
-    store3(space.setups, row, CLUSTER, p)
-    store3(space.setups, row + 3 * CLUSTER, CLUSTER, q)
-    store3(space.setups, row + 6 * CLUSTER, CLUSTER, r)
-
-
-@inlined
-def _difference(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    row = (slot * SETUP_ROWS + EDGES) * LEAF
+    store3(space.setups, row, LEAF, p)
+    store3(space.setups, row + 3 * LEAF, LEAF, q)
+    store3(space.setups, row + 6 * LEAF, LEAF, r)
 
 
 @inlined
@@ -194,3 +227,53 @@ def _bound(corners, used, view, space, slot):
     bounds[RIGHT, slot] = highest(select(used, maximum(xa, maximum(xb, xc)), low)) + blur
     bounds[BOTTOM, slot] = lowest(select(used, minimum(ya, minimum(yb, yc)), far)) - blur
     bounds[TOP, slot] = highest(select(used, maximum(ya, maximum(yb, yc)), low)) + blur
+
+
+@inlined
+def _set_up_depths(bvh, leaf, view, doubtful, space, slot):
+    """Write g and its error; return the mask of the faces whose g means nothing."""
+    base, zero, one = leaf * 4 * LEAF, splat(ZERO), splat(ONE)
+    normal, offset = load3(bvh.planes, base, LEAF), load(bvh.planes, base + 3 * LEAF)
+    matrix = view.matrix
+    x = dot3(normal, splat3((matrix[0], matrix[1], matrix[2])), zero)
+    y = dot3(normal, splat3((matrix[4], matrix[5], matrix[6])), zero)
+    w = dot3(normal, splat3((matrix[8], matrix[9], matrix[10])), zero)
+    if view.near > ZERO:
+        size = max(abs(view.eye[0]), abs(view.eye[1]), abs(view.eye[2])) + ONE
+        height, constant = offset - dot3(normal, splat3(view.eye), zero), zero - w
+    else:
+        size = ONE
+        away = np.sqrt(view.eye[0] * view.eye[0] + view.eye[1] * view.eye[1] + view.eye[2] * view.eye[2])
+        height, constant = muladd(offset, splat(ONE / away), w * splat(away)), offset
+    error = splat(HEIGHT_ERROR * size)
+    unknown = doubtful | not_less(error, absolute(height))
+    inverse = divide(one, select(unknown, one, height))
+    row, width = (slot * SETUP_ROWS + DEPTH) * LEAF, LEAF
+    store(space.setups, row, select(unknown, zero, zero - x * inverse))
+    store(space.setups, row + width, select(unknown, zero, zero - y * inverse))
+    store(space.setups, row + 2 * width, select(unknown, zero, constant * inverse))
+    inverse = absolute(inverse)
+    store(space.setups, row + 3 * width, select(unknown, splat(ENDLESS), inverse * splat(DEPTH_ERROR)))
+    store(space.setups, row + 4 * width, select(unknown, zero, inverse * error))
+    return unknown & bvh.used[leaf]
+
+
+@inlined
+def faces_before(bvh, leaf, space, slot, window, limit):
+    """Mask of the faces of a leaf that may be met within a `Window` at a g of at most `limit`."""
+    base = slot * SETUP_ROWS * LEAF
+    cx, hx = splat(HALF * (window.left + window.right)), splat(HALF * (window.right - window.left))
+    cy, hy = splat(HALF * (window.bottom + window.top)), splat(HALF * (window.top - window.bottom))
+    least = splat(-WITHIN)
+    mask = bvh.used[leaf]
+    for edge in range(3):
+        a, b, c = load3(space.setups, base + (EDGES + 3 * edge) * LEAF, LEAF)
+        most = muladd(a, cx, muladd(b, cy, muladd(absolute(a), hx, muladd(absolute(b), hy, c))))
+        mask &= not_less(most, least)
+    row = base + DEPTH * LEAF
+    a, b, c = load3(space.setups, row, LEAF)
+    error, relative = load(space.setups, row + 3 * LEAF), load(space.setups, row + 4 * LEAF)
+    side = muladd(absolute(a), hx, absolute(b) * hy)
+    middle = muladd(a, cx, muladd(b, cy, c))
+    nearest = middle - side - muladd(relative, absolute(middle) + side, error)
+    return mask & not_less(splat(limit), nearest)

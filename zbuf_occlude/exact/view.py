@@ -1,90 +1,57 @@
-"""Views: how an eye looks at the scene; in one frame from outside, in the six of a cube about it from inside."""
+"""Views: how an eye sees the scene; in one frame from outside, in the six faces of a cube about it from inside."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.exact.bvh import Scene
-from zbuf_occlude.exact.layout import ONE, ZERO
+from zbuf_occlude.exact.bvh import Bvh
+from zbuf_occlude.exact.layout import ONE, ZERO, Float32, Int64
 from zbuf_occlude.jit.compiler import inner, njit
 
 OUTSIDE = 1.5
 """An eye farther from the centre than this times the farthest point sees everything in one frame."""
-
 GUARD = np.float32(1.05)
 """Half-width of a cube face's window; more than 1, so that rounding loses no point between two faces."""
-
 NO_WINDOW = np.float32(1e30)
+NEAR = np.float32(1e-3)
+"""Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
 
 _X, _Y, _Z = np.eye(3)
 SIDES = np.concatenate([_Y, _Z, _X, _Z, _Y, -_X, _Z, _X, _Y, _X, _Z, -_Y, _X, _Y, _Z, _Y, _X, -_Z]) + 0.0
 """(54,): rows x, y, w of the frames that look along +x, -x, +y, -y, +z, -z."""
 
-NEAR = np.float32(1e-3)
-"""Points nearer to an eye inside than this times their reach are decided in float64 altogether."""
 
+class EyeViews(NamedTuple):
+    """How k eyes see the scene. What lies before an eye has w > 0, and is seen at (x / w, y / w)."""
 
-class Views(NamedTuple):
-    """How k eyes look at the scene.
-
-    Parameters
-    ----------
-    matrices : (k, 6, 12) float32
-        Rows x, y, w of 3 x 4 matrices of positive determinant: scene space to homogeneous coordinates of the image.
-        What lies before the eye has w > 0, and is seen at (x / w, y / w).
-    axes : (k, 6, 3, 3) float64
-        Their left parts, not rounded.
-    n_frames : (k,) int64
-        1: the eye is outside, w is 1 at the scene's centre. 6: faces of a cube about the eye, w is scene units.
-    eyes : (k, 3) float64, scene space
-    world_eyes : (k, 3) float64
-        The caller's own, for float64: an eye that went through scene space and back has been rounded, and is on one
-        side of planes that it lies in.
-    """
-
-    matrices: NDArray[np.float32]
-    axes: FloatArray
-    n_frames: NDArray[np.int64]
-    eyes: FloatArray
-    world_eyes: FloatArray
+    matrices: Float32  # (k, 6, 12) rows x, y, w of 3 x 4 matrices of positive determinant: scene space to the image
+    axes: FloatArray  # (k, 6, 3, 3) their left parts, not rounded
+    n_frames: Int64  # (k,) 1: the eye is outside, w is 1 at the scene's centre. 6: about it, w is scene units
+    eyes: FloatArray  # (k, 3) scene space
+    world_eyes: FloatArray  # (k, 3) the caller's own, for float64: an eye that went through scene space and back has
+    # been rounded, and is on one side of planes that it lies in
 
 
 class View(NamedTuple):
-    """One frame of one eye, as the kernels pass it on.
+    """One frame of one eye, as the kernels pass it on."""
 
-    Parameters
-    ----------
-    number : int
-        Of the frame, among those of all eyes.
-    matrix : (12,) float32
-        As in `Views`.
-    window : float32
-        Only what has |x|, |y| <= window x w belongs to the frame.
-    near : float32
-        Points with w below this times their reach do not belong to it either; 0 from outside, where there are none.
-    eye, world_eye : tuples of 3 float32, scene space, and of 3 float64
-    reach : float32
-        Largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it.
-    """
-
-    number: int
-    matrix: NDArray[np.float32]
-    window: np.float32
-    near: np.float32
-    eye: tuple[np.float32, np.float32, np.float32]
+    number: int  # of the frame, among those of all eyes
+    matrix: Float32  # (12,) as in `EyeViews`
+    window: np.float32  # only what has |x|, |y| <= window x w belongs to the frame
+    near: np.float32  # nor do points with w below this times their reach; 0 from outside, where there are none
+    eye: tuple[np.float32, np.float32, np.float32]  # scene space
     world_eye: tuple[float, float, float]
-    reach: np.float32
+    reach: np.float32  # largest coordinate that enters projected ones: 1, or the eye's where coordinates are about it
 
 
-def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
+def project_eyes(bvh: Bvh, world_eyes: FloatArray, farthest: float) -> EyeViews:
     """Place a frame, or the six faces of a cube, before each eye.
 
     Parameters
     ----------
-    scene : Scene
+    bvh : Bvh
     world_eyes : (k, 3) float64, world space
     farthest : float
         Radius of a sphere about the scene's centre that holds the mesh and all points, scene units.
@@ -98,8 +65,8 @@ def make_views(scene: Scene, world_eyes: FloatArray, farthest: float) -> Views:
     k, world_eyes = len(world_eyes), np.ascontiguousarray(world_eyes)
     eyes, n_frames = np.empty(3 * k), np.empty(k, dtype=np.int64)
     matrices, axes = np.zeros(72 * k, dtype=np.float32), np.zeros(54 * k)
-    _place_frames(world_eyes.reshape(-1), scene.centre, scene.scale, OUTSIDE * farthest, eyes, matrices, axes, n_frames)
-    return Views(matrices.reshape(k, 6, 12), axes.reshape(k, 6, 3, 3), n_frames, eyes.reshape(k, 3), world_eyes)
+    _place_frames(world_eyes.reshape(-1), bvh.centre, bvh.scale, OUTSIDE * farthest, eyes, matrices, axes, n_frames)
+    return EyeViews(matrices.reshape(k, 6, 12), axes.reshape(k, 6, 3, 3), n_frames, eyes.reshape(k, 3), world_eyes)
 
 
 @inner
@@ -121,7 +88,7 @@ def view_of(views, k, frame):
 
 @njit(cache=True)
 def _place_frames(world_eyes, centre, scale, outside, eyes, matrices, axes, n_frames):
-    """Fill in the fields of `Views`, each flat, where the others are 0: a kernel, as in NumPy one eye takes longest.
+    """Fill in the fields of `EyeViews`, each flat, where the others are 0. (In NumPy one eye takes longest.)
 
     An eye farther than `outside` looks at the centre, world z upwards where that can be, one nearer along the axes.
     """

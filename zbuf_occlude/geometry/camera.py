@@ -169,35 +169,3 @@ def projection_matrices(frusta: Frusta) -> FloatArray:
     matrices[..., 2, 3] = -2.0 * far * near / (far - near)
     matrices[..., 3, 2] = -1.0
     return matrices
-
-
-def window_coordinates(matrices: ArrayLike, positions: ArrayLike, size: tuple[int, int]) -> FloatArray:
-    """Project points into window space.
-
-    Parameters
-    ----------
-    matrices : (..., 4, 4) float
-        World to clip space (projection @ view).
-    positions : (n, 3) float
-        World space.
-    size : (int, int)
-        Width and height in pixels.
-
-    Returns
-    -------
-    (..., n, 3) float64
-        x and y in pixels, depth in [0, 1] between the near and far planes. NaN for a point in the eye's own plane;
-        points behind the eye come out mirrored with a depth above 1.
-    """
-    matrices = np.asarray(matrices, dtype=np.float64)
-    positions = np.asarray(positions, dtype=np.float64)
-    clip = np.einsum("...ij,nj->...ni", matrices[..., :3], positions) + matrices[..., None, :, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ndc = clip[..., :3] / clip[..., 3:]
-    return np.asarray((ndc + 1.0) / 2.0 * np.array([size[0], size[1], 1.0]))
-
-
-def eye_depths(depths: ArrayLike, near: ArrayLike, far: ArrayLike) -> FloatArray:
-    """Turn window depths in [0, 1] into eye depths between near and far (the inverse of the projection)."""
-    depths, near, far = (np.asarray(a, dtype=np.float64) for a in (depths, near, far))
-    return np.asarray(far * near / (far - depths * (far - near)))

@@ -1,11 +1,12 @@
 """Mesh: vertices and triangles as two arrays, with the few measures that everything else needs."""
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import (
     BoolArray,
@@ -19,9 +20,9 @@ from zbuf_occlude.arrays import (
     sealed,
 )
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.geometry.cleaning import faulty_faces
 from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
-from zbuf_occlude.jit.vec3 import fill_normals
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.origin import UNKNOWN, Origin
 
 NO_AREA = 1e-12
@@ -138,7 +139,7 @@ class Mesh:
     def face_normals(self) -> FloatArray:
         """Normals of the faces, (f, 3), *not* of unit length: n = (b - a) x (c - a) (paper Eq. 1)."""
         normals = np.empty((len(self.faces), 3))
-        fill_normals(self.corners, normals)
+        _fill_normals(self.corners, normals)
         return sealed(normals)
 
     @cached_property
@@ -203,7 +204,7 @@ class Mesh:
         MeshError
             Nothing is left.
         """
-        degenerate, duplicate = faulty_faces(self.vertices, self.faces, NO_AREA)
+        degenerate, duplicate = _faulty_faces(self.vertices, self.faces)
         keep = ~(degenerate | duplicate)
         if not keep.any():
             raise MeshError(f"a mesh must have faces of some area; none of the {len(keep)} faces of {self.name} has.")
@@ -234,3 +235,62 @@ def box_around(positions: FloatArray) -> Mesh:
     corner = np.indices((2, 2, 2)).reshape(3, 8).T
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return Mesh(ends[corner, [0, 1, 2]], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), name="box")
+
+
+@njit(cache=True, nogil=True)
+def _fill_normals(corners, normals):
+    """Fill (f, 3) with the normals (b - a) x (c - a) of faces (f, 3 corners, 3), not of unit length."""
+    for face in range(len(corners)):
+        a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
+        n = cross(minus(b, a), minus(c, a))
+        normals[face, 0], normals[face, 1], normals[face, 2] = n[0], n[1], n[2]
+
+
+def _faulty_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Return which faces have no area and which are duplicates, as `Mesh.cleaned` says, each (f,) bool; 0.0 is -0.0."""
+    positions = _first_equal_rows((vertices + 0.0).view(np.int64))  # -0.0 + 0.0 is 0.0
+    corners, degenerate = np.empty((len(faces), 3), dtype=np.int64), np.empty(len(faces), dtype=np.bool_)
+    _look_at_faces(vertices, faces, positions, corners, degenerate)
+    return degenerate, _first_equal_rows(corners) != np.arange(len(faces))
+
+
+def _first_equal_rows(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each row of (n, 3) int64 the first row that equals it, (n,) int64."""
+    first, table = np.empty(len(rows), dtype=np.int64), np.full(1 << max(4, (2 * len(rows) - 1).bit_length()), -1)
+    _fill_first_equal(rows, table, first)
+    return first
+
+
+@njit(cache=True, nogil=True)
+def _fill_first_equal(rows, table, first):
+    """Enter rows in a hash table with open addresses: a power of two, twice as many as rows; -1 where nothing is."""
+    size = len(table)
+    for i in range(len(rows)):
+        mixed = np.uint64(0)
+        for axis in range(3):  # the constants and shifts are those of SplitMix64
+            mixed = (mixed ^ np.uint64(rows[i, axis])) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed ^= mixed >> np.uint64(31)
+        mixed *= np.uint64(0x94D049BB133111EB)
+        slot = np.int64((mixed ^ (mixed >> np.uint64(32))) & np.uint64(size - 1))
+        while True:
+            other = table[slot]
+            if other < 0:
+                table[slot] = other = i
+            if rows[other, 0] == rows[i, 0] and rows[other, 1] == rows[i, 1] and rows[other, 2] == rows[i, 2]:
+                first[i] = other
+                break
+            slot = (slot + 1) & (size - 1)
+
+
+@njit(cache=True, nogil=True)
+def _look_at_faces(vertices, faces, positions, corners, degenerate):
+    """Fill in the positions, given by number, of each face's corners in ascending order, and whether it has no area."""
+    for i in range(len(faces)):
+        first, second, third = positions[faces[i, 0]], positions[faces[i, 1]], positions[faces[i, 2]]
+        low, high = min(first, second, third), max(first, second, third)
+        corners[i, 0], corners[i, 1], corners[i, 2] = low, first + second + third - low - high, high
+        a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
+        u, v, w = minus(b, a), minus(c, a), minus(c, b)
+        n = cross(u, v)
+        longest = max(dot(u, u), dot(v, v), dot(w, w))
+        degenerate[i] = math.sqrt(dot(n, n)) <= NO_AREA * longest

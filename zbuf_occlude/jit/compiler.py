@@ -12,7 +12,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property, update_wrapper
+from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any
 
@@ -29,28 +29,33 @@ class Kernel:
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self._function, self._options = function, options
+        self._dispatcher: Any = None
 
-    @cached_property
-    def _compiled(self) -> Any:
-        import numba  # late: see above
+    def _declared(self) -> Any:
+        """Return numba's own function."""
+        if self._dispatcher is None:
+            import numba  # late: see above
 
-        folder = cache_folder() if self._options.get("cache") else None
-        with _lock:  # numba looks for the folder while a function is declared; other functions keep theirs
-            before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
-            try:
-                return numba.njit(**{**self._options, "cache": folder is not None})(self._function)
-            finally:
-                numba.config.CACHE_DIR = before
+            folder = cache_folder() if self._options.get("cache") else None
+            with _lock:
+                # numba looks for the folder while a function is declared; functions of others keep theirs
+                before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+                try:
+                    options = {**self._options, "cache": folder is not None}
+                    self._dispatcher = self._dispatcher or numba.njit(**options)(self._function)
+                finally:
+                    numba.config.CACHE_DIR = before
+        return self._dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""
-        return self._compiled(*arguments)
+        return self._declared()(*arguments)
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of the compiled function, which is what numba sees in functions that call this one."""
         if name.startswith("__"):
             raise AttributeError(name)
-        return getattr(self._compiled, name)
+        return getattr(self._declared(), name)
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:

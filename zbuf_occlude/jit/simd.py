@@ -1,8 +1,7 @@
 """Vectors of 16 float32 lanes for numba kernels, wide ones of 32, and masks of as many bits.
 
 LLVM lowers them to whatever the machine has: 16 lanes to one AVX-512 register, two of AVX, four of SSE. Kernels touch
-LLVM only here, in `threads` and in `image_space.reference`; `tests/test_lanes.py` compares every operation with its
-plain twin in NumPy.
+LLVM only in this room; `tests/jit/test_simd.py` compares every operation with its plain twin in NumPy.
 
 A vector lives inside a kernel only: it is loaded from a C-contiguous float32 array at a flat index, computed with
 (``+ - *``, the functions below), and stored, or reduced to a number or to a mask. What takes vectors takes them of 16
@@ -194,32 +193,23 @@ def splat(typing_context, value):
     return VECTOR(types.float32), codegen
 
 
-def _load(vector: VectorType) -> Any:
+def _load(result: Any, kind: Any) -> Any:
     @intrinsic
     def operation(typing_context, array, index):
         _must_be_contiguous(array)
 
         def codegen(context, builder, signature, args):
-            return builder.load(_address(context, builder, array, args[0], args[1], vector.floats), align=4)
+            return builder.load(_address(context, builder, array, args[0], args[1], kind), align=4)
 
-        return vector(array, types.intp), codegen
+        return result(array, types.intp), codegen
 
     return operation
 
 
-load, load_wide = _load(VECTOR), _load(WIDE)
+number = _load(types.float32, ir.FloatType())
+"""The float32 of an array at a flat index."""
+load, load_wide = _load(VECTOR, VECTOR.floats), _load(WIDE, WIDE.floats)
 """The 16, or 32, float32 of an array that begin at a flat index."""
-
-
-@intrinsic
-def number(typing_context, array, index):
-    """The float32 of an array at a flat index."""
-    _must_be_contiguous(array)
-
-    def codegen(context, builder, signature, args):
-        return builder.load(_address(context, builder, array, args[0], args[1], ir.FloatType()), align=4)
-
-    return types.float32(array, types.intp), codegen
 
 
 @intrinsic
@@ -236,21 +226,16 @@ def store(typing_context, array, index, vector):
     return types.void(array, types.intp, vector), codegen
 
 
-def _equal(n: int) -> Any:
-    @intrinsic
-    def operation(typing_context, array, index, value):
-        def codegen(context, builder, signature, args):
-            kind = ir.VectorType(ir.IntType(32), n)
-            values = builder.load(_address(context, builder, array, args[0], args[1], kind), align=4)
-            return _to_word(builder, builder.icmp_signed("==", values, _repeat(builder, args[2], kind)))
+@intrinsic
+def equal_wide(typing_context, array, index, value):
+    """Mask of the 32 int32 of an array from a flat index on that equal a value."""
 
-        return types.int64(array, types.intp, types.int32), codegen
+    def codegen(context, builder, signature, args):
+        kind = ir.VectorType(ir.IntType(32), N_WIDE)
+        values = builder.load(_address(context, builder, array, args[0], args[1], kind), align=4)
+        return _to_word(builder, builder.icmp_signed("==", values, _repeat(builder, args[2], kind)))
 
-    return operation
-
-
-equal, equal_wide = _equal(N_LANES), _equal(N_WIDE)
-"""Mask of the 16, or 32, int32 of an array from a flat index on that equal a value."""
+    return types.int64(array, types.intp, types.int32), codegen
 
 
 @intrinsic
@@ -309,24 +294,21 @@ highest = _unary(_folded(_larger), types.float32)
 """The largest lane."""
 
 
-@intrinsic
-def first_lane(typing_context, mask):
-    """The lowest lane of a mask that is not empty."""
+def _of_mask(emit: Callable[[Any, Any], Any]) -> Any:
+    @intrinsic
+    def operation(typing_context, mask):
+        def codegen(context, builder, signature, args):
+            return emit(builder, args[0])
 
-    def codegen(context, builder, signature, args):
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+        return types.int64(types.int64), codegen
 
-    return types.int64(types.int64), codegen
+    return operation
 
 
-@intrinsic
-def count_lanes(typing_context, mask):
-    """The number of lanes in a mask."""
-
-    def codegen(context, builder, signature, args):
-        return builder.ctpop(args[0])
-
-    return types.int64(types.int64), codegen
+first_lane = _of_mask(lambda builder, mask: builder.cttz(mask, ir.Constant(ir.IntType(1), 1)))
+"""The lowest lane of a mask that is not empty."""
+count_lanes = _of_mask(lambda builder, mask: builder.ctpop(mask))
+"""The number of lanes in a mask."""
 
 
 # three vectors at a time: tuples of 3, one for each axis
@@ -368,12 +350,6 @@ def splat3(values):
 def dot3(a, b, c):
     """a . b + c"""
     return muladd(a[0], b[0], muladd(a[1], b[1], muladd(a[2], b[2], c)))
-
-
-@inlined
-def cross3(a, b):
-    """a x b"""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
