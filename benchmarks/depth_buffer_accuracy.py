@@ -79,7 +79,9 @@ def main() -> None:
             line, disputed = row(name, mesh, gl, options.points, options.every, options.repeats)
             disputes.append(disputed)
             print(line, flush=True)
-    print(f"\nAnswers are held against those of `exact`, of which the oracle disputes {max(disputes):.1e} at most.")
+    print(
+        f"\nAnswers are held against those of `exact`, with which the oracle disagrees in {max(disputes):.1e} at most."
+    )
 
 
 if __name__ == "__main__":

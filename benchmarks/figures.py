@@ -56,8 +56,10 @@ def rendered(text: str, figures: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def block(mark: str, figure: Mapping[str, Any], section: str) -> str:
-    """Return a block with its marks: the result, then where it comes from."""
-    lines = section_of(figure["value"], section) if section else figure["value"]
+    """Return a block with its marks: the result, then where it comes from. Of a section of a report: its table alone."""
+    lines = figure["value"]
+    if section:
+        lines = [line for line in section_of(lines, section) if line.startswith("|")]
     if figure.get("text"):
         lines = ["```text", *lines, "```"]
     return "\n".join([f"<!-- figure: {mark} -->", "", *lines, "", origin(figure), "", END])

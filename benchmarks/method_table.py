@@ -49,7 +49,7 @@ ROWS: tuple[tuple[str, tuple[Subject, ...], str], ...] = (
     (
         "`oracle`, `exact_hsr` (paper 3.5)",
         (Subject("oracle"), Subject("exact_hsr")),
-        "the judge, and the paper's own exact method",
+        "the reference, and the paper's own exact method",
     ),
 )
 
