@@ -1,4 +1,4 @@
-"""The bar chart of docs/performance.md, drawn from docs/figures.json: python benchmarks/charts.py --out docs/benchmarks.png"""
+"""The bar chart of docs/performance.md, from docs/figures.json: python benchmarks/charts.py --out docs/benchmarks.png"""
 
 import argparse
 import re

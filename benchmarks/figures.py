@@ -56,7 +56,7 @@ def rendered(text: str, figures: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def block(mark: str, figure: Mapping[str, Any], section: str) -> str:
-    """Return a block with its marks: the result, then where it comes from. Of a section of a report: its table alone."""
+    """Return a block with its marks: the result, or the table of a section of it, then where it comes from."""
     lines = figure["value"]
     if section:
         lines = [line for line in section_of(lines, section) if line.startswith("|")]

@@ -1,14 +1,94 @@
-"""What mkdocs does besides turning pages: it makes the gallery of docs/gallery.md"""
+"""Pages that mkdocs makes: the reference of the command line and of the Python API, and the gallery of docs/gallery.md."""
 
 import shutil
 import subprocess
 import sys
 import tempfile
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import click
+from mkdocs.structure.files import File
+
+import zbuf_occlude
+
 GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "exact", "--sample-size", "1024")
 FOLDER = "gallery-3d"
+API = {
+    "partial": ("Partial clouds", "", ("occlude", "PartialCloud", "depth_image")),
+    "meshes": ("Meshes", "", ("load_mesh", "Mesh", "MeshCollection")),
+    "points": ("Points", "", ("sample_surface", "SurfacePoints")),
+    "views": ("Views", "", ("Views", "views.for_mesh")),
+    "positions": (
+        "Camera positions",
+        "views.",
+        ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3", "parse"),
+    ),
+    "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder", "visibility.interface.Method")),
+    "scans": ("Scans", "", ("scan", "sensors.Scan")),
+    "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
+    "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
+    "torch": (
+        "PyTorch",
+        "dataset.torch.",
+        ("CloudDataset", "CloudStream", "collate_ragged", "OnTheFlyOcclusion", "OnTheFlyScan", "augmentation"),
+    ),
+    "errors": (
+        "Errors",
+        "",
+        ("OccludeError", "ArgumentError", "OptionError", "MeshError", "DatasetError", "GlError", "UnavailableError"),
+    ),
+}
+"""Page: its title, where the names are below the package, and the names."""
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages of the reference."""
+    files.append(File.generated(config, "cli.md", content=command_line()))
+    for page, (title, home, names) in API.items():
+        blocks = [f"::: zbuf_occlude.{home}{name}\n" for name in names if exists(home + name)]
+        files.append(File.generated(config, f"api/{page}.md", content="\n".join([f"# {title}\n", *blocks])))
+    return files
+
+
+def exists(name: str) -> bool:
+    """Whether the package has a name; what needs PyTorch is taken to be there."""
+    if name.startswith("dataset.torch."):
+        return True
+    if "." in name:
+        import_module(f"zbuf_occlude.{name.rpartition('.')[0]}")
+    try:
+        attrgetter(name)(zbuf_occlude)
+    except AttributeError:
+        return False
+    return True
+
+
+def command_line() -> str:
+    """Return the page of the command line: what `--help` prints of each command."""
+    group = import_module("zbuf_occlude.cli").group
+    top = click.Context(group, info_name="zbuf-occlude", terminal_width=100)
+    lines = [
+        "# Command line\n",
+        "What `zbuf-occlude COMMAND --help` prints. Options in square brackets have defaults.\n",
+    ]
+    for name in group.list_commands(top):
+        command = group.get_command(top, name)
+        lines += [f"## {name}\n", f"{command.get_short_help_str(200)}\n", *folded(command, top, name)]
+    return "\n".join(lines)
+
+
+def folded(command: click.Command, above: click.Context, name: str) -> list[str]:
+    """Return the help of a command and of those below it, folded."""
+    here = click.Context(command, info_name=name, parent=above, terminal_width=100)
+    lines = [f'<details markdown="1"><summary><code>{here.command_path} --help</code></summary>\n']
+    lines += ["```text", command.get_help(here), "```\n", "</details>\n"]
+    if isinstance(command, click.Group):
+        for below in command.list_commands(here):
+            lines += folded(command.get_command(here, below), here, below)
+    return lines
 
 
 def on_post_build(config: Any) -> None:
