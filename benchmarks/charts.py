@@ -1,4 +1,4 @@
-"""The bar chart of docs/performance.md, from docs/figures.json: python benchmarks/charts.py --out docs/benchmarks.png"""
+"""The chart of docs/performance.md, from docs/figures.json: python benchmarks/charts.py --out docs/benchmarks.png"""
 
 import argparse
 import re
@@ -72,7 +72,7 @@ def main() -> None:
     for name, colour in {"this project": OURS, "the paper's methods": PAPER, "other libraries": OTHERS}.items():
         left.bar(0, 0, color=colour, label=name)
     left.legend(loc="upper right", frameon=False)
-    bars(right, whole_job(), "seconds for a whole dataset (175 meshes)")
+    bars(right, whole_job(), "seconds: dataset of 175 meshes")
     right.set_xlim(right=24)
     figure.savefig(given.out, format="png", dpi=110)
 

@@ -1,4 +1,4 @@
-"""Pages that mkdocs makes: the reference of the command line and of the Python API, and the gallery of docs/gallery.md."""
+"""What mkdocs makes: the reference of the command line and of the API, and the gallery of docs/gallery.md."""
 
 import shutil
 import subprocess
@@ -18,7 +18,8 @@ GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "ex
 FOLDER = "gallery-3d"
 API = {
     "partial": ("Partial clouds", "", ("occlude", "PartialCloud", "depth_image")),
-    "meshes": ("Meshes", "", ("load_mesh", "Mesh", "MeshCollection")),
+    "meshes": ("Meshes", "", ("load_mesh", "Mesh")),
+    "collections": ("Collections of meshes", "", ("MeshCollection",)),
     "points": ("Points", "", ("sample_surface", "SurfacePoints")),
     "views": ("Views", "", ("Views", "views.for_mesh")),
     "positions": (
@@ -26,15 +27,17 @@ API = {
         "views.",
         ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3", "parse"),
     ),
-    "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder", "visibility.interface.Method")),
+    "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder")),
+    "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
     "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
     "torch": (
         "PyTorch",
         "dataset.torch.",
-        ("CloudDataset", "CloudStream", "collate_ragged", "OnTheFlyOcclusion", "OnTheFlyScan", "augmentation"),
+        ("CloudDataset", "CloudStream", "collate_ragged", "augmentation"),
     ),
+    "on_the_fly": ("PyTorch, on the fly", "dataset.torch.", ("OnTheFlyOcclusion", "OnTheFlyScan")),
     "errors": (
         "Errors",
         "",
@@ -42,15 +45,34 @@ API = {
     ),
 }
 """Page: its title, where the names are below the package, and the names."""
+MEMBERS = {
+    "Mesh": ("normalized", "cleaned", "from_trimesh", "transformed", "to_open3d", "to_trimesh"),
+    "MeshCollection": ("from_paths",),
+    "SurfacePoints": ("free", "select"),
+    "Occluder": ("visible", "first_hits", "close"),
+    "Method": ("missing", "options", "check_options"),
+    "PartialCloud": ("save", "to_open3d", "to_trimesh"),
+    "Scan": ("select", "save", "to_open3d", "to_trimesh"),
+    "Sensor": ("rays", "with_numbers"),
+    "Views": ("around", "eyes", "poses"),
+    "Scene": ("joined",),
+}
+"""Of a class, what stands on its page besides the class itself."""
 
 
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages of the reference."""
     files.append(File.generated(config, "cli.md", content=command_line()))
     for page, (title, home, names) in API.items():
-        blocks = [f"::: zbuf_occlude.{home}{name}\n" for name in names if exists(home + name)]
+        blocks = [block(home + name) for name in names if exists(home + name)]
         files.append(File.generated(config, f"api/{page}.md", content="\n".join([f"# {title}\n", *blocks])))
     return files
+
+
+def block(name: str) -> str:
+    """Return what mkdocstrings replaces by the documentation of a name."""
+    members = list(MEMBERS.get(name.rpartition(".")[2], ()))
+    return f"::: zbuf_occlude.{name}\n    options:\n      members: {members}\n"
 
 
 def exists(name: str) -> bool:
@@ -76,7 +98,7 @@ def command_line() -> str:
     ]
     for name in group.list_commands(top):
         command = group.get_command(top, name)
-        lines += [f"## {name}\n", f"{command.get_short_help_str(200)}\n", *folded(command, top, name)]
+        lines += [f"### {name}\n", f"{command.get_short_help_str(200)}\n", *folded(command, top, name)]
     return "\n".join(lines)
 
 
