@@ -17,15 +17,16 @@ import zbuf_occlude
 GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "exact", "--sample-size", "1024")
 FOLDER = "gallery-3d"
 API = {
-    "partial": ("Partial clouds", "", ("occlude", "PartialCloud", "depth_image")),
-    "meshes": ("Meshes", "", ("load_mesh", "Mesh")),
-    "collections": ("Collections of meshes", "", ("MeshCollection",)),
+    "partial": ("Partial clouds", "", ("occlude", "PartialCloud")),
+    "depth": ("Depth images", "", ("depth_image",)),
+    "mesh": ("Mesh", "", ("Mesh",)),
+    "meshes": ("Mesh files", "", ("load_mesh", "MeshCollection")),
     "points": ("Points", "", ("sample_surface", "SurfacePoints")),
-    "views": ("Views", "", ("Views", "views.for_mesh")),
+    "views": ("Views", "", ("Views", "views.for_mesh", "views.parse")),
     "positions": (
         "Camera positions",
         "views.",
-        ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3", "parse"),
+        ("paper100", "modelnet8", "ring", "grid", "fibonacci", "random", "random_so3"),
     ),
     "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder")),
     "methods": ("Methods", "", ("visibility.interface.Method",)),
@@ -57,7 +58,7 @@ MEMBERS = {
     "Views": ("around", "eyes", "poses"),
     "Scene": ("joined",),
 }
-"""Of a class, what stands on its page besides the class itself."""
+"""Of a class, what stands on its page in addition to the class itself."""
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -106,11 +107,11 @@ def folded(command: click.Command, above: click.Context, name: str) -> list[str]
     """Return the help of a command and of those below it, folded."""
     here = click.Context(command, info_name=name, parent=above, terminal_width=100)
     lines = [f'<details markdown="1"><summary><code>{here.command_path} --help</code></summary>\n']
-    lines += ["```text", command.get_help(here), "```\n", "</details>\n"]
+    lines += ["```text", command.get_help(here), "```\n"]
     if isinstance(command, click.Group):
         for below in command.list_commands(here):
             lines += folded(command.get_command(here, below), here, below)
-    return lines
+    return [*lines, "</details>\n"]
 
 
 def on_post_build(config: Any) -> None:
