@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from zbuf_occlude.checks import did_you_mean
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.views import files, positions
@@ -195,7 +196,19 @@ def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
     for row in SPECIFICATIONS if isinstance(spec, str) else ():
         if match := re.fullmatch(row.pattern, spec):
             return row, match.groups()
-    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.")
+    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.{_wrong_part(str(spec))}")
+
+
+def _wrong_part(spec: str) -> str:
+    """Return a sentence that says what of a specification is not understood."""
+    word, _, rest = spec.partition(":")
+    if re.search(r"[/.\\]|^$", word):
+        return ""
+    by_word = {row.form.partition(":")[0]: row.form for row in SPECIFICATIONS if " " not in row.form}
+    if word not in by_word:
+        return f" There is no {word!r:.40}.{did_you_mean(word, by_word)}"
+    _, colon, form = by_word[word].partition(":")
+    return f" After {word}: must come {form}; got {rest!r:.40}." if colon else f" {word} takes nothing after it."
 
 
 def _band(low: str | None = None, high: str | None = None) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
+from zbuf_occlude.checks import did_you_mean
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
@@ -290,7 +291,7 @@ class Method:
             if name not in known:
                 raise OptionError(
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
-                    f"got {name!r}."
+                    f"got {name!r}.{did_you_mean(name, known)}"
                 )
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
