@@ -193,7 +193,7 @@ def test_bad_views(arguments: Any, message: str) -> None:
 def test_views_cannot_be_changed() -> None:
     made = views.paper100()
     assert len(made) == 100
-    assert repr(made) == "Views(100)"
+    assert repr(made) == "Views(100 views about (0, 0, 0))"
     with pytest.raises(ValueError, match="read-only"):
         made.azimuth[0] = 1.0
 

@@ -1,5 +1,8 @@
 """zbuf_occlude: complete triangle meshes in, occluded point clouds out.
 
+    cloud = zo.occlude("chair.off", azimuth=30, elevation=20, n_points=2048)
+    cloud.save("partial.ply")
+
     mesh -> surface points -> views -> visibility mask -> occluded cloud -> dataset
 
 Importing this package touches no GPU and imports no dependency at all: each name is loaded when it is first used.
@@ -27,6 +30,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.scenes import Scene
     from zbuf_occlude.sensors import scan
     from zbuf_occlude.views import Views
@@ -44,11 +48,14 @@ __all__ = [
     "MeshError",
     "OccludeError",
     "OptionError",
+    "PartialCloud",
     "Scene",
     "SurfacePoints",
     "UnavailableError",
     "Views",
+    "depth_image",
     "load_mesh",
+    "occlude",
     "prepare",
     "sample_surface",
     "scan",
@@ -70,6 +77,7 @@ _HOMES = {
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.files": ("load_mesh",),
+    "partial": ("PartialCloud", "depth_image", "occlude"),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
     "sensors": ("scan",),
@@ -81,6 +89,8 @@ _HOMES = {
 
 def __getattr__(name: str) -> typing.Any:
     """Load a public name when it is first asked for."""
+    if name == "torch":  # not in `__all__`: it needs an extra
+        return importlib.import_module(f"{__name__}.dataset.torch")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = next((module for module, names in _HOMES.items() if name in names), None)
@@ -92,4 +102,4 @@ def __getattr__(name: str) -> typing.Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__", "torch"])

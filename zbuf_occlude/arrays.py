@@ -27,12 +27,12 @@ def describe(values: Any) -> str:
     return f"{array.shape} {array.dtype}"
 
 
-def as_array(values: ArrayLike, name: str, want: str) -> NDArray[Any]:
+def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one array.") -> NDArray[Any]:
     """Return values as an array of whatever shape and type; raise ArgumentError for rows of unequal length."""
     try:
         return np.asarray(values)
     except ValueError:
-        raise ArgumentError(f"{name} must be {want}; got rows of unequal length. Pass one array.") from None
+        raise ArgumentError(f"{name} must be {want}; got rows of unequal length. {remedy}") from None
 
 
 def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:

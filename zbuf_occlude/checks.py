@@ -1,6 +1,7 @@
 """Checks of options at the public border: words, numbers, rows of tables; each error says what there is."""
 
 from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -22,7 +23,19 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 def check_word(name: str, value: Any, known: Collection[str]) -> None:
     """Raise OptionError unless a value is one of the words that there are."""
     if value not in known:
-        raise OptionError(f"{name} must be one of {', '.join(known)}; got {value!r}.")
+        raise OptionError(f"{name} must be one of {', '.join(known)}; got {value!r}.{did_you_mean(value, known)}")
+
+
+def did_you_mean(value: Any, known: Iterable[str]) -> str:
+    """Return a sentence that names the word that a mistyped one is nearest to; "" where none is near."""
+    by_plain = {_plain(word): word for word in known}
+    found = get_close_matches(_plain(str(value)), by_plain, n=1)
+    return f" Did you mean {by_plain[found[0]]!r}?" if found else ""
+
+
+def _plain(word: str) -> str:
+    """Return a word's letters and digits: what is mistyped is mostly the rest."""
+    return "".join(filter(str.isalnum, word.lower())) or word
 
 
 def find_row(name: str, value: str, rows: Iterable[AnyRow]) -> AnyRow:

@@ -202,8 +202,7 @@ def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkey
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
-    assert re.search(r"about \d+ MB; while working at most \d+ MB\n", outcome.out)
-    assert re.search(r"about \S+ processor-hours, give or take \S+: 8 meshes made here took \S+ s each\n", outcome.out)
+    assert re.search(r"give or take .*: 8 meshes made here took \S+ s each\n", outcome.out)
     assert not (tmp_path / "out").exists()
 
 
@@ -216,14 +215,14 @@ def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkey
         (("--set", "contact=5"), "error: contact must lie in [0, 1)"),
         (("--density", "-1"), "error: density must be positive; got -1"),
         (("--points", "7", "--density", "2"), "exclude each other"),
-        (("--method", "magic"), "is not one of"),
+        (("--method", "magic"), "it must be one of depth_buffer,"),
     ],
 )
 def test_usage_errors(run: Run, modelnet: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     small = [a for a in SMALL if not ("--density" in arguments and a in ("--points", 600))]
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *small, *arguments)
     assert outcome.code == 2, outcome
-    assert message in outcome.err.replace("Error:", "error:")
+    assert message in outcome.err
     assert "Traceback" not in outcome.err
 
 

@@ -65,7 +65,7 @@ def test_the_callers_arrays_stay_theirs() -> None:
         ),
         (CORNERS, [[0, 1, 4]], ArgumentError, "faces must lie in [0, 4); got values from 0 to 4."),
         (CORNERS, [[0, 1, -1]], ArgumentError, "faces must lie in [0, 4); got values from -1 to 1."),
-        (CORNERS, [[0, 1, 2, 3]], ArgumentError, "faces must be (n, 3) int; got (1, 4) int64."),
+        (CORNERS, [[0, 1, 2, 3]], ArgumentError, "got quads, (1, 4). Triangulate first."),
         (CORNERS, [[0.0, 1.0, 2.0]], ArgumentError, "faces must be (n, 3) int; got (1, 3) float64. Convert it with"),
         (CORNERS.T, [[0, 1, 2]], ArgumentError, "vertices must be (n, 3) float; got (3, 4) float64. Transpose it?"),
         (CORNERS * np.nan, [[0, 1, 2]], ArgumentError, "vertices must be finite; row 0 is [nan, nan, nan]."),

@@ -286,8 +286,10 @@ def test_a_sensor_in_a_cameras_place() -> None:
 
 
 def test_what_is_no_scene_or_sensor() -> None:
-    with pytest.raises(zo.ArgumentError, match="a scan must be of a Scene or Mesh by a Sensor; got Mesh and str"):
-        zo.scan(wall(3.0), "vlp-16")  # type: ignore[arg-type]
+    with pytest.raises(zo.ArgumentError, match="sensor must be a Sensor, a name or a file; got int"):
+        zo.scan(wall(3.0), 3)  # type: ignore[arg-type]
+    with pytest.raises(zo.ArgumentError, match=r"mesh must be a path, a Mesh, .*; got int"):
+        zo.scan(3, "vlp-16")
     with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\); got \(\) <U1\. It is sensor to world"):
         zo.scan(wall(3.0), make("vlp-16"), "a")
     with pytest.raises(zo.OptionError, match="sensor must be a name or a path; got int"):

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from zbuf_occlude.cli.panels import Group
 from zbuf_occlude.cli.surroundings import check_surroundings
 from zbuf_occlude.workers.server import start_server
 
@@ -36,7 +37,7 @@ WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
 """Arguments by which `generate` starts no process on this machine."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(Group):
     """A group that lists its commands without importing them."""
 
     def list_commands(self, context: click.Context) -> list[str]:
@@ -69,7 +70,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118})
 @click.version_option(package_name="zbuf-occlude")
 def group() -> None:
     """Complete triangle meshes in, occluded point clouds out.

@@ -4,13 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.echo import echo, progress_bar
 from zbuf_occlude.cli.options import (
     AUTO_ELSEWHERE,
+    VIEWS,
     MeshPlace,
     OutFolder,
+    Setting,
     choice_options,
     collect,
     distance_option,
@@ -18,6 +19,7 @@ from zbuf_occlude.cli.options import (
     parse_settings,
     up_option,
 )
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.report import write_and_summarise
 from zbuf_occlude.cli.summary import SOME_FAILED
@@ -27,7 +29,6 @@ from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.paper.table1 import CASES
-from zbuf_occlude.views import forms
 
 BUILT_IN_MESHES = 8
 DEFAULT_SECONDS = 3.0
@@ -35,7 +36,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
 """Options that say what meshes are asked; a preset has questions and methods of its own."""
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of rows and report.")
 @click.option(
@@ -43,50 +44,52 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     "methods",
     metavar="NAME[:KEY=VALUE,...]",
     multiple=True,
-    help="A method and its options, e.g. occupancy_grid:n=64; repeatable.  [default: all, with a sweep of options]",
+    help="Method and its options; repeatable.  [default: all, with a sweep of options]",
 )
 @click.option(
     "--preset",
     "presets",
-    type=click.Choice([*CASES, SCALING]),
+    type=Name([*CASES, SCALING]),
     multiple=True,
-    help=f"{SCALING}: time against numbers of points and faces; {' and '.join(CASES)}: now `zbuf-occlude paper NAME`; "
-    "repeatable. Methods, points and views are the preset's; with MESH_OR_DIR given too, those options are for these "
-    "meshes.",
+    help=f"{SCALING}: time against points and faces; {', '.join(CASES)}: now of `zbuf-occlude paper`.",
 )
 @click.option(
     "--modelnet",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="ModelNet40's folder, for the objects of table1a and table1b; built-in shapes stand in for those it lacks.",
+    help="ModelNet40's folder, for table1a and table1b.",
 )
-@click.option("--views", default="paper100", show_default=True, help=f"Camera positions: {forms()}.")
+@click.option(
+    "--views",
+    default="paper100",
+    show_default=True,
+    help=VIEWS,
+)
 @distance_option
 @click.option(
     "--most-views",
     type=click.IntRange(1),
     default=MOST_VIEWS,
     show_default=True,
-    help="Of the views take every m-th, so that at most this many are asked and judged.",
+    help="Ask at most this many of the views, evenly chosen.",
 )
 @click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
 @click.option(
     "--judge-points",
     type=click.IntRange(1),
     metavar="N",
-    help="Of them the first N are judged.  [default: as many as half a minute a mesh allows]",
+    help="Points compared with the reference.  [default: half a minute of a mesh]",
 )
 @click.option(
     "--seconds",
     type=click.FloatRange(0.01),
-    help="Timed calls of each row together; a slow method gets fewer views or points, and its row says how many.  "
-    "[default: 3; 30 in table1a and table1b]",
+    help="Timed calls of each row together.  [default: 3; 30 in table1a and table1b]",
 )
 @click.option(
     "--row-seconds",
     type=click.FloatRange(1),
     default=ROW_SECONDS,
     show_default=True,
-    help="Timeout of a row, all of its calls together; a row that timed out says so.",
+    help="Timeout of a row.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
@@ -165,7 +168,7 @@ def run_cases(
 ) -> None:
     """Make the rows that are missing, and write the report."""
     timed, total = DEFAULT_SECONDS if seconds is None else seconds, sum(len(case.subjects) for case in cases)
-    with tqdm(total=total, unit=" rows", desc="compare", smoothing=0.05) as bar:
+    with progress_bar(total, "rows", "compare") as bar:
 
         def progress(text: str) -> None:
             bar.update(1 if bar.postfix else 0)  # what was announced before is done
@@ -212,4 +215,5 @@ def parse_subject(text: str) -> Subject:
         raise OptionError(f"--method: {AUTO_ELSEWHERE}; `zbuf-occlude methods` lists them.")
     if colon and not settings:
         raise OptionError(f"--method must be NAME or NAME:KEY=VALUE,...; got {text!r}.")
-    return Subject(name, parse_settings(name, tuple(settings.split(","))) if settings else {})
+    pairs = [Setting().convert(each, None, None) for each in settings.split(",") if settings]
+    return Subject(name, parse_settings(name, tuple(pairs)))

@@ -4,23 +4,23 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.echo import echo, progress_bar
 from zbuf_occlude.cli.engine import ENGINE, engine_options
 from zbuf_occlude.cli.options import OutFolder, given
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.dataset.convert import convert, open_dataset
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--format",
     "format",
     required=True,
-    type=click.Choice([row.name for row in FORMATS]),
-    help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
+    type=Name([row.name for row in FORMATS]),
+    help="Files of the new dataset.",
 )
 @click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
 @engine_options
@@ -38,8 +38,7 @@ def command(context: click.Context, /, folder: Path, format: str, out: Path, **o
     for remark in find_format(format).select(source.plan.meshes).remarks:
         echo(remark, err=True)
     total = sum(source.n_clouds.values())
-    # shown with the first clouds, after all that may refuse
-    with tqdm(total=total, unit=" clouds", desc="convert", smoothing=0.05, delay=1e-3, mininterval=0) as bar:
+    with progress_bar(total, "clouds", "convert") as bar:
         document = convert(folder, out, format, progress=bar.update)
     clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
     n_clouds = sum(document["counts"]["clouds_by_split"].values())

@@ -9,13 +9,14 @@ import numpy as np
 from zbuf_occlude import Mesh, Views, load_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import camera_options, suffix_of, up_option
+from zbuf_occlude.cli.options import MeshPlace, camera_options, suffix_of, up_option
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.limits import Limits
 
 
-@click.command()
-@click.argument("mesh", type=click.Path(path_type=Path))
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
 @camera_options
 @click.option("--size", type=click.IntRange(1, 8192), default=512, show_default=True, help="Pixels along a side.")
 @up_option

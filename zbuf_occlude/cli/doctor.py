@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.extras import tried
 from zbuf_occlude.gl.context import ENVIRONMENT
 from zbuf_occlude.gl.probe import Probe, probe_all
@@ -15,7 +16,7 @@ from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import Method
 
 
-@click.command()
+@click.command(cls=Command)
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def command(as_json: bool) -> None:
     """Say which OpenGL backends work, on which renderer, and which methods can run.

@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from zbuf_occlude.cli.options import nearest
@@ -11,10 +12,18 @@ from zbuf_occlude.dataset.estimate import estimate
 from zbuf_occlude.dataset.folder import State, look_for, removable
 from zbuf_occlude.dataset.plan import Plan
 
-MEGABYTE, HOUR = 1e6, 3600.0
+UNITS = ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB"), (1.0, "B"))
+TIMES = ((86400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds"))
 
 
-def check_place(plan: Plan, out: Path, *, overwrite: bool) -> None:
+def human(amount: float, units: Sequence[tuple[float, str]]) -> str:
+    """Return an amount in the largest unit that it is one of, of two digits: ``340 kB``, ``2.1 hours``."""
+    size, unit = next((row for row in units if amount >= row[0]), units[-1])
+    number = amount / size
+    return f"{number:.2g} {unit}" if number < 99.5 else f"{number:.0f} {unit}"
+
+
+def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
     """Check that a plan's dataset could be made in a folder, as far as that shows before it is.
 
     Raises
@@ -32,7 +41,7 @@ def check_place(plan: Plan, out: Path, *, overwrite: bool) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
 
 
-def describe(plan: Plan, out: Path) -> str:
+def intended(plan: Plan, out: Path) -> str:
     """Say what a plan would make."""
     recipe = plan.recipe
     free = shutil.disk_usage(nearest(out)).free
@@ -46,7 +55,7 @@ def describe(plan: Plan, out: Path) -> str:
         f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
         f"{points} in {counted(len(plan.groups), 'group')}, "
         f"{how}\n"
-        f"into {out} ({free / MEGABYTE:.0f} MB free)\n"
+        f"into {out} ({human(free, UNITS)} free)\n"
         f"fingerprint {plan.fingerprint}"
     )
 
@@ -57,7 +66,7 @@ def costs(plan: Plan) -> str:
     seconds, more = found.processor_seconds, found.uncertainty
     failed = f", of which {found.n_failed} failed" if found.n_failed else ""
     return (
-        f"about {found.n_bytes / MEGABYTE:.0f} MB; while working at most {found.peak_bytes / MEGABYTE:.0f} MB\n"
-        f"about {seconds / HOUR:.2g} processor-hours, give or take {more / HOUR:.1g}: "
+        f"about {human(found.n_bytes, UNITS)} on disk; at most {human(found.peak_bytes, UNITS)} while it works\n"
+        f"about {human(seconds, TIMES)} on one processor core, give or take {human(more, TIMES)}: "
         f"{counted(found.n_meshes, 'mesh', 'meshes')} made here took {seconds / len(plan.meshes):.2g} s each{failed}"
     )

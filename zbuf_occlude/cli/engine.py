@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.options import given
+from zbuf_occlude.cli.panels import Name
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.workers import local, ray
 from zbuf_occlude.workers.slurm import from_environment, parse_shard
@@ -24,19 +25,19 @@ def engine_options(function: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
             click.option(
                 "--engine",
-                type=click.Choice(["local", "ray"]),
+                type=Name(["local", "ray"]),
                 default="local",
                 show_default=True,
-                help="Where to work.",
+                help="Processes here, or a Ray cluster.",
             ),
             click.option(
-                "--ray-address", help="Of a running cluster, e.g. auto.  [default: RAY_ADDRESS, or a new one here]"
+                "--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new one here]"
             ),
             click.option(
                 "--ray-gpus",
                 type=click.FloatRange(0),
                 default=0.0,
-                help="GPUs of each Ray worker; 0.25: four share one.",
+                help="GPUs of each Ray worker; with 0.25 four share one.",
             ),
         )
     ):
@@ -46,7 +47,7 @@ def engine_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def shard_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """--shard; `what` says whereof."""
-    return click.option("--shard", metavar="I/N", help=f"{what} A SLURM array task knows its own.")
+    return click.option("--shard", metavar="I/N", help=what)
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:

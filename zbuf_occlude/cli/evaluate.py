@@ -7,16 +7,17 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.train import load
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.models import require_torch
 from zbuf_occlude.meshes.collection import SPLITS
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
-@click.option("--split", type=click.Choice(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
+@click.option("--split", type=Name(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
 @click.option("--out", type=OutFolder(), help="Folder of the figures.  [default: MODEL]")
 @click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:

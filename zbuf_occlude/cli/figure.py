@@ -7,7 +7,8 @@ import click
 
 from zbuf_occlude import shapes
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.files import load_mesh
@@ -19,24 +20,23 @@ DPI = 150
 WITH_SCAN = "fig7"
 
 
-@click.command()
-@click.argument("name", type=click.Choice(list(FIGURES)))
-@click.argument("mesh_file", type=click.Path(path_type=Path), required=False, metavar="[MESH]")
+@click.command(cls=Command)
+@click.argument("name", type=Name(list(FIGURES)))
+@click.argument("mesh_file", type=MeshPlace(), required=False, metavar="[MESH]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The PNG.")
 @method_options("exact")
 @click.option(
     "--sydney",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help=f"The unpacked Sydney Urban Objects dataset: {WITH_SCAN} then shows its car of the most points, from three "
-    "sides.",
+    help=f"Sydney Urban Objects, unpacked: {WITH_SCAN} then shows its largest car.",
 )
 @click.option(
     "--distance",
     type=click.FloatRange(0, min_open=True),
     default=PAPER_DISTANCE,
     show_default=True,
-    help="Of the cameras from the object's centre, in multiples of its longest side.",
+    help="Of the cameras from the centre, in longest sides.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @up_option
@@ -72,7 +72,7 @@ def draw_figure(
     mesh_file: Path | None = None,
     up: str | None = None,
     method: str = "exact",
-    settings: tuple[str, ...] = (),
+    settings: Settings = (),
     distance: float = PAPER_DISTANCE,
     sydney: Path | None = None,
 ) -> None:

@@ -8,12 +8,13 @@ import click
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import ENGINE, engine_options, shard_option
 from zbuf_occlude.cli.options import given
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.summary import SOME_FAILED, summary
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import merge
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @engine_options
 @shard_option("Not needed: `generate --shard` has written the files.")

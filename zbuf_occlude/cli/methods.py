@@ -6,11 +6,12 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.visibility import METHODS
 
 
-@click.command()
+@click.command(cls=Command)
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def command(as_json: bool) -> None:
     """List the methods of hidden-surface removal.

@@ -13,21 +13,23 @@ import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.panels import Name
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.meshes.labels import FORMS
 from zbuf_occlude.views import Views
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
+
+VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 AUTO_ELSEWHERE = f"{AUTO!r} chooses for a whole dataset: it is for `generate` only. Name a method here"
 
 
-class MethodName(click.Choice):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+class MethodName(Name):
     """A method's name; a word that only `generate` takes is refused with that hint."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -76,6 +78,26 @@ def nearest(path: Path) -> Path:
     return next(each for each in (path.absolute(), *path.absolute().parents) if os.path.exists(each))
 
 
+class Setting(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """KEY=VALUE, of --set and its like; the value is (key, text)."""
+
+    name = "KEY=VALUE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        """Return key and text; refuse here what would else be taken for the name of a mesh: ``--set key value``."""
+        if isinstance(value, tuple):
+            return value
+        key, equals, text = (part.strip() for part in str(value).partition("="))
+        if not (equals and key and text):
+            option = param.opts[0] if param is not None else "--set"
+            hint = "" if equals else f" In one word: {option} {key or 'KEY'}=VALUE."
+            raise OptionError(f"{option} must be given KEY=VALUE; got {value!r}.{hint}")
+        return key, text
+
+
+Settings = tuple[tuple[str, str], ...]
+
+
 def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:
     """--method and --set, passed on as `method` and `settings`; `also` are words besides the methods' names."""
 
@@ -83,22 +105,22 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
         function = click.option(
             "--set",
             "settings",
-            metavar="KEY=VALUE",
+            type=Setting(),
             multiple=True,
-            help="An option of the method, e.g. --set resolution=1024; repeatable. `zbuf-occlude methods` lists them.",
+            help="Option of the method, as `zbuf-occlude methods` lists them; repeatable.",
         )(function)
         return click.option(
             "--method",
             type=MethodName([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
-            help="How hidden surfaces are removed; where no OpenGL opens, and none is named: exact.",
+            help="Method of hidden-surface removal; without OpenGL the default is exact.",
         )(function)
 
     return decorate
 
 
-def chosen_method(context: click.Context, method: str, settings: tuple[str, ...]) -> Choice:
+def chosen_method(context: click.Context, method: str, settings: Settings) -> Choice:
     """Return the method that a person named, or what is taken by default here; say it first if that is another one."""
     default = context.get_parameter_source("method") is ParameterSource.DEFAULT
     choice = by_default() if default and not settings else Choice(method, "")
@@ -142,7 +164,7 @@ distance_option = click.option(
     type=Distance(),
     default="4",
     show_default=True,
-    help="Of the cameras from the object's centre, in multiples of its longest side; D0..D1: drawn for each view.",
+    help="Of the cameras from the centre, in longest sides; D0..D1: random for each view.",
 )
 
 
@@ -197,7 +219,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             default=4.0,
             show_default=True,
             callback=finite,
-            help="From the mesh's centre, in multiples of its longest side.",
+            help="Of the camera from the centre, in longest sides.",
         ),
         click.option("--roll", type=float, default=0.0, callback=finite, help="Degrees; the top turns to the right."),
         click.option(
@@ -211,12 +233,12 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--fov",
             type=click.FloatRange(0, 180, min_open=True, max_open=True),
             callback=finite,
-            help="Degrees; what lies outside this square picture is not seen.  [default: everything is in it]",
+            help="Field of view, degrees.  [default: the whole mesh is seen]",
         ),
         click.option(
             "--cameras",
             metavar="FILE",
-            help="Instead of angles: JSON or CSV of K, R, t, NeRF's transforms.json, or COLMAP's images.txt.",
+            help="Instead of angles: cameras as JSON or CSV, of NeRF or COLMAP.",
         ),
         click.option("--index", type=click.IntRange(0), default=0, help="Which of the cameras, from 0."),
     )
@@ -227,9 +249,9 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 up_option = click.option(
     "--up",
-    type=click.Choice(["z", "y"]),
+    type=Name(["z", "y"]),
     default=None,
-    help="The axis that points up in the files. [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
+    help="Up axis of the files.  [default: y for glTF, ShapeNetCore, 3D-FUTURE; else z]",
 )
 
 
@@ -284,7 +306,7 @@ def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "--labels",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help=f"Which mesh is of which class and split: {FORMS}. Meshes not named there are left out.",
+        help="Class and split of each mesh, as CSV or JSON; others are left out.",
     )(function)
 
 
@@ -331,20 +353,15 @@ def collect(
     return meshes if limit is None else meshes.limit(limit)
 
 
-def parse_settings(method: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Turn ("resolution=512", "refine=none") into a dict and check it against the method's options.
+def parse_settings(method: str, settings: Settings) -> dict[str, Any]:
+    """Turn (("resolution", "512"), ("refine", "none")) into a dict and check it against the method's options.
 
     Raises
     ------
     OptionError
-        Not KEY=VALUE, or what `Method.check_options` refuses.
+        As `Method.check_options`.
     """
-    options: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals or not key or not text:
-            raise OptionError(f"--set must be given KEY=VALUE; got {setting!r}.")
-        options[key.strip()] = literal(text.strip())
+    options = {key: literal(text) for key, text in settings}
     find_method(method).check_options(options)
     return options
 

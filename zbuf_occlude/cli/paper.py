@@ -9,6 +9,7 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import given
+from zbuf_occlude.cli.panels import Command, Group
 
 
 class PaperCommand(NamedTuple):
@@ -38,7 +39,7 @@ COMMANDS = {
 }
 
 
-class PaperGroup(click.Group):
+class PaperGroup(Group):
     """The commands of the table, imported when one is called or asked for help."""
 
     def list_commands(self, context: click.Context) -> list[str]:
@@ -80,7 +81,7 @@ def derived(
         Its help.
     """
     params = [parameter for parameter in old.params if parameter.name in options]
-    return click.Command(name, params=params, callback=partial(run, name), help=text)
+    return Command(name, params=params, callback=partial(run, name), help=text)
 
 
 def replaced(old: str, new: str) -> None:

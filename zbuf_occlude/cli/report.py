@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.summary import counted
 from zbuf_occlude.compare.report import write_report
 from zbuf_occlude.compare.run import ComparisonFolder
@@ -13,7 +14,7 @@ from zbuf_occlude.paper.table1 import paper_tables
 from zbuf_occlude.visibility.interface import EYES_INSIDE
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
 def command(folder: Path) -> None:
     """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""

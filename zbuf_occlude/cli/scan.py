@@ -10,7 +10,8 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import check_place, finite, suffix_of, up_option
+from zbuf_occlude.cli.options import MeshPlace, check_place, finite, suffix_of, up_option
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import parse_setup, scan_options
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.point_files import write_table
@@ -35,8 +36,8 @@ COLUMNS = (
 """Of a point besides x, y, z, nx, ny, nz: its name in files, in a `Scan`, and its type."""
 
 
-@click.command()
-@click.argument("meshes", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.command(cls=Command)
+@click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
 @scan_options("vlp-32c")
 @click.option(
     "--azimuth",
@@ -54,7 +55,7 @@ COLUMNS = (
     callback=finite,
     help="Where no ground is.",
 )
-@click.option("--method", type=click.Choice(CASTING), help="Who casts the rays. [default: the first that can here]")
+@click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
 @up_option

@@ -10,13 +10,14 @@ import numpy as np
 from zbuf_occlude import sensors
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import suffix_of
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.sensors import Sensor
 
 MOST_SHOWN = 8
 """Of a number that is a list, this many entries are printed."""
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("name", required=False)
 @click.option("--picture", type=click.Path(path_type=Path), help="Where the rays go, as a PNG; needs NAME.")
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")

@@ -6,6 +6,7 @@ import click
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.summary import picture
 from zbuf_occlude.dataset.convert import open_dataset
@@ -15,7 +16,7 @@ from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.paper.table2 import table_2
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--out", type=OutFolder(), help="Folder of the pictures.  [default: DIR]")
 @click.option("--table2", is_flag=True, help="Now `zbuf-occlude paper table2 DIR`.")

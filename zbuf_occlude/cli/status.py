@@ -7,11 +7,12 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.dataset.folder import datasets_in, read_manifest, read_plan
 from zbuf_occlude.dataset.generate import progress_of
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
 def command(folder: Path, as_json: bool) -> None:

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.echo import echo, progress_bar
 from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.learn.models import MODELS, require_torch
@@ -16,15 +16,15 @@ HELD_OUT = 0.1
 """Of the objects, where a dataset has no clouds to validate with."""
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the model.")
 @click.option(
     "--model",
-    type=click.Choice([row.name for row in MODELS]),
+    type=Name([row.name for row in MODELS]),
     default="voxnet",
     show_default=True,
-    help="; ".join(f"{row.name}: {row.summary}" for row in MODELS) + ".",
+    help="Network.",
 )
 @click.option(
     "--epochs", type=click.IntRange(1), default=100, show_default=True, help="Passes over the clouds at most."
@@ -85,7 +85,7 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     for split, labels in tested.items():
         if unknown := [label for label in labels if label not in training.labelled]:
             echo(f"warning: {split} has classes that are not trained on: {', '.join(unknown)}", err=True)
-    with tqdm(total=config.epochs, unit=" epochs", desc="train", smoothing=0.1) as bar:
+    with progress_bar(config.epochs, "epochs", "train") as bar:
 
         def progress(epoch: Any) -> None:
             bar.update(epoch.number - bar.n)

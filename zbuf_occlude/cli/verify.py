@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.echo import echo, progress_bar
 from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
 from zbuf_occlude.cli.options import MeshPlace, up_option
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.dataset.folder import datasets_in, read_finished
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
@@ -16,7 +16,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.workers.task import Run
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @up_option
@@ -64,7 +64,7 @@ def check(
 
         collection = shapes.collection()
     echo(folder)
-    with tqdm(total=sum(manifest["counts"]["clouds_by_split"].values()), unit=" clouds", desc="verify") as bar:
+    with progress_bar(sum(manifest["counts"]["clouds_by_split"].values()), "clouds", "verify") as bar:
         verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)
     echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
     if verdict.false_visible is not None:

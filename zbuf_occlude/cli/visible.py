@@ -12,6 +12,8 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.cli.echo import echo, on
 from zbuf_occlude.cli.options import (
+    MeshPlace,
+    Settings,
     camera_options,
     chosen_method,
     given,
@@ -21,6 +23,7 @@ from zbuf_occlude.cli.options import (
     up_option,
     with_option,
 )
+from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
@@ -34,16 +37,20 @@ from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
 
-@click.command()
-@click.argument("mesh", type=click.Path(path_type=Path))
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
 @camera_options
 @method_options()
 @sensor_options(SURFACE)
-@click.option("--points", type=click.IntRange(1), default=50_000, show_default=True, help="Sampled before HSR.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@with_option(
-    "Columns besides x, y, z: nx, ny, nz, which PLY has anyway, and red, green, blue, of meshes in OBJ, PLY, glTF."
+@click.option(
+    "--points",
+    type=click.IntRange(1),
+    default=50_000,
+    show_default=True,
+    help="Points sampled.",
 )
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@with_option("Attributes of the points: normals towards the camera, base colours.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")
 @click.pass_context
@@ -53,9 +60,9 @@ def command(
     mesh: Path,
     camera: Callable[[Mesh], Views],
     method: str,
-    settings: tuple[str, ...],
+    settings: Settings,
     sensor: str,
-    set_sensor: tuple[str, ...],
+    set_sensor: Settings,
     points: int,
     seed: int,
     attributes: list[str],

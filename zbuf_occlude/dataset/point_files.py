@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
+from zbuf_occlude.geometry.cloud import columns_of
 
 TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
 
-RGB = ("red", "green", "blue")
 _HEADER = """# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
 FIELDS {names}
@@ -41,19 +41,7 @@ def write_ply(
     colors : (n, 3) uint8, optional
         Red, green, blue.
     """
-    fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]
-    if normals is not None:
-        fields += [(axis, "<f4") for axis in ("nx", "ny", "nz")]
-    if colors is not None:
-        fields += [(name, "|u1") for name in RGB]
-    table = np.empty(len(positions), dtype=fields)
-    for axis, name in enumerate("xyz"):
-        table[name] = positions[:, axis]
-        if normals is not None:
-            table["n" + name] = normals[:, axis]
-        if colors is not None:
-            table[RGB[axis]] = colors[:, axis]
-    write_table(path, table)
+    write_table(path, columns_of(positions, normals, colors))
 
 
 def write_table(path: Path, table: NDArray[Any], *, comment: str = "", synced: bool = True) -> None:
@@ -65,19 +53,41 @@ def write_table(path: Path, table: NDArray[Any], *, comment: str = "", synced: b
     atomic.write(path, lambda file: file.write(text.encode() + table.tobytes()), synced=synced)
 
 
+def write_csv(path: Path, table: NDArray[Any]) -> None:
+    """Write a structured array as lines of numbers between commas, below a line of its columns' names."""
+    names = table.dtype.names or ()
+    rows = np.stack([table[name].astype(np.float64) for name in names], axis=1)
+    header = ",".join(names)
+    atomic.write(path, lambda file: np.savetxt(file, rows, delimiter=",", header=header, comments="", fmt="%.9g"))
+
+
 def write_pcd(path: Path, record: Any) -> None:
-    """Write the points of a record, and their normals and colours where it has them.
+    """Write the points of a record, and their normals and colours where it has them."""
+    names = record.dtype.names or ()
+    normals, colors = (record[name] if name in names else None for name in ("normal", "color"))
+    write_pcd_columns(path, record["data"], normals, colors, synced=False)
+
+
+def write_pcd_columns(
+    path: Path,
+    positions: NDArray[Any],
+    normals: NDArray[Any] | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    *,
+    synced: bool = True,
+) -> None:
+    """Write (n, 3) positions, and normals and colours where there are any, as float32.
 
     A colour is one number, as PCL has it: the bits 0xRRGGBB as a float.
     """
-    names, columns = ["x", "y", "z"], [record["data"].astype("<f4")]
-    if "normal" in (record.dtype.names or ()):
+    names, columns = ["x", "y", "z"], [positions.astype("<f4")]
+    if normals is not None:
         names += ["normal_x", "normal_y", "normal_z"]
-        columns.append(record["normal"].astype("<f4"))
-    if "color" in (record.dtype.names or ()):
+        columns.append(normals.astype("<f4"))
+    if colors is not None:
         names.append("rgb")
-        columns.append((record["color"].astype("<u4") @ np.array([1 << 16, 1 << 8, 1], "<u4")).view("<f4")[:, None])
+        columns.append((colors.astype("<u4") @ np.array([1 << 16, 1 << 8, 1], "<u4")).view("<f4")[:, None])
     table = np.concatenate(columns, axis=1)
     repeated = {key: " ".join(word * len(names)) for key, word in (("sizes", "4"), ("types", "F"), ("counts", "1"))}
     header = _HEADER.format(n=len(table), names=" ".join(names), **repeated)
-    atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=False)
+    atomic.write(path, lambda file: file.write(header.encode() + table.tobytes()), synced=synced)

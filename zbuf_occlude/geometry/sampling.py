@@ -1,6 +1,7 @@
 """Random points on a mesh's surface: Algorithms 1 and 2 of the paper (section 3.4)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.colors import Bytes, barycentric
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.seeds import generator
 
@@ -43,6 +44,12 @@ class SurfacePoints:
     ------
     ArgumentError
         Wrong shapes, dtypes, lengths, or values that are not finite.
+
+    Examples
+    --------
+    >>> points = zo.SurfacePoints.free([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> points[[True, False]]
+    SurfacePoints(1 point)
     """
 
     positions: FloatArray
@@ -72,7 +79,11 @@ class SurfacePoints:
         return len(self.positions)
 
     def __repr__(self) -> str:
-        return f"SurfacePoints({len(self)})"
+        return f"SurfacePoints({len(self)} point{'s' * (len(self) != 1)})"
+
+    def __getitem__(self, which: ArrayLike) -> "SurfacePoints":
+        """Return `select` of a mask or indices."""
+        return self.select(which)
 
     @classmethod
     def free(cls, positions: ArrayLike) -> "SurfacePoints":
@@ -90,6 +101,17 @@ class SurfacePoints:
             object.__setattr__(points, name, sealed(array))
         object.__setattr__(points, "colors", None if colors is None else sealed(colors))
         return points
+
+    @classmethod
+    def joined(cls, parts: Sequence["SurfacePoints"]) -> "SurfacePoints":
+        """Return points on one surface, one part after the other; at least one part."""
+        colors = [part.colors for part in parts if part.colors is not None]
+        return cls.of_checked(
+            np.concatenate([part.positions for part in parts]),
+            np.concatenate([part.face_ids for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate(colors) if len(colors) == len(parts) else None,
+        )
 
     def select(self, which: ArrayLike) -> "SurfacePoints":
         """Return the points that a boolean mask or an index array picks, in its order."""
@@ -123,13 +145,14 @@ class SurfacePoints:
 
 
 def sample_surface(
-    mesh: Mesh, *, n_points: int | None = None, density: float | None = None, seed: Seed = 0
+    mesh: MeshLike, *, n_points: int | None = None, density: float | None = None, seed: Seed = 0
 ) -> SurfacePoints:
     """Sample points uniformly over a mesh's surface.
 
     Parameters
     ----------
     mesh : Mesh
+        Or anything else that is one (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     n_points : int, optional
         Exactly this many points: each falls on a face with probability proportional to its area.
     density : float, optional
@@ -153,11 +176,16 @@ def sample_surface(
     Paper section 3.4, Algorithms 1 and 2. Departures: Algorithm 2's v1 and v2 are the *consecutive* edges b - a and
     c - b (with Eq. 1's v2 = c - a half of the points would fall outside the triangle); the exact count `n_points`
     is ours (a multinomial draw instead of Algorithm 1's stochastic rounding).
+
+    Examples
+    --------
+    >>> points = zo.sample_surface("chair.off", n_points=1000, seed=0)
+    >>> points.positions.shape
+    (1000, 3)
     """
     if (n_points is None) == (density is None):
         raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
-    if not isinstance(mesh, Mesh):
-        raise ArgumentError(f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}.")
+    mesh = as_mesh(mesh)
     rng = generator(seed)
     if density is not None:
         counts = stochastic_counts(mesh.areas, density, rng)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, rigid_matrices
+from zbuf_occlude.geometry.camera import picture_frusta, rigid_matrices
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
@@ -12,9 +11,6 @@ from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
 from zbuf_occlude.gl.exact_data import Unit
 from zbuf_occlude.gl.tiles import TILE, arrange_tiles, reversed_depth
 from zbuf_occlude.views import Views
-
-MARGIN = 0.05
-"""Free border around the mesh, as a fraction of the picture."""
 
 
 def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
@@ -46,13 +42,8 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
     positions = unit.to(mesh.vertices[used])
     eyes = unit.to(view.eyes)
     views = rigid_matrices(view.poses[:, :3, :3], eyes)
-    fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
-    if view.windows is not None:
-        left, right, bottom, top = view.windows.T
-        fits, frusta = frusta.near > 0, frusta._replace(left=left, right=right, bottom=bottom, top=top)
-    if not fits[0]:
-        raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
-    cameras = reversed_depth(views, _square(frusta))
+    frusta = picture_frusta(views, positions, view.windows)
+    cameras = reversed_depth(views, frusta)
     with mesh_buffers(gl, positions, faces.reshape(-1, 3).astype(np.int32)) as mesh_on_gpu:
         depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
         try:
@@ -68,10 +59,3 @@ def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray
     near, far = cameras.frusta.near[0], cameras.frusta.far[0]
     eye_depth = cameras.gains[0] / (depths + near / (far - near))
     return np.asarray(np.where(depths > 0.0, eye_depth / unit.scale, np.inf)[::-1])
-
-
-def _square(frusta: Frusta) -> Frusta:
-    """Widen each frustum's shorter side, so that pixels are square."""
-    x, y = (frusta.left + frusta.right) / 2.0, (frusta.bottom + frusta.top) / 2.0
-    half = np.maximum(frusta.right - frusta.left, frusta.top - frusta.bottom) / 2.0
-    return frusta._replace(left=x - half, right=x + half, bottom=y - half, top=y + half)

@@ -84,6 +84,11 @@ class MeshCollection(Sequence[MeshEntry]):
     ------
     ArgumentError
         Two entries have the same key.
+
+    Examples
+    --------
+    >>> zo.MeshCollection.from_paths(["chair.off", "car.obj"])
+    MeshCollection(2 meshes, 2 classes)
     """
 
     def __init__(self, entries: Iterable[MeshEntry], remarks: Iterable[str] = ()) -> None:

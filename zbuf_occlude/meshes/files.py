@@ -82,6 +82,11 @@ def load_mesh(
     ArgumentError
         `path` is no path.
 
+    Examples
+    --------
+    >>> zo.load_mesh("chair.off")
+    Mesh('chair', 24 vertices, 36 faces)
+
     Notes
     -----
     All objects, groups and nodes of a file become one mesh. Normals of vertices are not read. Whatever

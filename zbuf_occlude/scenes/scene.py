@@ -76,6 +76,12 @@ class Scene:
         What each object is.
     albedos : (o,) float
         Of each object.
+
+    Examples
+    --------
+    >>> car = zo.load_mesh("car.obj")
+    >>> zo.Scene.joined([zo.scenes.Placed(car, "car"), zo.scenes.Placed(car, "car", zo.scenes.moved(to=(8, 0, 0)))])
+    Scene(2 objects, 24 faces)
     """
 
     mesh: Mesh
@@ -140,7 +146,13 @@ def moved(
     yaw: float = 0.0,
     to: ArrayLike = (0.0, 0.0, 0.0),
 ) -> FloatArray:
-    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves."""
+    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves.
+
+    Examples
+    --------
+    >>> zo.scenes.moved(scale=2.0, to=(5, 0, 0))[0].tolist()
+    [2.0, -0.0, 0.0, 5.0]
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     pose = np.eye(4)
     pose[:3, :3] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) * np.asarray(scale, dtype=np.float64)

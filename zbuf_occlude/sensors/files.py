@@ -1,20 +1,63 @@
-"""Sensors from a user's files: a YAML of numbers, or a CSV of directions."""
+"""Sensors by name, and from a user's files: a YAML of numbers, or a CSV of directions."""
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.documents import Number, line, parse, read_bytes
 from zbuf_occlude.errors import OccludeError, OptionError, printable
-from zbuf_occlude.sensors.model import Imperfections
+from zbuf_occlude.sensors.model import Imperfections, Sensor
 from zbuf_occlude.sensors.rays import KINDS, numbers_of
-from zbuf_occlude.sensors.table import Row
+from zbuf_occlude.sensors.table import ROWS, Row
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
 _ANGLE, _LENGTH = Number(-3600.0, 3600.0, "degrees", ((-1,),)), Number(shapes=((-1,),))
+
+
+SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
+"""Every sensor of the table by name."""
+
+
+def make(name: str | Path, **numbers: Any) -> Sensor:
+    """Return a sensor.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
+        ``pinhole:width=320,height=240,fov=60``.
+    **numbers
+        To be changed, such as ``columns=900`` or ``noise=0`` (which switches all imperfections off).
+
+    Raises
+    ------
+    OptionError
+        No such sensor, no such number, or a value out of range.
+
+    Examples
+    --------
+    >>> zo.sensors.make("hdl-64e", columns=900).name
+    'hdl-64e'
+    """
+    if not isinstance(name, (str, Path)):
+        raise OptionError(f"sensor must be a name or a path; got {type(name).__name__}.")
+    name = str(name)
+    if Path(name).suffix.lower() in SUFFIXES:
+        sensor = read_sensor(Path(name)).sensor()
+    else:
+        name, _, typed = name.partition(":")
+        check_word("sensor", name, [*SENSORS, "a .yaml or .csv file"])
+        sensor = SENSORS[name]
+        for setting in filter(None, typed.split(",")):
+            key, equals, value = setting.partition("=")
+            if not equals:
+                raise OptionError(f"a sensor's numbers must be given name=value; got {setting!r}.")
+            numbers = {key.strip(): value.strip(), **numbers}
+    return sensor.with_numbers(**numbers) if numbers else sensor
 
 
 def read_sensor(path: Path) -> Row:

@@ -190,6 +190,9 @@ class Sensor:
         if missing:
             raise OptionError(f"sensor {self.name!r} of kind {self.kind} must have {', '.join(missing)}; it has not.")
 
+    def __repr__(self) -> str:
+        return f"Sensor({self.name!r}, {self.kind}{': ' if self.summary else ''}{self.summary})"
+
     def rays(self) -> Rays:
         """Return its rays, of one turn or picture, in its own frame."""
         return self._rays

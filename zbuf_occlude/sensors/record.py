@@ -4,14 +4,23 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.geometry.cloud import Cloud, columns_of
+from zbuf_occlude.geometry.colors import Bytes
+
+COLUMNS = (
+    ("range", "ranges", "<f8"), ("incidence", "incidences", "<f4"), ("intensity", "intensities", "<f4"),
+    ("ring", "rings", "<i4"), ("column", "columns", "<i4"), ("instance", "instances", "<i4"),
+    ("n_returns", "n_returns", "<i4"),
+)  # fmt: skip
+"""Of a point besides x, y, z, nx, ny, nz: its name in files, in a `Scan`, and its type."""
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
-    """One scan: n returns of a sensor.
+class Scan(Cloud):
+    """One scan: n returns of a sensor; a cloud that can be saved and shown.
 
     Parameters
     ----------
@@ -55,12 +64,49 @@ class Scan:
         return len(self.ranges)
 
     def __repr__(self) -> str:
-        return f"Scan({len(self)})"
+        span = f", ranges {self.ranges.min():.4g} to {self.ranges.max():.4g}" if len(self) else ""
+        return f"Scan({len(self)} points{span})"
+
+    @property
+    def points(self) -> FloatArray:  # type: ignore[override]  # computed, and never assigned
+        """The points, world space, (n, 3)."""
+        return np.asarray(self.origin + self.ranges[:, None] * self.directions)
 
     @property
     def positions(self) -> FloatArray:
-        """The points, world space, (n, 3)."""
-        return np.asarray(self.origin + self.ranges[:, None] * self.directions)
+        """The same as `points`."""
+        return self.points
+
+    @property
+    def colors(self) -> Bytes | None:  # type: ignore[override]
+        """None: a sensor measures no colours."""
+        return None
+
+    @property
+    def eye(self) -> FloatArray:
+        """The same as `origin`."""
+        return self.origin
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that is known, by name: the arrays of a .npz file."""
+        return {"points": self.points, **{each.name: getattr(self, each.name) for each in fields(self)}}
+
+    def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
+        """Return a structured array with a row per point: position, normal, and `COLUMNS`.
+
+        Parameters
+        ----------
+        keep_clean : bool
+            Add ``clean_range``, without noise.
+        """
+        columns = [*COLUMNS, ("clean_range", "clean_ranges", "<f8")] if keep_clean else COLUMNS
+        placed = columns_of(self.points, self.normals)
+        table = np.empty(len(self), dtype=[*placed.dtype.descr, *((name, kind) for name, _, kind in columns)])
+        for name in placed.dtype.names or ():
+            table[name] = placed[name]
+        for name, attribute, _ in columns:
+            table[name] = getattr(self, attribute)
+        return table
 
     def select(self, which: ArrayLike) -> "Scan":
         """Return the returns that a boolean mask or an index array picks, in its order."""

@@ -1,5 +1,7 @@
 """From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
 
+import warnings
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,13 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.seeds import generator
+from zbuf_occlude.sensors.files import make
 from zbuf_occlude.sensors.imperfections import imperfect
 from zbuf_occlude.sensors.model import Imperfections, Sensor
 from zbuf_occlude.sensors.rays import Rays
 from zbuf_occlude.sensors.record import Scan
+from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import METHODS, find_method, prepare
 from zbuf_occlude.visibility.interface import FirstHits, Occluder
 
@@ -31,10 +35,14 @@ def default_caster() -> str:
 
 
 def scan(
-    scene: Scene | Mesh,
-    sensor: Sensor,
+    scene: Scene | MeshLike,
+    sensor: Sensor | str | Path,
     pose: ArrayLike | None = None,
     *,
+    range: float | None = None,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    size: float | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
     occluder: Occluder | None = None,
@@ -47,12 +55,19 @@ def scan(
     Parameters
     ----------
     scene : Scene or Mesh
-        World space, metres.
-    sensor : Sensor
-        Of `zbuf_occlude.sensors.make`.
+        World space, metres. Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D,
+        (vertices, faces).
+    sensor : Sensor or str
+        Of `zbuf_occlude.sensors.make`, or what that takes: a name such as ``hdl-64e``, or a file.
     pose : (4, 4) float, optional
         Sensor frame (x forward, y left, z up) to the world, a rigid motion; `look_at` makes one. By default the
         sensor is at the origin and looks along x.
+    range : float, optional
+        Instead of a pose: metres from the sensor to the centre of the mesh, at which it looks.
+    azimuth, elevation : float, optional
+        With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
+    size : float, optional
+        Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
     method : str, optional
@@ -76,17 +91,38 @@ def scan(
     Raises
     ------
     ArgumentError
-        A pose that is no rigid motion, or no scene or sensor.
+        A pose that is no rigid motion, a pose and a range, or no scene or sensor.
     OptionError, UnavailableError
         As `zbuf_occlude.prepare`; a method that casts no rays.
+
+    Warns
+    -----
+    UserWarning
+        With `range`: the sensor stands inside the mesh's bounding box.
+
+    Examples
+    --------
+    >>> found = zo.scan("car.obj", "hdl-64e", range=15, azimuth=30)
+    >>> found.points.shape == found.normals.shape == (len(found), 3)
+    True
+    >>> found.save("scan.npz")
     """
-    if not isinstance(scene, Scene | Mesh) or not isinstance(sensor, Sensor):
+    if isinstance(sensor, str | Path):
+        sensor = make(sensor)
+    if not isinstance(sensor, Sensor):
         raise ArgumentError(
-            f"a scan must be of a Scene or Mesh by a Sensor; got {type(scene).__name__} and {type(sensor).__name__}. "
-            "Make one: sensors.make(name)."
+            f"sensor must be a Sensor, a name or a file; got {type(sensor).__name__}. Make one: sensors.make(name)."
         )
-    if isinstance(scene, Mesh):
-        scene = Scene.of(scene)
+    if not isinstance(scene, Scene):
+        scene = Scene.of(_of_size(as_mesh(scene), size))
+    elif size is not None:
+        raise ArgumentError("size is for a mesh; a scene is in metres. Leave it out.")
+    if range is not None:
+        if pose is not None:
+            raise ArgumentError("give pose or range, not both.")
+        pose = _pose_at(scene.mesh, range, azimuth or 0.0, elevation or 0.0)
+    elif azimuth is not None or elevation is not None:
+        raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
     rays = sensor.rays()
     if towards is not None:
@@ -106,6 +142,28 @@ def scan(
     return imperfect(returns, sensor, rng)
 
 
+def _of_size(mesh: Mesh, size: float | None) -> Mesh:
+    """Return the mesh scaled about its centre, its longest side `size`; as it is for None."""
+    if size is None:
+        return mesh
+    if not (isinstance(size, int | float | np.number) and 0.0 < size < np.inf and mesh.longest_side > 0.0):
+        raise ArgumentError(f"size must be metres above 0, of a mesh with an extent; got {size!r}.")
+    factor = float(size) / mesh.longest_side
+    return mesh.transformed(factor, mesh.centre * (1.0 - factor))
+
+
+def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float) -> FloatArray:
+    """Return the pose of a sensor that looks at a mesh's centre, from angles in degrees."""
+    if not (isinstance(distance, int | float | np.number) and 0.0 < distance < np.inf):
+        raise ArgumentError(f"range must be metres above 0; got {distance!r}.")
+    view = from_angles(azimuth, elevation, distance).around(mesh.centre, 1.0)
+    if mesh.in_box(view.eyes).any():
+        warnings.warn(
+            f"the sensor stands inside the mesh's bounding box. Raise range; it is {distance:g}.", stacklevel=3
+        )
+    return look_at(view.eyes[0], mesh.centre)
+
+
 def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
     """Return the pose (4, 4) of a sensor at a position that looks at a target, its z axis as far up as can be.
 
@@ -113,6 +171,11 @@ def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
     ------
     ArgumentError
         The position is the target.
+
+    Examples
+    --------
+    >>> zo.sensors.look_at([10, 0, 2], [0, 0, 2])[:3, 0].tolist()
+    [-1.0, 0.0, 0.0]
     """
     at, towards = as_vectors([np.asarray(position)], "position")[0], as_vectors([np.asarray(target)], "target")[0]
     forward = towards - at

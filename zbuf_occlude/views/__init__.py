@@ -7,6 +7,7 @@ from zbuf_occlude.views.positions import (
     PAPER_DISTANCE,
     Seed,
     fibonacci,
+    from_angles,
     grid,
     modelnet8,
     paper100,
@@ -14,7 +15,7 @@ from zbuf_occlude.views.positions import (
     random_so3,
     ring,
 )
-from zbuf_occlude.views.specs import SPECIFICATIONS, Specification, forms, is_drawn, parse
+from zbuf_occlude.views.specs import SPECIFICATIONS, Specification, for_mesh, forms, is_drawn, parse
 
 __all__ = [
     "MAX_VIEWS",
@@ -24,7 +25,9 @@ __all__ = [
     "Specification",
     "Views",
     "fibonacci",
+    "for_mesh",
     "forms",
+    "from_angles",
     "from_colmap",
     "from_csv",
     "from_json",
@@ -37,3 +40,7 @@ __all__ = [
     "random_so3",
     "ring",
 ]
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

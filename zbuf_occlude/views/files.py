@@ -70,6 +70,12 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     ------
     OptionError
         The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
+
+    Examples
+    --------
+    >>> np.savetxt("views.csv", [[30, 20, 3]], delimiter=",", header="azimuth,elevation,distance", comments="")
+    >>> zo.views.from_csv("views.csv").distance.tolist()
+    [3.0]
     """
     columns, where = parse("CSV", read_bytes(Path(path)), path), printable(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
@@ -97,6 +103,13 @@ def from_json(path: Path) -> Views:
     ------
     OptionError
         The file is missing or holds no cameras of these forms.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> n_written = Path("camera.json").write_text('{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}')
+    >>> zo.views.from_json(Path("camera.json")).eyes.tolist()
+    [[0.0, 0.0, -5.0]]
     """
     data = read_bytes(path)
     if path.suffix.lower() == ".jsonl":
@@ -117,6 +130,13 @@ def from_colmap(path: Path) -> Views:
     ------
     OptionError
         A file is missing, damaged, or has a camera with distortion.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> n_written = Path("images.txt").write_text("1 1 0 0 0 0 0 5 1 a.png\\n\\n")
+    >>> zo.views.from_colmap(Path("images.txt")).distance.tolist()
+    [5.0]
     """
     beside = path.with_name(f"cameras{path.suffix}")
     models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}

@@ -37,6 +37,14 @@ class Views:
     ------
     ArgumentError
         Different lengths, values out of range or not finite.
+
+    Examples
+    --------
+    >>> views = zo.views.paper100(distance=2.0)
+    >>> views[0]
+    Views(1 view about (0, 0, 0))
+    >>> views.eyes.shape
+    (100, 3)
     """
 
     azimuth: FloatArray
@@ -84,7 +92,13 @@ class Views:
         return len(self.azimuth)
 
     def __repr__(self) -> str:
-        return f"Views({len(self)})"
+        about = ", ".join(f"{x:g}" for x in np.asarray(self.target))
+        return f"Views({len(self)} view{'s' * (len(self) != 1)} about ({about}))"
+
+    def __getitem__(self, which: ArrayLike | slice) -> "Views":
+        """Return the views of an index, a slice, a mask or an index array; of an index Views of one."""
+        chosen = np.arange(len(self))[which]  # type: ignore[index]  # ArrayLike: whatever NumPy takes
+        return self.select(np.atleast_1d(chosen))
 
     @property
     def eyes(self) -> FloatArray:

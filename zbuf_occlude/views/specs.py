@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from zbuf_occlude.checks import did_you_mean
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.views import files, positions
 from zbuf_occlude.views.model import Views
 from zbuf_occlude.views.positions import PAPER_DISTANCE, Seed
@@ -95,7 +97,13 @@ SPECIFICATIONS: tuple[Specification, ...] = (
 
 
 def forms() -> str:
-    """Return what may be typed, in words."""
+    """Return what may be typed, in words.
+
+    Examples
+    --------
+    >>> zo.views.forms().startswith("paper100, modelnet8, ring:N@EL")
+    True
+    """
     *most, last = (row.form for row in SPECIFICATIONS)
     return f"{', '.join(most)}, or {last}"
 
@@ -118,6 +126,11 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     ------
     OptionError
         Not understood; the message says what there is.
+
+    Examples
+    --------
+    >>> zo.views.parse("grid:3x4@0..50")
+    Views(12 views about (0, 0, 0))
     """
     row, found = _find(spec)
     views = row.make(found, distance, seed)
@@ -132,8 +145,50 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     return Views(views.azimuth, views.elevation, lengths, views.target, views.roll)
 
 
+def for_mesh(
+    mesh: MeshLike,
+    spec: str | Views,
+    *,
+    distance: float = PAPER_DISTANCE,
+    seed: Seed = 0,
+    farthest: float | None = None,
+) -> Views:
+    """Return views about a mesh, in its own units: what `parse` makes, around its centre.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Or anything else that is one (`as_mesh`).
+    spec : str or Views
+        As `parse` takes it; or views about the origin, distances in longest sides.
+    distance, seed, farthest
+        As in `parse`; distances in multiples of the mesh's longest side.
+
+    Raises
+    ------
+    OptionError
+        As `parse`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> views = zo.views.for_mesh(mesh, "ring:8@20")
+    >>> len(views), bool(mesh.in_box(views.eyes).any())
+    (8, False)
+    """
+    mesh = as_mesh(mesh)
+    views = spec if isinstance(spec, Views) else parse(spec, distance=distance, seed=seed, farthest=farthest)
+    return views.around(mesh.centre, mesh.longest_side)
+
+
 def is_drawn(spec: str) -> bool:
-    """Return whether views are drawn at random."""
+    """Return whether views are drawn at random.
+
+    Examples
+    --------
+    >>> zo.views.is_drawn("random:5"), zo.views.is_drawn("paper100")
+    (True, False)
+    """
     return _find(spec)[0].drawn
 
 
@@ -141,7 +196,19 @@ def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
     for row in SPECIFICATIONS if isinstance(spec, str) else ():
         if match := re.fullmatch(row.pattern, spec):
             return row, match.groups()
-    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.")
+    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.{_wrong_part(str(spec))}")
+
+
+def _wrong_part(spec: str) -> str:
+    """Return a sentence that says what of a specification is not understood."""
+    word, _, rest = spec.partition(":")
+    if re.search(r"[/.\\]|^$", word):
+        return ""
+    by_word = {row.form.partition(":")[0]: row.form for row in SPECIFICATIONS if " " not in row.form}
+    if word not in by_word:
+        return f" There is no {word!r:.40}.{did_you_mean(word, by_word)}"
+    _, colon, form = by_word[word].partition(":")
+    return f" After {word}: must come {form}; got {rest!r:.40}." if colon else f" {word} takes nothing after it."
 
 
 def _band(low: str | None = None, high: str | None = None) -> tuple[float, float]:

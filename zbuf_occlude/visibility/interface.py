@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
+from zbuf_occlude.checks import did_you_mean
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.views import Views
 
 CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
@@ -68,6 +70,10 @@ class Occluder(ABC):
         self.mesh = mesh
         self._closed = False
 
+    def __repr__(self) -> str:
+        state = ", closed" if self._closed else ""
+        return f"Occluder({type(self).__module__.rpartition('.')[2]!r}, {self.mesh!r}{state})"
+
     @property
     def renderer(self) -> str:
         """The name of the GL renderer that answers, or "none" where no GL is involved."""
@@ -79,19 +85,20 @@ class Occluder(ABC):
         return 0.0
 
     @final
-    def visible(self, points: SurfacePoints, eyes: ArrayLike) -> BoolArray:
+    def visible(self, points: SurfacePoints, eyes: ArrayLike | Views) -> BoolArray:
         """Answer which points each eye sees.
 
         Parameters
         ----------
         points : SurfacePoints
             n points, world space; ``face_ids`` index ``mesh.faces``.
-        eyes : (k, 3) float
-            Centres of projection, world space; anywhere but on the surface.
+        eyes : (k, 3) float, (3,) float, or Views
+            Centres of projection, world space; anywhere but on the surface. What lies outside the pictures of Views
+            that have some (`Views.windows`) is hidden.
 
         Returns
         -------
-        (k, n) bool, True = visible.
+        (k, n) bool, True = visible; (n,) of one eye (3,).
 
         Raises
         ------
@@ -109,6 +116,11 @@ class Occluder(ABC):
                 f"points must be SurfacePoints; got {type(points).__name__}. "
                 "Wrap free positions: SurfacePoints.free(positions)."
             )
+        if isinstance(eyes, Views):
+            mask = self.visible(points, eyes.eyes)
+            return mask if eyes.windows is None else mask & eyes.shows(points.positions)
+        if np.shape(eyes) == (3,):
+            return self.visible(points, np.asarray(eyes)[None])[0]
         eyes = as_vectors(eyes, "eyes")
         for name, positions in (("points", points.positions), ("eyes", eyes)):
             extent = self.mesh.diagonal or np.inf  # of a mesh that is but a point everything is as far
@@ -279,7 +291,7 @@ class Method:
             if name not in known:
                 raise OptionError(
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
-                    f"got {name!r}."
+                    f"got {name!r}.{did_you_mean(name, known)}"
                 )
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):

@@ -17,8 +17,9 @@ from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.export.names import LONGEST
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.point_files import RGB, write_table
+from zbuf_occlude.dataset.point_files import write_table
 from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.geometry.cloud import RGB
 
 SPLIT = {"data": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "color": RGB}
 """Fields of a record that are several properties of a vertex."""

@@ -49,6 +49,11 @@ class _Split:
         self.classes = source.plan.classes
         self.numbers = source.order[split]
 
+    def __repr__(self) -> str:
+        points = "all points" if self.n_points is None else f"{self.n_points} points"
+        held = f"{len(self.numbers)} clouds of {points}, {len(self.classes)} classes"
+        return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {held})"
+
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
 
@@ -102,6 +107,17 @@ class CloudDataset(_Split, Dataset[Sample]):
     Items are (cloud, label): (n_points, 3, 6 or 9) float32 and () int64, an index into `classes`. In random order
     `packed` unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_points: int | None = None,
+        transform: Transform | None = None,
+        attributes: Sequence[str] = (),
+    ) -> None:
+        super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
 
     def __len__(self) -> int:
         return len(self.numbers)
