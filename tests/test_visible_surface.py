@@ -8,7 +8,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.random_scenes import bodies, folds, soup, spiky
 from tests.scenes import box
-from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
+from zbuf_occlude import coverage, visible_faces, visible_mesh, visible_vertices
 
 SHADE = zo.Mesh(
     [

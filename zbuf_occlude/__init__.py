@@ -35,6 +35,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.sensors import scan
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
+    from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
 
 __version__ = "0.1.0"
 
@@ -53,6 +54,7 @@ __all__ = [
     "SurfacePoints",
     "UnavailableError",
     "Views",
+    "coverage",
     "depth_image",
     "load_mesh",
     "occlude",
@@ -62,6 +64,9 @@ __all__ = [
     "scenes",
     "sensors",
     "views",
+    "visible_faces",
+    "visible_mesh",
+    "visible_vertices",
 ]
 
 _HOMES = {
@@ -83,6 +88,7 @@ _HOMES = {
     "sensors": ("scan",),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
+    "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
 }
 """Module to the names that it gives; modules of `__all__` give themselves."""
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
 from zbuf_occlude.checks import check_int
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
 from zbuf_occlude.seeds import generator
 from zbuf_occlude.visibility import Occluder, prepare
@@ -67,7 +67,7 @@ class Coverage(NamedTuple):
 
 
 def visible_faces(
-    mesh: Mesh,
+    mesh: MeshLike,
     eyes: ArrayLike,
     *,
     points_per_face: int = 16,
@@ -81,6 +81,7 @@ def visible_faces(
     Parameters
     ----------
     mesh : Mesh
+        Or anything that is one (`occlude`).
     eyes : (k, 3) float
         World space.
     points_per_face : int
@@ -97,7 +98,15 @@ def visible_faces(
     ------
     ArgumentError, OptionError, UnavailableError, GlError
         As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> found = zo.visible_faces(mesh, zo.views.for_mesh(mesh, "paper100").eyes[:4])
+    >>> found.fraction.shape == (4, len(mesh.faces))
+    True
     """
+    mesh = as_mesh(mesh)
     check_int("points_per_face", points_per_face, 1)
     check_int("n_points", n_points, 0)
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
@@ -109,7 +118,7 @@ def visible_faces(
     return VisibleFaces(n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3)), counts)
 
 
-def visible_vertices(mesh: Mesh, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
+def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
     """Answer which vertices each eye sees: (k, v) bool.
 
     A vertex is hidden by faces that the line of sight crosses, never by those that meet it there. So a corner on the
@@ -119,13 +128,20 @@ def visible_vertices(mesh: Mesh, eyes: ArrayLike, *, method: str = "exact", **op
     ------
     ArgumentError, OptionError, UnavailableError, GlError
         As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> zo.visible_vertices(mesh, [[3.0, 2.0, 1.5]]).shape == (1, len(mesh.vertices))
+    True
     """
+    mesh = as_mesh(mesh)
     with prepare(mesh, method, **options) as occluder:
         return occluder.visible(SurfacePoints.free(mesh.vertices), eyes)
 
 
 def coverage(
-    mesh: Mesh, eyes: ArrayLike, *, n_points: int = 20_000, seed: Seed = 0, method: str = "exact", **options: Any
+    mesh: MeshLike, eyes: ArrayLike, *, n_points: int = 20_000, seed: Seed = 0, method: str = "exact", **options: Any
 ) -> Coverage:
     """Estimate how much of the surface the eyes (k, 3) see, each alone and those up to it together.
 
@@ -133,7 +149,15 @@ def coverage(
     ------
     ArgumentError, OptionError, UnavailableError, GlError
         As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> found = zo.coverage(mesh, zo.views.for_mesh(mesh, "paper100").eyes)
+    >>> bool(found.together[-1] >= found.alone.max())
+    True
     """
+    mesh = as_mesh(mesh)
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
@@ -142,7 +166,7 @@ def coverage(
 
 
 def visible_mesh(
-    mesh: Mesh, eyes: ArrayLike, *, tolerance: float | None = None, method: str = "exact", **options: Any
+    mesh: MeshLike, eyes: ArrayLike, *, tolerance: float | None = None, method: str = "exact", **options: Any
 ) -> VisiblePart:
     """Cut the mesh along the edge of what is seen, and keep what one of the eyes sees at least.
 
@@ -153,6 +177,7 @@ def visible_mesh(
     Parameters
     ----------
     mesh : Mesh
+        Or anything that is one (`occlude`).
     eyes : (3,) or (k, 3) float
         World space.
     tolerance : float, optional
@@ -173,7 +198,14 @@ def visible_mesh(
         Nothing is seen.
     ArgumentError, OptionError, UnavailableError, GlError
         As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> part = zo.visible_mesh("chair.off", [3.0, 2.0, 1.5])
+    >>> len(part.face_ids) == len(part.mesh.faces)
+    True
     """
+    mesh = as_mesh(mesh)
     finest = FINEST * mesh.longest_side if tolerance is None else float(tolerance)
     if not 0 < finest < np.inf:
         raise ArgumentError(f"tolerance must be a length above 0, in the mesh's unit; got {tolerance!r}.")

@@ -1,5 +1,6 @@
 """`zbuf-occlude visible`: the occluded cloud that one camera sees of one mesh."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface
+from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.cli.echo import echo, on
@@ -36,6 +37,9 @@ from zbuf_occlude.sensors.scan import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
+MESHES = (".obj", ".off")
+"""Endings of `--out` that hold faces."""
+
 
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
@@ -52,7 +56,9 @@ from zbuf_occlude.visibility import find_method
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @with_option("Attributes of the points: normals towards the camera, base colours.")
 @up_option
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
+)
 @click.pass_context
 def command(
     context: click.Context,
@@ -73,18 +79,23 @@ def command(
 
     PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
     hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
+    OBJ and OFF hold the visible part of the mesh, cut along the edge of what is seen.
     With --sensor points are its first hits, the file's unit taken as metres (`zbuf-occlude scan` has sizes and scenes).
 
     \b
     Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out partial.obj
       zbuf-occlude visible chair.glb --with colors --azimuth 30 --elevation 20 --out cloud.ply
       zbuf-occlude visible car.off --sensor hdl-64e --azimuth 30 --elevation 5 --out scan.ply
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
-    suffix_of(out, (".ply", ".npy", ".csv"))
+    as_mesh = suffix_of(out, (".ply", ".npy", ".csv", *MESHES)) in MESHES
     for name in attributes:
         check_word("attribute", name, ATTRIBUTES)
+    if as_mesh:
+        write_part(context, mesh, camera, settings, up, out)
+        return
     if sensor != SURFACE:
         write_scan(context, mesh, camera, parse_sensor(sensor, set_sensor), seed, up, out)
         return
@@ -118,6 +129,30 @@ def command(
         echo(f"warning: {mesh} {lacking}", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
     echo(f"{len(cloud)} of {len(samples)} points visible, by {method}{on(renderer)}: {out}{why}")
+
+
+def write_part(
+    context: click.Context,
+    path: Path,
+    camera: Callable[[Mesh], Views],
+    settings: Settings,
+    up: str | None,
+    out: Path,
+) -> None:
+    """Write the part of a mesh that a camera sees, as a mesh."""
+    if idle := given(context, ("points", "seed", "sensor", "set_sensor", "attributes", "fov")):
+        raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
+    method = context.params["method"] if given(context, ("method",)) else "exact"
+    with Limits().watch(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
+        mesh = load_mesh(path, up=up)
+        eyes = camera(mesh).eyes
+        warn_inside(mesh, eyes)
+        part = visible_mesh(mesh, eyes, method=method, **parse_settings(method, settings))
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower())
+    atomic.write(out, lambda file: file.write(text.encode()))
+    share = part.mesh.areas.sum() / mesh.areas.sum()
+    echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces, by {method}: {out}")
 
 
 def write_scan(
