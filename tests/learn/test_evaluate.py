@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from zbuf_occlude.errors import ArgumentError  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
-from zbuf_occlude.learn.evaluate import BATCH, Evaluation, evaluate, predict  # noqa: E402
+from zbuf_occlude.learn.evaluation import BATCH, Evaluation, evaluate, predict  # noqa: E402
 from zbuf_occlude.learn.networks import Classifier  # noqa: E402
 
 CLASSES = ("bed", "car", "lamp", "sofa")

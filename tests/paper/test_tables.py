@@ -1,4 +1,4 @@
-"""The study's tables and verdicts against results written by hand."""
+"""The study's tables and scores against results written by hand."""
 
 from dataclasses import replace
 
@@ -7,9 +7,7 @@ import pytest
 
 from tests.paper.hand_made import confusion, result, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.drawing.pages import Table
-from zbuf_occlude.learn.models import MODELS
-from zbuf_occlude.paper import reported as paper
-from zbuf_occlude.paper import sydney
+from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.paper.design import (
     AUGMENTATION,
     BUDGETS,
@@ -19,19 +17,18 @@ from zbuf_occlude.paper.design import (
     METHODS,
     ORIGINAL,
     SCANS,
-    paper_name,
-    printed,
 )
+from zbuf_occlude.paper.real_scans import CLASSES, SOURCE
 from zbuf_occlude.paper.results import Confusion
-from zbuf_occlude.paper.study_tables import (
+from zbuf_occlude.paper.study_report import (
     answers,
     dead_angle,
-    percent,
     table_3a,
     table_3b,
     table_methods,
     table_of_findings,
-    verdict,
+    vehicle_scores,
+    whether_shown,
 )
 
 HERE = BUDGETS[CLOUDS]
@@ -52,24 +49,6 @@ def line(table: Table, *begins: str) -> list[str]:
             found.append(list(row))
     assert len(found) == 1, (begins, table.rows)
     return found[0]
-
-
-def test_mean_and_spread() -> None:
-    assert percent([0.5, 0.6, 0.7]) == "60.0 ± 10.0"
-    assert percent([0.5, None]) == "50.0"
-    assert percent([]) == percent([None]) == "–"
-
-
-def test_the_papers_numbers_are_whole() -> None:
-    assert len(paper.TEST_ELEVATIONS) == 11
-    assert {len(numbers) for numbers in paper.TABLE_3A.values()} == {11}
-    known = {row.name for row in MODELS}
-    assert {*paper.TABLE_3A, *paper.MODELNET40_ACCURACY, *(name for name, _ in paper.TABLE_3B)} <= known
-    assert {*paper.TEST_ELEVATIONS, *paper.TRAIN_ELEVATIONS} == set(range(-90, 91, 10))
-    assert paper.TABLE_3A["voxnet"][paper.TEST_ELEVATIONS.index(0)] == 50.3
-    assert paper.TABLE_3B["voxnet", 12_000][2][1] == 45.9, "the huge loss of C2"
-    assert [paper_name(name) for name in ("voxnet", "threedmfv5-small")] == ["voxnet", "threedmfv"]
-    assert printed("threedmfv5-small") == "3DmFV (threedmfv5-small)"
 
 
 def test_table_3a() -> None:
@@ -101,42 +80,51 @@ def test_table_3b_without_scans() -> None:
         "it has none of these"
     )
     assert "Test 3 is empty here" in table.note
-    assert sydney.SOURCE in table.note
+    assert SOURCE in table.note
     assert "--sydney DIR" in table.note
     assert "80 % has a standard error of 3 points among 200 objects" in table.note, "sqrt(0.8 x 0.2 / 200) = 0.028"
 
 
-def test_table_3b_beside_the_papers_numbers() -> None:
-    rows = [
-        result(AUGMENTATION, {ORIGINAL: confusion(0.9), GENERATED: confusion(0.8)}, model=model, set=3, points=points)
-        for model, points in (("voxnet", 12_000), ("threedmfv", 12_000), ("threedmfv", 1_024))
-    ]
-    table = table_3b(rows)
-    assert line(table, "VoxNet, 12,000 points", "C3 both", "**paper**")[3:7] == ["87.5", "79.7", "20.5", "38.1"]
-    assert line(table, "3DmFV, 12,000 points", "C3 both", "**paper**")[3:7] == ["89.5", "95.7", "63.6", "38.1"]
-    assert line(table, "3DmFV, 1,024 points", "C3 both", "**paper**")[3:7] == ["–", "–", "76.1", "81.0"]
-    assert line(table, "3DmFV, 1,024 points", "C3 both", HERE)[3] == "90.0"
+TOTALS = {"4wd": 21, "bus": 16, "car": 88, "truck": 12, "ute": 16, "van": 35}
+
+
+def scans(hits: dict[str, int], false_positives: int) -> Confusion:
+    """588 scans: of each vehicle class this many labelled car, and this many of the 400 others."""
+    counts = np.zeros((len(CLASSES), 2), dtype=int)
+    for label, total in TOTALS.items():
+        counts[CLASSES.index(label)] = [total - hits[label], hits[label]]
+    counts[CLASSES.index("tree")] = [400 - false_positives, false_positives]
+    return Confusion(CLASSES, ("bed", "car"), counts)
 
 
 def test_table_3b_with_scans() -> None:
-    counts = np.zeros((14, 2), dtype=int)
-    totals = {"4wd": 21, "bus": 16, "car": 88, "truck": 12, "ute": 16, "van": 35}
-    for label, n in totals.items():
-        counts[sydney.CLASSES.index(label)] = [n - n // 2, n // 2]
-    counts[sydney.CLASSES.index("tree")] = [380, 20]
-    tests = {
-        ORIGINAL: confusion(0.9),
-        GENERATED: confusion(0.8),
-        SCANS: Confusion(sydney.CLASSES, ("bed", "car"), counts),
-    }
+    hits = {label: n // 2 for label, n in TOTALS.items()}
+    tests = {ORIGINAL: confusion(0.9), GENERATED: confusion(0.8), SCANS: scans(hits, 20)}
     table = table_3b([result(AUGMENTATION, tests, model="voxnet", set=1, points=1024)])
     row = line(table, "VoxNet, 1,024 points", "C1 generated", HERE)
-    f1 = {label: 2 * (n // 2) / (n // 2 + 20 + n) for label, n in totals.items()}
+    f1 = {label: 2 * (n // 2) / (n // 2 + 20 + n) for label, n in TOTALS.items()}
     assert row[5:7] == [f"{100 * 44 / 88:.1f}", f"{100 * 10 / 21:.1f}"]
     assert row[7] == f"{100 * sum(f1.values()) / 6:.1f}"
-    assert row[8] == f"{100 * sum(f1[label] * n for label, n in totals.items()) / 188:.1f}"
+    assert row[8] == f"{100 * sum(f1[label] * n for label, n in TOTALS.items()) / 188:.1f}"
     assert "Test 3 has 588 clouds" in table.note
     assert "empty" not in table.note
+
+
+def test_scores_of_vehicles_are_the_papers_definition() -> None:
+    hits = {"4wd": 14, "bus": 4, "car": 78, "truck": 3, "ute": 8, "van": 35}
+    scores = vehicle_scores(scans(hits, 7))
+    assert scores.n_scans == list(TOTALS.values())
+    for label, n, found, f1 in zip(TOTALS, scores.n_scans, scores.recall, scores.f1, strict=True):
+        precision, recall = hits[label] / (hits[label] + 7), hits[label] / n
+        assert found == pytest.approx(recall)
+        assert f1 == pytest.approx(2 * precision * recall / (precision + recall))
+    assert vehicle_scores(scans(TOTALS, 0)).f1 == [1.0] * 6
+    assert vehicle_scores(scans(dict.fromkeys(TOTALS, 0), 0)).f1 == [0.0] * 6
+    blind = vehicle_scores(scans(TOTALS, 400))
+    assert blind.f1[1] == pytest.approx(2 * 16 / (2 * 16 + 400)), "false positives count against each class"
+    for truth, predicted in ((CLASSES, ("bed",)), (("bus",), ("car",)), (CLASSES, ("car",))):
+        with pytest.raises(ArgumentError, match=r"must have scans of 4wd, bus, .*, and the label car"):
+            vehicle_scores(Confusion(truth, predicted, np.zeros((len(truth), 1), int)))
 
 
 def test_table_of_methods_takes_exact_from_table_3b() -> None:
@@ -160,8 +148,8 @@ def test_table_of_methods_takes_exact_from_table_3b() -> None:
         ([0.2], 0.0, "one seed only"),
     ],
 )
-def test_verdicts(differences: list[float], least: float, said: str) -> None:
-    assert verdict(differences, least) == said
+def test_whether_a_difference_shows(differences: list[float], least: float, said: str) -> None:
+    assert whether_shown(differences, least) == said
 
 
 def test_findings_are_differences_of_one_seed() -> None:

@@ -35,8 +35,8 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
       zbuf-occlude evaluate pointnet clouds --split test
     """
     require_torch()
-    from zbuf_occlude.learn.checkpoint import load_trained  # late: these need torch
-    from zbuf_occlude.learn.evaluate import evaluate
+    from zbuf_occlude.learn.evaluation import evaluate  # late: these need torch
+    from zbuf_occlude.learn.training import load_trained
 
     trained = load_trained(model, device)
     test = load(folders, split)

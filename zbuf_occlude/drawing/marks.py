@@ -14,7 +14,7 @@ LEAST_AREA, LARGEST_AREA = 0.25, 12.0
 """Of a mark, in typographic points squared."""
 
 
-def project(
+def project_to_picture(
     positions: ArrayLike, *, eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None, perspective: bool = True
 ) -> FloatArray:
     """Project positions onto the picture plane through the target.
@@ -68,14 +68,14 @@ def marks_of(
     Parameters are those of `zbuf_occlude.drawing.pictures.draw_cloud`; `colour` is RGB in [0, 1].
     """
     positions = as_vectors(positions, "positions")
-    screen = project(positions, eye=eye, target=target, up=up, perspective=perspective)
+    screen = project_to_picture(positions, eye=eye, target=target, up=up, perspective=perspective)
     keep = np.isfinite(screen[:, 0])
     order = np.flatnonzero(keep)[np.argsort(-screen[keep, 2], kind="stable")]
     base = np.broadcast_to(colour, (len(positions), 3)) if values is None else as_vectors(values, "values")
     lit, fade = np.full(len(positions), 0.8), 0.8
     if normals is not None:
         lit, fade = lambert(as_vectors(normals, "normals") @ axes_of_eye(eye, target, up).T), 0.4
-    return screen[order, :2], shade(base[order], lit[order], screen[order, 2], fade)
+    return screen[order, :2], lit_colours(base[order], lit[order], screen[order, 2], fade)
 
 
 def lambert(normals: FloatArray) -> FloatArray:
@@ -85,7 +85,7 @@ def lambert(normals: FloatArray) -> FloatArray:
     return np.where((normals == 0.0).all(axis=1), 1.0, lit)
 
 
-def shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
+def lit_colours(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
     """Darken colours away from the light and fade them towards white with depth; (n, 3) RGB."""
     if not len(depth):
         return np.empty((0, 3))
@@ -97,7 +97,7 @@ def shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> 
     return np.clip(colour + (1.0 - colour) * mist, 0.0, 1.0)
 
 
-def frame_of(places: FloatArray, radius: float | None) -> tuple[FloatArray, float]:
+def picture_frame(places: FloatArray, radius: float | None) -> tuple[FloatArray, float]:
     """Return middle (2,) and half the side of a square picture: about the target, or fitted to what is in it."""
     centre, half = np.zeros(2), 1.0 if radius is None else radius
     if radius is None and len(places):

@@ -1,7 +1,7 @@
-"""The results of trials as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
+"""Trials, and their results as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,18 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import describe
 from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.learn.models import find_model
-from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, ELEVATION, HSR, REALISM, paper_name
-from zbuf_occlude.paper.reported import TABLE_3A
+from zbuf_occlude.paper.design import (
+    AUGMENTATION,
+    BUDGETS,
+    ELEVATION,
+    HSR,
+    REALISM,
+    TABLE_3A,
+    TEST_ELEVATIONS,
+    paper_name,
+)
 
 FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
 """In a study's folder: a JSON file for each trial; what the study is; projected areas that are seen; real scans."""
@@ -27,6 +36,24 @@ _FACTS: dict[str, dict[str, type]] = {
 _REPORTED: dict[str, type | tuple[type, ...]] = {
     "n_parameters": int, "n_training": int, "epochs": int, "seconds": (int, float), "machine": str, "device": str,
 }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A classifier to be trained, and what it is tested on; clouds are read when they are needed."""
+
+    experiment: str
+    facts: Mapping[str, str | int]  # what tells it apart from the others: model, what it is trained on, points, seed
+    training: Callable[[], CloudSet]
+    validation: Callable[[], CloudSet]
+    tests: Mapping[str, Callable[[], CloudSet]]
+    epochs: Callable[[int], int]  # from the number of its clouds to how often each is shown, at most
+
+    @property
+    def key(self) -> str:
+        """Name of its files."""
+        parts = (f"{name}{value}" if isinstance(value, int) else value for name, value in self.facts.items())
+        return "-".join((self.experiment, *parts))
 
 
 @dataclass(frozen=True)
@@ -93,6 +120,8 @@ def read_result(path: Path) -> Result | None:
             for name, kind in kinds.items():
                 if not isinstance(values[name], kind):
                     raise TypeError(f"{name} {values[name]!r}")
+        if document["experiment"] == ELEVATION:
+            [tests[str(elevation)] for elevation in TEST_ELEVATIONS]
         find_model(document["facts"]["model"])
         return Result(document["experiment"], document["facts"], tests, document)
     except (ValueError, KeyError, TypeError, AttributeError) as error:

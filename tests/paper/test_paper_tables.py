@@ -1,4 +1,4 @@
-"""The paper's Table 1 and the presets that repeat it."""
+"""The paper's Tables 1 and 2: its rows as printed, ours as measured; the presets that repeat Table 1."""
 
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,10 @@ import pytest
 from tests.scenes import CHAIR, DATA, box, needs_chair
 from zbuf_occlude import views
 from zbuf_occlude.compare import cases
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.table1 import CASES, MODIFIED, TABLE_1A, TABLE_1B, mesh_of, paper_tables
-from zbuf_occlude.visibility import METHODS
+from zbuf_occlude.paper.tables import TABLE_1A, TABLE_1B, TABLE_2, mesh_of, paper_tables, row_of, table_2
 
 
 def row(suite: str, obj: str, subject: str, ms: float, n: int = 1000, **timed: Any) -> dict[str, Any]:
@@ -79,14 +79,6 @@ def test_the_papers_object_is_found_in_modelnets_folders() -> None:
     assert (len(mesh.faces), len(mesh.vertices)) == (paper.faces, paper.vertices)
 
 
-def test_built_in_shapes_of_like_size_stand_in() -> None:
-    for paper in TABLE_1A:
-        load, what = mesh_of(paper, None)
-        n_faces = len(load().faces)
-        assert paper.faces - 8 <= n_faces <= paper.faces
-        assert what.startswith(f"built-in {paper.kind}, {n_faces:,} faces, ")
-
-
 def test_the_scaling_preset_varies_one_number_at_a_time() -> None:
     found = cases.scaling(0)
     few = [case.make() for case in found if "100,000" not in case.label and "30" not in case.label]
@@ -135,13 +127,27 @@ def test_meshes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     )
 
 
-def test_every_subject_of_the_presets_is_in_the_table() -> None:
-    names = {method.name for method in METHODS}
-    labels = [*cases.SCALING_SUBJECTS, "vertex_hsr", MODIFIED]
-    assert {label.partition(":")[0] for label in labels} <= names
-    assert [s.label for s in cases.subjects_of(["occupancy_grid:n=32", "exact"])] == ["occupancy_grid:n=32", "exact"]
+# ---- Table 2 --------------------------------------------------------------------------------------------------------
 
 
-def test_seconds_are_the_tables_too() -> None:
-    assert {case.budget for case in CASES["table1b"](None, 0)} == {30.0}
-    assert {case.budget for case in CASES["table1b"](None, 0, 0.5)} == {0.5}
+def test_the_papers_last_column_is_the_quotient_of_two_others() -> None:
+    assert [round(row.samples_per_megabyte, 2) for row in TABLE_2] == [1.04, 65.32, 2.26, 1.35, 0.62, 28.82]
+
+
+def test_our_row_counts_clouds_and_every_file_that_is_needed(tmp_path: Path) -> None:
+    plan = Plan(
+        MeshCollection([MeshEntry("b", "box", "train", box)]),
+        Recipe(method="oracle", views="ring:4@10", n_points=90, sample_size=30),
+        "packed",
+    )
+    generate(plan, tmp_path / "out")
+    (tmp_path / "out" / "notes.txt").write_text("x" * 10_000)
+    row = row_of(tmp_path / "out")
+    names = ("packed-000000.zip", "plan.json", "manifest.json", "shape_names.txt", "mesh_keys.txt")
+    size = sum((tmp_path / "out" / name).stat().st_size for name in names)
+    assert row == ("This one (packed)", 4, 1, "Synthesized", "Point Cloud", size / 1e6)
+    text = table_2(tmp_path / "out").as_markdown(aligned=True).splitlines()
+    assert len({len(line) for line in text}) == 1
+    assert text[0].split("|")[1].strip() == "Dataset name"
+    assert text[-2].split("|")[-2].strip() == "28.82"
+    assert text[-1].split("|")[-2].strip() == f"{4 / (size / 1e6):,.2f}"
