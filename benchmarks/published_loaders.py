@@ -57,55 +57,26 @@ CHECKED = 4
 
 @dataclass(frozen=True)
 class Loader:
-    """A row of the table.
+    """A row of the table."""
 
-    Parameters
-    ----------
-    repository, name : str
-        On GitHub; the class or function of it that reads.
-    layout : str
-        `--format`.
-    read : callable
-        Yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`.
-    links : dict of str to str
-        Names in the working folder, as the loader's own configuration has them, to places in the dataset.
-    meshes : str
-        In whose folders the meshes lie.
-    up : str
-        The layout's up axis.
-    n_views : int
-    options : tuple of str
-        Of `generate`.
-    packages, stubs : tuple of str
-        That the loader imports: what it needs; what has nothing to do with data.
-    fitted : bool
-        Whether each item has been centred and scaled by itself, by the layout or the loader.
-    mirrored : bool
-        Whether the loader mirrors horizontal axes at random.
-    half_turn : bool
-        Whether the layout is turned by half a turn about the vertical.
-    stretched : bool
-        Whether the loader stretches and moves each cloud of train at random, along each axis.
-    longest : float
-        Longest side of an object in the layout.
-    """
-
-    repository: str
-    name: str
-    layout: str
-    read: Any
-    links: dict[str, str] = field(default_factory=dict)
-    meshes: str = "shapenet"
-    up: str = "y"
+    repository: str  # on GitHub
+    name: str  # the class or function of it that reads
+    layout: str  # `--format`
+    read: Any  # yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`
+    links: dict[str, str] = field(
+        default_factory=dict
+    )  # names as the loader's configuration has them, to the dataset's
+    meshes: str = "shapenet"  # in whose folders the meshes lie
+    up: str = "y"  # the layout's up axis
     n_views: int = 8
-    options: tuple[str, ...] = ()
-    packages: tuple[str, ...] = ()
-    stubs: tuple[str, ...] = ()
-    fitted: bool = False
-    mirrored: bool = False
-    half_turn: bool = False
-    stretched: bool = False
-    longest: float = 1.0
+    options: tuple[str, ...] = ()  # of `generate`
+    packages: tuple[str, ...] = ()  # that the loader needs
+    stubs: tuple[str, ...] = ()  # that it imports, and that have nothing to do with data
+    fitted: bool = False  # whether each item has been centred and scaled by itself, by the layout or the loader
+    mirrored: bool = False  # whether the loader mirrors horizontal axes at random
+    half_turn: bool = False  # whether the layout is turned by half a turn about the vertical
+    stretched: bool = False  # whether the loader stretches and moves each cloud of train at random, along each axis
+    longest: float = 1.0  # side of an object in the layout
 
 
 _POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from zbuf_occlude.learn.evaluation import Confusion
 from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL, QUICK, TEST_ELEVATIONS
-from zbuf_occlude.paper.results import Confusion, Result
+from zbuf_occlude.paper.results import Result
 
 TINY = replace(
     QUICK,

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.scenes import CHAIR, DATA, box, needs_chair
+from tests.scenes import CHAIR, box, needs_chair
 from zbuf_occlude import views
 from zbuf_occlude.compare import cases
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.tables import TABLE_1A, TABLE_1B, TABLE_2, mesh_of, paper_tables, row_of, table_2
+from zbuf_occlude.paper.tables import TABLE_1A, TABLE_1B, TABLE_2, paper_tables, row_of, table_2
 
 
 def row(suite: str, obj: str, subject: str, ms: float, n: int = 1000, **timed: Any) -> dict[str, Any]:
@@ -68,15 +68,6 @@ def test_table_1b_has_the_grids_error_beside() -> None:
     assert "| Car (5), 10,000 | **paper** | 163.8 s | 1.3 s | 2.4 s | 99.2 % | 98.5 % | – |" in text
     assert "| here: a built-in car | 400 ms | 1.00 ms | 4.00 ms | 99.8 % | 99.0 % | 10 % · 10 % |" in text
     assert "`depth_buffer:resolution=512`" in text
-
-
-@needs_chair
-def test_the_papers_object_is_found_in_modelnets_folders() -> None:
-    paper = next(paper for paper in TABLE_1A if paper.file == "chair_0003")
-    load, what = mesh_of(paper, DATA / "modelnet")
-    assert what == "chair_0003.off"
-    mesh = load()
-    assert (len(mesh.faces), len(mesh.vertices)) == (paper.faces, paper.vertices)
 
 
 def test_the_scaling_preset_varies_one_number_at_a_time() -> None:

@@ -1,10 +1,8 @@
 """Real scans: files written here by struct and by hand, the published counts and folds, and which way is up."""
 
 import os
-import shutil
 import struct
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -115,41 +113,38 @@ def test_the_published_folds_and_counts(tmp_path: Path) -> None:
     assert [len(read_scan(scan.path, "z")) for scan in chosen] == [counts[scan.name] for scan in chosen]
 
 
+TREE = "objects/tree.0.200.csv"
+
+
 @pytest.mark.parametrize(
-    ("damage", "message"),
+    ("place", "content", "message"),
     [
-        (lambda root: (root / "folds").rename(root / "f"), r"Sydney Urban Objects dataset.*has no folds.*acfr\.usyd"),
-        (lambda root: (root / "objects").rename(root / "o"), r"it has no objects. It comes from https://www\.acfr"),
-        (lambda root: (root / "folds" / "fold2.txt").unlink(), r"must have fold0.txt to fold3.txt; fold2.txt is miss"),
-        (lambda root: (root / "objects" / "car.3.103.bin").unlink(), r"must be in .*objects.*; car\.3\.103 is not"),
-        (lambda root: (root / "folds" / "fold0.txt").write_text("tree.0.200.csv x.1.1"), "x.1.1 is not"),
-        (
-            lambda root: (root / "objects" / "car.0.100.bin").write_bytes(bytes(35)),
-            r"car\.0\.100\.bin must be records of 34 bytes; it has 35 bytes",
-        ),
-        (lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,x,5,6\n"), "one is not .*'x'"),
-        (
-            lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3\n"),
-            "one is not .too few commas",
-        ),
-        (
-            lambda root: (root / "objects" / "tree.0.200.csv").write_text("\n"),
-            r"tree.*finite coordinates; it has no po",
-        ),
-        (
-            lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,nan,5,6,7,8,9\n"),
-            "it has a coordinate that is not finite",
-        ),
-        (
-            lambda root: (root / "objects" / "tree.0.200.csv").write_text("1,2,3,1e308,5,6,7,8,9"),
-            "it has a coordinate that is not finite",
-        ),
+        ("folds", None, r"Sydney Urban Objects dataset.*has no folds.*acfr\.usyd"),
+        ("objects", None, r"it has no objects. It comes from https://www\.acfr"),
+        ("folds/fold2.txt", None, r"must have fold0.txt to fold3.txt; fold2.txt is miss"),
+        ("objects/car.3.103.bin", None, r"must be in .*objects.*; car\.3\.103 is not"),
+        ("folds/fold0.txt", b"tree.0.200.csv x.1.1", "x.1.1 is not"),
+        ("folds/fold1.txt", b"boat.1.1.bin", r"boat\.1\.1 is not"),
+        ("objects/car.0.100.bin", bytes(35), r"car\.0\.100\.bin must be records of 34 bytes; it has 35 bytes"),
+        (TREE, b"1,2,3,x,5,6\n", "one is not .*'x'"),
+        (TREE, b"1,2,3\n", "one is not .too few commas"),
+        (TREE, b"\n", r"tree.*finite coordinates; it has no po"),
+        (TREE, b"1,2,3,nan,5,6,7,8,9\n", "it has a coordinate that is not finite"),
+        (TREE, b"1,2,3,1e308,5,6,7,8,9", "it has a coordinate that is not finite"),
     ],
 )
-def test_errors(root: Path, damage, message: str) -> None:
-    damage(root)
+def test_what_is_wrong_with_the_archive(root: Path, place: str, content: bytes | None, message: str) -> None:
+    damage(root / place, content)
     with pytest.raises(DatasetError, match=message):
         read_scans(root, 8, "-z")
+
+
+def damage(path: Path, content: bytes | None) -> None:
+    """Write something else into a file, or take a file or folder away."""
+    if content is None:
+        path.rename(path.with_name("elsewhere"))
+    else:
+        path.write_bytes(content)
 
 
 def test_scans_are_checked_before_anything_is_trained(root: Path) -> None:
@@ -272,75 +267,48 @@ def test_clouds_are_what_lies_in_boxes_that_have_points_enough(drive: tuple[str,
 
 
 LABEL, CALIB = "training/label_2/000007.txt", "training/calib/000007.txt"
-SWEEP, BOXES = "val/log-1/sensors/lidar/315966265259836000.feather", "val/log-1/annotations.feather"
-
-
-def without_lengths(root: Path) -> None:
-    table = feather.read_table(root / BOXES)
-    nothing = pyarrow.array([None] * len(table), pyarrow.float64())
-    feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", nothing), root / BOXES)
+SWEEP = "val/log-1/sensors/lidar/315966265259836000.feather"
 
 
 @pytest.mark.parametrize(
-    ("write", "damage", "message"),
+    ("place", "content", "message"),
     [
-        (
-            write_kitti,
-            lambda root: (root / LABEL).write_text("Car 0 0 0 1 2 3 4 five 1 1 0 0 0 0\n"),
-            "must have 15 fields per line, from the 9th on numbers; line 1 is 'Car 0 0 0",
-        ),
-        (
-            write_kitti,
-            lambda root: (root / LABEL).write_text("Car 0 0 0 1 2 3 4 inf 1 1 0 0 0 inf\n"),
-            "from the 9th on numbers; line 1 is 'Car 0 0 0 1 2 3 4 inf",
-        ),
-        (
-            write_kitti,
-            lambda root: os.truncate(root / "training/velodyne/000007.bin", 1_001),
-            "must be records of four float32",
-        ),
-        (
-            write_kitti,
-            lambda root: (root / CALIB).write_text("Tr_velo_to_cam: " + "0 " * 12),
-            "must have R0_rect; it has not",
-        ),
-        (
-            write_kitti,
-            lambda root: (root / CALIB).write_text("R0_rect: 1 0 0\n"),
-            r"R0_rect in .* must be \(3, 3\) numbers; it is ' 1 0 0'",
-        ),
-        (
-            write_kitti,
-            lambda root: (root / CALIB).write_text("R0_rect: " + "0 " * 9 + "\nTr_velo_to_cam: " + "0 " * 12),
-            "must be rotations",
-        ),
-        (write_kitti, lambda root: (root / LABEL).unlink(), "must have its label_2/000007.txt; it is missing"),
-        (write_argoverse, lambda root: os.truncate(root / SWEEP, 100), "must be a feather file; it cannot be read"),
-        (
-            write_argoverse,
-            lambda root: (root / SWEEP).rename((root / SWEEP).with_stem("first")),
-            "must be called TIMESTAMP.feather",
-        ),
-        (
-            write_argoverse,
-            lambda root: shutil.copy(root / BOXES, root / SWEEP),
-            "must have the columns x, y, z; it lacks one",
-        ),
-        (
-            write_argoverse,
-            lambda root: feather.write_feather(pyarrow.table({name: ["far"] for name in "xyz"}), root / SWEEP),
-            "cannot be read .could not convert string to float: 'far'",
-        ),
-        (write_argoverse, without_lengths, "annotations.feather must be numbers; that of row 0 has others"),
-        (write_argoverse, lambda root: (root / SWEEP).unlink(), "or has no sweep"),
+        (LABEL, b"Car 0 0 0 1 2 3 4 five 1 1 0 0 0 0\n", "must have 15 fields per line, .* line 1 is 'Car 0 0 0"),
+        (LABEL, b"Car 0 0 0 1 2 3 4 inf 1 1 0 0 0 inf\n", "from the 9th on numbers; line 1 is 'Car 0 0 0 1 2 3 4 inf"),
+        (LABEL, None, "must have its label_2/000007.txt; it is missing"),
+        ("training/velodyne/000007.bin", bytes(1001), "must be records of four float32"),
+        (CALIB, b"Tr_velo_to_cam: " + b"0 " * 12, "must have R0_rect; it has not"),
+        (CALIB, b"R0_rect: 1 0 0\n", r"R0_rect in .* must be \(3, 3\) numbers; it is ' 1 0 0'"),
+        (CALIB, b"R0_rect: " + b"0 " * 9 + b"\nTr_velo_to_cam: " + b"0 " * 12, "must be rotations"),
+        (SWEEP, b"ARROW1", "must be a feather file; it cannot be read"),
+        (SWEEP, {"x": [1.0]}, "must have the columns x, y, z; it lacks one"),
+        (SWEEP, {"x": ["far"], "y": ["far"], "z": ["far"]}, "cannot be read .could not convert string to float: 'far'"),
+        (SWEEP, None, "or has no sweep"),
     ],
 )
-def test_what_is_wrong_with_a_drive(
-    write: Callable[[Path], Path], damage: Callable[[Path], object], message: str, tmp_path: Path
-) -> None:
-    root = write(tmp_path / "drive")
-    damage(root)
+def test_what_is_wrong_with_a_drive(place: str, content: object, message: str, tmp_path: Path) -> None:
+    root = (write_argoverse if place == SWEEP else write_kitti)(tmp_path / "drive")
+    if isinstance(content, dict):
+        feather.write_feather(pyarrow.table(content), root / place)
+    elif content is None:
+        (root / place).unlink()
+    else:
+        (root / place).write_bytes(content)
     with pytest.raises(DatasetError, match=message):
+        read_objects(root, 1)
+
+
+def test_sweeps_and_boxes_that_say_nothing(tmp_path: Path) -> None:
+    root = write_argoverse(tmp_path / "drive")
+    (root / SWEEP).rename((root / SWEEP).with_stem("first"))
+    with pytest.raises(DatasetError, match="must be called TIMESTAMP"):
+        read_objects(root, 1)
+    root = write_argoverse(tmp_path / "other")
+    boxes = root / "val/log-1/annotations.feather"
+    table = feather.read_table(boxes)
+    nothing = pyarrow.array([None] * len(table), pyarrow.float64())
+    feather.write_feather(table.set_column(table.column_names.index("length_m"), "length_m", nothing), boxes)
+    with pytest.raises(DatasetError, match=r"annotations.feather must be numbers; that of row 0 has others"):
         read_objects(root, 1)
 
 

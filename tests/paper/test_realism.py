@@ -16,9 +16,10 @@ from tests.paper.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.paper.hand_made import TINY, confusion, result  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.cli.experiment import command  # noqa: E402
+from zbuf_occlude.learn.evaluation import Confusion  # noqa: E402
 from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM  # noqa: E402
 from zbuf_occlude.paper.experiments import Realism, in_both_counts  # noqa: E402
-from zbuf_occlude.paper.results import Confusion, read_results  # noqa: E402
+from zbuf_occlude.paper.results import read_results  # noqa: E402
 from zbuf_occlude.paper.study import run_study  # noqa: E402
 from zbuf_occlude.paper.study_report import answers, cars_found, table_realism, write_study  # noqa: E402
 

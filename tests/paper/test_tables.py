@@ -8,6 +8,7 @@ import pytest
 from tests.paper.hand_made import confusion, result, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.learn.evaluation import Confusion
 from zbuf_occlude.paper.design import (
     AUGMENTATION,
     BUDGETS,
@@ -19,7 +20,6 @@ from zbuf_occlude.paper.design import (
     SCANS,
 )
 from zbuf_occlude.paper.real_scans import CLASSES, SOURCE
-from zbuf_occlude.paper.results import Confusion
 from zbuf_occlude.paper.study_report import (
     answers,
     dead_angle,

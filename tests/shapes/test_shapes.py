@@ -83,45 +83,6 @@ def test_every_member_is_sound(members: dict[str, list[zo.Mesh]], label: str) ->
         assert min(abs(middle[2]), abs(mesh.bounds[0, 2])) < 1e-6 * extents.max(), "rests on the floor or is centred"
 
 
-def test_they_are_made_as_carelessly_as_real_files(members: dict[str, list[zo.Mesh]]) -> None:
-    """Units differ by orders, faces come twice, vertices are unshared, both origins occur: in some, not in all."""
-    meshes = [mesh for family in members.values() for mesh in family]
-    sizes = np.array([mesh.longest_side for mesh in meshes])
-    assert sizes.max() > 1000 * sizes.min()
-    unshared = np.mean([len(mesh.vertices) >= 3 * len(mesh.faces) for mesh in meshes])
-    twice = np.mean([mesh.dropped["duplicate"] > 0 for mesh in meshes])
-    centred = np.mean([abs(mesh.centre[2]) < 1e-6 * mesh.longest_side for mesh in meshes])
-    assert 0.2 < unshared < 0.5
-    assert 0.05 < twice < 0.5
-    assert 0.35 < centred < 0.65
-
-
-@pytest.mark.parametrize(("label", "share"), [("chair", 0.8), ("bed", 0.75)])
-def test_backs_and_heads_are_behind(members: dict[str, list[zo.Mesh]], label: str, share: float) -> None:
-    """The front is -y: most of what is high in a chair or a bed is its back."""
-    behind = []
-    for mesh in members[label]:
-        at = (mesh.corners.mean(axis=1) - mesh.centre) / mesh.longest_side
-        high = at[:, 2] > 0.3 * np.ptp(mesh.bounds[:, 2]) / mesh.longest_side
-        behind.append(np.average(at[high, 1], weights=mesh.areas[high]) > -0.01)
-    assert np.mean(behind) >= share
-
-
-@pytest.mark.parametrize("label", ["airplane", "car"])
-def test_vehicles_are_symmetric(members: dict[str, list[zo.Mesh]], label: str) -> None:
-    """Left and right weigh the same but for a steering wheel or a spare one."""
-    for mesh in members[label]:
-        x = np.average(mesh.corners.mean(axis=1)[:, 0], weights=mesh.areas) / mesh.longest_side
-        assert abs(x) < 0.02, mesh
-
-
-def test_cars_are_long_and_airplanes_wide(members: dict[str, list[zo.Mesh]]) -> None:
-    cars = [np.ptp(mesh.bounds, axis=0) for mesh in members["car"]]
-    assert all(size[1] > 1.2 * size[0] for size in cars)
-    planes = [np.ptp(mesh.bounds, axis=0) for mesh in members["airplane"]]
-    assert all(size[2] < 0.65 * max(size[0], size[1]) for size in planes)
-
-
 # ---- the same everywhere -----------------------------------------------------------------------------------------
 
 

@@ -56,7 +56,7 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
     evaluation = evaluate(trained.model, test)
     out = model if out is None else out
     evaluation.write(out)
-    n_clouds_of = evaluation.confusion.sum(axis=1)
+    n_clouds_of = evaluation.counts.sum(axis=1)
     columns = zip(evaluation.precision, evaluation.recall, evaluation.f1, strict=True)
     width = max(len("class"), *map(len, test.classes))
     echo(f"{'class':{width}}  clouds  precision  recall      F1")

@@ -17,24 +17,11 @@ LEAST_AREA, LARGEST_AREA = 0.25, 12.0
 def project_to_picture(
     positions: ArrayLike, *, eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None, perspective: bool = True
 ) -> FloatArray:
-    """Project positions onto the picture plane through the target.
+    """Project positions (n, 3) in world space onto the picture plane through the target, its origin; (n, 3) float64.
 
-    Parameters
-    ----------
-    positions : (n, 3) float
-        World space.
-    eye, target : (3,) float
-        World space; the target falls on the picture's origin.
-    up : (3,) float, optional
-        What points upwards in the picture; as in `zbuf_occlude.geometry.camera.view_matrices` by default.
-    perspective : bool
-        Lines of sight through the eye; otherwise parallel.
-
-    Returns
-    -------
-    (n, 3) float64
-        x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
-        What lies behind a perspective eye gets NaN for x and y.
+    x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
+    What lies behind a perspective eye gets NaN for x and y. `up` points upwards in the picture; as in `view_matrices`
+    by default. Lines of sight are parallel where there is no `perspective`.
     """
     positions, eye, target = as_vectors(positions, "positions"), np.asarray(eye, float), np.asarray(target, float)
     x, y, back = axes_of_eye(eye, target, up) @ (positions - eye).T
@@ -116,18 +103,10 @@ def area_of_mark(places: FloatArray, half: float, side: float) -> float:
 
 
 def paint(picture: NDArray[np.uint32], places: FloatArray, diameter: float, colours: FloatArray) -> None:
-    """Paint round marks into the pixels of a picture, later ones over earlier ones.
+    """Paint round marks into the pixels of a picture (h, w) uint32, RGBA, in place; later ones over earlier ones.
 
-    Parameters
-    ----------
-    picture : (h, w) uint32
-        RGBA, a byte each; filled in place. May be a part of a larger picture.
-    places : (n, 2) float
-        Middles, in pixels to the right and down from the upper left corner. What is outside is left out.
-    diameter : float
-        In pixels.
-    colours : (n, 3) float
-        RGB in [0, 1].
+    `places` (n, 2) are middles, in pixels to the right and down from the upper left corner; what is outside is left
+    out. `diameter` is in pixels, `colours` (n, 3) are RGB in [0, 1]. The picture may be a part of a larger one.
     """
     reach, (height, width) = int(diameter / 2.0), picture.shape
     offsets = np.arange(-reach, reach + 1)

@@ -118,8 +118,8 @@ def fisher_vectors(points: torch.Tensor, n_gaussians: int) -> torch.Tensor:
 
     How the likelihood of the points changes with a grid of g = `n_gaussians` Gaussians a side, of standard deviation
     1/g, their centres in the middles of g^3 cells of the cube [-1, 1]^3. The 20 are derivatives by a Gaussian's weight
-    (max, sum over the points; its minimum says nothing), its mean (max of x, y, z; min; sum), and its standard
-    deviation (likewise); each has the L2 norm 1 over the grid, after the signed square root.
+    (max, sum over the points; its minimum says nothing), by its mean (max of x, y, z; min; sum), and by its standard
+    deviation (likewise). Each has the L2 norm 1 over the grid, after the signed square root.
 
     The grid is a product of three axes, and so is each point's share in a Gaussian: q(x) q(y) q(z), each a softmax
     along one axis. The sums over the points are thereby matrix products; only max and min meet each pair of point and

@@ -490,8 +490,8 @@ Clouds = dict[tuple[int, int], NDArray[np.float32]]
 class Realism(Experiment):
     """Three datasets of the same objects from the same sides (`KINDS`), and real objects in a layout of `real_scans`.
 
-    With their `own` numbers of points a scan also differs in how many points it has; `matched`, each cloud is thinned
-    to as many as the poorest of the three has of that object and view, so that only where the points lie differs.
+    With their `own` numbers of points, the three differ in how many points a cloud has. `matched`, each cloud is
+    thinned to the fewest that one of the three has of that object and view: only where the points lie differs.
     """
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path, real: Path | None = None) -> None:

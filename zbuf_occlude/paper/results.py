@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import describe
-from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.learn.evaluation import Confusion
 from zbuf_occlude.learn.models import find_model
 from zbuf_occlude.paper.design import (
     AUGMENTATION,
@@ -54,33 +53,6 @@ class Trial:
         """Name of its files."""
         parts = (f"{name}{value}" if isinstance(value, int) else value for name, value in self.facts.items())
         return "-".join((self.experiment, *parts))
-
-
-@dataclass(frozen=True)
-class Confusion:
-    """How a classifier labelled a test set.
-
-    Raises ArgumentError where there is not a count for each row and column.
-    """
-
-    truth: tuple[str, ...]  # names of the rows; those of real scans are not the classifier's own
-    predicted: tuple[str, ...]  # names of the columns
-    counts: NDArray[np.int64]  # (t, p)
-
-    def __post_init__(self) -> None:
-        shape = (len(self.truth), len(self.predicted))
-        if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
-            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
-
-    @property
-    def n_clouds(self) -> int:
-        """Clouds of the test set."""
-        return int(self.counts.sum())
-
-    @property
-    def accuracy(self) -> float:
-        """Overall accuracy where truth and predictions have the same classes; NaN without clouds."""
-        return float(np.trace(self.counts) / self.n_clouds) if self.n_clouds else float("nan")
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,8 @@ from zbuf_occlude.compare.child import Child, ChildFailed, report_progress
 from zbuf_occlude.compare.run import machine
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, UnavailableError
-from zbuf_occlude.learn.data import CloudSet
-from zbuf_occlude.learn.evaluation import predict
-from zbuf_occlude.learn.training import Epoch, TrainConfig, Trained, train
+from zbuf_occlude.learn.evaluation import evaluate
+from zbuf_occlude.learn.training import Epoch, TrainConfig, train
 from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
 from zbuf_occlude.paper.experiments import (
     Augmentation,
@@ -203,7 +202,9 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
 
     trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
     tests: dict[str, Any] = dict(result.document["tests"]) if result else {}
-    tests |= {name: _tested_on(trained, trial.tests[name]()) for name in names}
+    for name in names:
+        found = evaluate(trained.model, trial.tests[name](), trained.classes)
+        tests[name] = {"truth": found.truth, "predicted": found.predicted, "confusion": found.counts.tolist()}
     document = {
         "experiment": trial.experiment,
         "facts": dict(trial.facts),
@@ -224,10 +225,3 @@ def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_prog
     path.parent.mkdir(parents=True, exist_ok=True)
     atomic.write_json(path, document)
     report(trial.key, 1.0)
-
-
-def _tested_on(trained: Trained, clouds: CloudSet) -> dict[str, Any]:
-    """Return the table of true against predicted classes; the true ones need not be those of the classifier."""
-    confusion = np.zeros((len(clouds.classes), len(trained.classes)), dtype=np.int64)
-    np.add.at(confusion, (clouds.labels, predict(trained.model, clouds).argmax(axis=1)), 1)
-    return {"truth": clouds.classes, "predicted": trained.classes, "confusion": confusion.tolist()}

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
 from zbuf_occlude.drawing.pictures import GREY, canvas
 from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.learn.evaluation import Confusion
 from zbuf_occlude.paper.design import (
     ALONE,
     AUGMENTATION,
@@ -31,6 +32,7 @@ from zbuf_occlude.paper.design import (
     MATCHED,
     METHODS,
     MODELNET40_ACCURACY,
+    MOST_POINTS,
     ORIGINAL,
     OWN,
     REALISM,
@@ -39,7 +41,6 @@ from zbuf_occlude.paper.design import (
     SPLIT_BY,
     TABLE_3A,
     TABLE_3B,
-    TABLE_3B_FEWER,
     TEST_ELEVATIONS,
     TRAINING_SETS,
     UNIFORM,
@@ -53,7 +54,6 @@ from zbuf_occlude.paper.real_scans import SOURCE, VEHICLES
 from zbuf_occlude.paper.results import (
     AREAS,
     PICTURE,
-    Confusion,
     Result,
     budgets_of,
     models_of,
@@ -335,7 +335,7 @@ def table_3b(results: Sequence[Result]) -> Table:
                 lines = []
                 if rows and (published := _published_3b(model, n_points)):
                     points, numbers = published
-                    cells = [NONE if number is None else f"{number:.1f}" for number in numbers[training_set]]
+                    cells = [NONE if np.isnan(number) else f"{number:.1f}" for number in numbers[training_set]]
                     words = "**paper**" + (f", {points:,} points" if points != n_points else "")
                     lines.append([words, *cells, NONE, NONE])
                 for budget in budgets_of(rows):
@@ -385,16 +385,11 @@ def _note_3b(results: Sequence[Result]) -> str:
     )
 
 
-def _published_3b(model: str, n_points: int) -> tuple[int, Mapping[int, tuple[float | None, ...]]] | None:
-    """Return points of a cloud and the four numbers by training set that the paper has nearest to a model of ours."""
-    known: dict[int, Mapping[int, tuple[float | None, ...]]] = {}
-    for (name, points), numbers in TABLE_3B.items():
-        if name == paper_name(model):
-            known[points] = numbers
-    if fewer := TABLE_3B_FEWER.get((paper_name(model), n_points)):
-        known[n_points] = {s: (None, None, *two) for s, two in fewer.items()}
-    nearest = min(known, key=lambda points: abs(points - n_points), default=0)
-    return (nearest, known[nearest]) if known else None
+def _published_3b(model: str, n_points: int) -> tuple[int, Mapping[int, tuple[float, ...]]] | None:
+    """Return the paper's points of a cloud, and its four numbers by training set, that are nearest to ours."""
+    points = n_points if (paper_name(model), n_points) in TABLE_3B else MOST_POINTS
+    numbers = TABLE_3B.get((paper_name(model), points))
+    return None if numbers is None else (points, numbers)
 
 
 class VehicleScores(NamedTuple):
@@ -516,12 +511,11 @@ def differences(results: Sequence[Result], finding: Finding, model: str, n_point
 
 
 def _published_difference(finding: Finding, model: str) -> str:
-    numbers = next((rows for (name, _), rows in TABLE_3B.items() if name == paper_name(model)), None)
+    numbers = TABLE_3B.get((paper_name(model), MOST_POINTS))
     if numbers is None:
         return NONE
-    (first, test), (second, other) = finding.better, finding.worse
-    place = {ORIGINAL: 0, GENERATED: 1}
-    return f"{numbers[first][place[test]] - numbers[second][place[other]]:.1f}"
+    better, worse = (numbers[s][(ORIGINAL, GENERATED).index(test)] for s, test in (finding.better, finding.worse))
+    return f"{better - worse:.1f}"
 
 
 # ---- methods of HSR ----------------------------------------------------------------------------------------------
@@ -738,8 +732,7 @@ def plot_training_sets(results: Sequence[Result]) -> Figure:
     for place, (panel, (test, words)) in enumerate(zip(panels, tests, strict=True)):
         panel.set_title(words, fontsize=11, color=GREY)
         for group, (model, n_points, budget) in enumerate(groups):
-            name = paper_name(model)
-            published = TABLE_3B.get((name, n_points)) or TABLE_3B.get((name, 12_000))
+            published = TABLE_3B.get((paper_name(model), MOST_POINTS))
             for training_set, kind in TRAINING_SETS.items():
                 rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set, budget=budget)
                 at = group + 0.27 * (training_set - 2)

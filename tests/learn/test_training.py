@@ -97,7 +97,7 @@ CHILD = """
 import sys, time, torch
 torch.set_num_threads(1)
 from pathlib import Path
-from tests.learn.test_train import CONFIG, boxes
+from tests.learn.test_training import CONFIG, boxes
 from zbuf_occlude.learn.training import train
 
 def tell(epoch):
