@@ -73,7 +73,7 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
 
 
 def test_another_version_makes_rows_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], judged=False)]
+    cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], compared=False)]
     assert run(cases, tmp_path, budget=2.0).made == 1
     monkeypatch.setattr(run_module, "versions", lambda: {"python": "4"})
     assert run(cases, tmp_path, budget=2.0).made == 1

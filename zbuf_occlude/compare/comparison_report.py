@@ -76,15 +76,15 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
         raise DatasetError(
             f"{folder} must hold a comparison's {ROWS} with rows; it has none. Run compare --out {folder}."
         )
-    judged = [row for row in rows if row["suite"] == "meshes"]
-    ranking = standings(judged)
+    of_meshes = [row for row in rows if row["suite"] == "meshes"]
+    ranking = standings(of_meshes)
     plots = {name: Picture(name, as_png(figure), CAPTIONS[name]) for name, figure in all_plots(rows).items()}
     first: list[Section] = [table_of_answers(ranking)] if ranking else []
     first += [replace(plots["pareto"], heading="", caption=CAPTIONS["pareto"])] if ranking else []
     sections: list[Section] = [plots[name] for name in ("resolution", "elevation", "where") if name in plots]
     sections += extra_tables(rows)
     sections += [plots["scaling"]] if "scaling" in plots else []
-    sections += [table_of_subjects(ranking), table_by_mesh(judged)] if ranking else []
+    sections += [table_of_subjects(ranking), table_by_mesh(of_meshes)] if ranking else []
     sections += [*table_of_failures(rows), definitions(rows)]
     return pages.write_pages(
         folder,
@@ -104,7 +104,7 @@ def finding(ranking: Sequence[Standing]) -> str:
     """Return the answer in a sentence: the fastest that is never wrong, the depth buffer and the paper's grid."""
     best = min((s for s in ranking if s.wrong == 0.0), key=lambda s: s.seconds)
     text = (
-        f"**`{best.subject}`** was right in all {best.pairs:,} judged answers and took "
+        f"**`{best.subject}`** was right in all {best.pairs:,} compared answers and took "
         f"{milliseconds(best.seconds)} ms per view"
     )
     least = next((s for s in ranking if s.method == "depth_buffer"), None)
@@ -166,7 +166,7 @@ def table_of_subjects(ranking: Sequence[Standing]) -> Table:
         "Every subject",
         list(columns),
         [[cell(one) for cell in columns.values()] for one in ranking],
-        "Wrong, false visible, false hidden: shares of the judged pairs of view and point outside the boundary band, "
+        "Wrong, false visible, false hidden: shares of the compared pairs of view and point outside the boundary band, "
         "as many as the last column says (a slow method is asked from fewer of the views), "
         "mean over the meshes. Chamfer: between the method's cloud and the reference's, in longest sides. Times: "
         "geometric means; ≈ marks times scaled up linearly from fewer points. Peak: growth of the process while "
@@ -261,14 +261,14 @@ def pack_outcomes(outcomes: Any) -> str:
 
 def all_plots(rows: Sequence[Row]) -> dict[str, Figure]:
     """Return every plot that the rows have data for, by file name without its ending."""
-    judged = [row for row in rows if row["suite"] == "meshes"]
-    ranking = standings(judged)
+    of_meshes = [row for row in rows if row["suite"] == "meshes"]
+    ranking = standings(of_meshes)
     timed = [row for row in rows if row["suite"] == "scaling" and row["status"] == "ok"]
     figures = {
         "pareto": pareto(ranking) if ranking else None,
-        "resolution": error_against_setting(judged),
-        "elevation": error_against_elevation(judged, ranking),
-        "where": error_by_place(judged, ranking),
+        "resolution": error_against_setting(of_meshes),
+        "elevation": error_against_elevation(of_meshes, ranking),
+        "where": error_by_place(of_meshes, ranking),
         "scaling": time_against_size(timed) if timed else None,
     }
     return {name: figure for name, figure in figures.items() if figure is not None}

@@ -22,15 +22,21 @@ TRUE_HIDDEN, TRUE_VISIBLE, FALSE_VISIBLE, FALSE_HIDDEN = range(4)
 """The four outcomes of a pair of view and point, as stored for the worst views."""
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedPairs:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReferenceAnswer:
+    """The reference's answer for the first n points of a question, from k eyes."""
+
+    truth: BoolArray  # (k, n), True = visible
+    decided: BoolArray  # (k, n), False in the boundary band
+    silhouette: FloatArray  # (k, n), in footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond
+    incidence: FloatArray  # (k, n), angle between line of sight and normal, degrees
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComparedPairs(ReferenceAnswer):
     """Pairs of view and point that a method and the reference both answered."""
 
-    answer: BoolArray  # (k, n), True = visible
-    truth: BoolArray  # (k, n), the reference's
-    decided: BoolArray  # (k, n), False in the boundary band
-    silhouette: FloatArray  # (k, n), distance from the nearest silhouette in footprints
-    incidence: FloatArray  # (k, n), angle between line of sight and normal, degrees
+    answer: BoolArray  # (k, n), the method's
     positions: FloatArray  # (n, 3), world space, in longest sides of the mesh
 
     def view(self, i: int) -> "ComparedPairs":
@@ -152,7 +158,7 @@ def measures(pairs: ComparedPairs) -> dict[str, Any]:
 class Standing:
     """What one subject did over all meshes on which it ran.
 
-    Errors are fractions of the judged pairs outside the boundary band, mean over the meshes; times are geometric
+    Errors are fractions of the compared pairs outside the boundary band, mean over the meshes; times are geometric
     means.
     """
 
@@ -160,7 +166,7 @@ class Standing:
     method: str
     exact: bool  # whether the method claims to equal the oracle outside the boundary band
     n_meshes: int
-    pairs: int  # of view and point, judged outside the boundary band
+    pairs: int  # of view and point, outside the boundary band
     wrong: float
     false_visible: float
     false_hidden: float
@@ -174,7 +180,7 @@ class Standing:
 
 
 def standings(rows: Iterable[Row]) -> list[Standing]:
-    """Return the standing of every subject that was measured and judged, the least wrong first, then the fastest."""
+    """Return the standing of every subject that was measured and compared, the least wrong first, then the fastest."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
         if row["status"] == "ok" and "judged" in row:

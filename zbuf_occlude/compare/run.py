@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.compare import metrics
 from zbuf_occlude.compare.cases import Case, Question, Subject, row_key
 from zbuf_occlude.compare.child import Child, ChildFailed
+from zbuf_occlude.compare.metrics import ReferenceAnswer
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, OccludeError
 from zbuf_occlude.geometry.mesh import Mesh
@@ -44,7 +45,7 @@ WARM_SECONDS = 900.0
 MOST_TESTS = 3e9
 """Pairs of line and face tested on a mesh at most: about half a minute on two cores."""
 FEWEST_POINTS = 50
-"""Points judged however long that takes: from 15 views on meshes of 80,000 faces and more."""
+"""Points compared however long that takes: from 15 views on meshes of 80,000 faces and more."""
 SHOWN_TESTS = 3e8
 """Pairs tested for the picture of a row's worst view at most."""
 PASSES = 1 + 2 + 8 * (1 + len(metrics.SILHOUETTE_EDGES))
@@ -54,12 +55,9 @@ PASSES = 1 + 2 + 8 * (1 + len(metrics.SILHOUETTE_EDGES))
 class ComparisonFolder:
     """A comparison's folder; a row is appended as soon as it is made, so that a crash later does not lose it.
 
-    Parameters
-    ----------
-    folder : Path
-        ``rows.jsonl``: one JSON object a line; of several of one suite, case and subject the last counts.
-        ``questions/FINGERPRINT.npz``: positions (n, 3) float32, normals (n, 3) float32, eyes (k, 3), centre, longest.
-        ``worst/KEY.npz``: outcomes (n',) uint8 of the question's first n' points in the row's worst view.
+    ``rows.jsonl``: one JSON object a line; of several of one suite, case and subject the last counts.
+    ``questions/FINGERPRINT.npz``: positions (n, 3) float32, normals (n, 3) float32, eyes (k, 3), centre, longest.
+    ``worst/KEY.npz``: outcomes (n',) uint8 of the question's first n' points in the row's worst view.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -133,20 +131,10 @@ class ComparisonFolder:
 # ---- the reference ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class ReferenceAnswer:
-    """The reference's answer for the first j points of a question, from all its k eyes."""
-
-    truth: BoolArray  # (k, j), True = visible
-    decided: BoolArray  # (k, j), False in the boundary band
-    silhouette: FloatArray  # (k, j), in footprints, rounded up to one of `SILHOUETTE_EDGES`, inf beyond
-    incidence: FloatArray  # (k, j), angle between line of sight and normal, degrees
-
-
 class Reference:
     """Asks the oracle, and keeps its answers in a folder, one file for each question.
 
-    `n_points` of a question are judged, by default as many as `MOST_TESTS` allows.
+    `n_points` of a question are asked, by default as many as `MOST_TESTS` allows.
     """
 
     def __init__(self, folder: Path, n_points: int | None = None) -> None:
@@ -164,12 +152,12 @@ class Reference:
         points, eyes = question.points.select(np.arange(n)), question.views.eyes
         with prepare_oracle(question.mesh) as oracle:
             oracle.warns_of_eyes_inside = False  # the method asked does
+            widths = np.array(metrics.SILHOUETTE_EDGES) / metrics.FOOTPRINTS
             expected = ReferenceAnswer(
-                oracle.visible(points, eyes),
-                oracle.decided(points, eyes),
-                oracle.silhouette_distance(points, eyes, np.array(metrics.SILHOUETTE_EDGES) / metrics.FOOTPRINTS)
-                * metrics.FOOTPRINTS,
-                metrics.incidence_degrees(points, eyes),
+                truth=oracle.visible(points, eyes),
+                decided=oracle.decided(points, eyes),
+                silhouette=oracle.silhouette_distance(points, eyes, widths) * metrics.FOOTPRINTS,
+                incidence=metrics.incidence_degrees(points, eyes),
             )
         self._folder.mkdir(parents=True, exist_ok=True)
         atomic.write(path, lambda file: np.savez_compressed(file, **vars(expected)))
@@ -433,7 +421,7 @@ def run(
                         seconds = budget if case.budget is None else case.budget
                         measured = bench.measure(question, subject.method, dict(subject.options), seconds)
                         row |= {"status": "ok", "timed": measured.describe()}
-                        if case.judged:
+                        if case.compared:
                             row |= _compared(key, question, measured, reference, store)
                 except MeasurementFailed as failure:
                     row |= {"status": "failed", "reason": str(failure)}
@@ -462,8 +450,8 @@ def _compared(
     key: str, question: Question, measured: Measurement, reference: Reference, store: ComparisonFolder
 ) -> dict[str, Any]:
     """Compare a measurement's mask with the reference; keep its worst view for the report."""
-    judged = compare_masks(measured, reference.answer(question), question)
-    errors = [view["outside"]["false_visible"] + view["outside"]["false_hidden"] for view in judged["views"]]
+    compared = compare_masks(measured, reference.answer(question), question)
+    errors = [view["outside"]["false_visible"] + view["outside"]["false_hidden"] for view in compared["views"]]
     worst = int(np.argmax(errors))
     view_id = int(measured.view_ids[worst])
     truth = reference.truth_of_view(question, view_id)
@@ -472,24 +460,21 @@ def _compared(
     store.save_question(question)
     store.save("worst", key, outcomes=metrics.outcomes(answer, truth))
     shares = metrics.as_fractions(metrics.count_errors(answer, truth))
-    return {"judged": judged, "worst": {"view": view_id, **shares}}
+    return {"judged": compared, "worst": {"view": view_id, **shares}}
 
 
 def compare_masks(measured: Measurement, expected: ReferenceAnswer, question: Question) -> dict[str, Any]:
     """Compare an answer with the reference's, on the views and points that both have.
 
-    The result has n_views and n_points of the pairs compared, every measure of `metrics.METRICS` over all of them, and
+    The result has n_views and n_points of the pairs compared, every measure of `metrics.measures` over all of them, and
     for each of the views its angles in degrees and the measures that are taken per view.
     """
     ids = measured.view_ids
     n = min(measured.mask.shape[1], expected.truth.shape[1])
     pairs = metrics.ComparedPairs(
         answer=measured.mask[:, :n],
-        truth=expected.truth[ids, :n],
-        decided=expected.decided[ids, :n],
-        silhouette=expected.silhouette[ids, :n],
-        incidence=expected.incidence[ids, :n],
         positions=question.points.positions[:n] / question.mesh.longest_side,
+        **{name: values[ids, :n] for name, values in vars(expected).items()},
     )
     views = [
         {

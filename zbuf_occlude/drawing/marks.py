@@ -7,7 +7,7 @@ from zbuf_occlude.arrays import FloatArray, as_vectors
 from zbuf_occlude.geometry.camera import view_matrices
 
 COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)
-"""What a surface is painted with unless told otherwise."""
+"""What a surface is painted with by default."""
 LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
 """Direction to the light in eye space: over the viewer's left shoulder."""
 LEAST_AREA, LARGEST_AREA = 0.25, 12.0

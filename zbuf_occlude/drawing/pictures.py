@@ -27,7 +27,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import njit
 
 COLOUR = to_hex(marks.COLOUR)
-"""What a surface is painted with unless told otherwise."""
+"""What a surface is painted with by default."""
 GREY = "#555555"
 """Of axes and titles."""
 MESH_PIXELS = 1200

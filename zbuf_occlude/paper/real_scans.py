@@ -399,7 +399,7 @@ def _to_camera(path: Path) -> FloatArray:
             found[name][:3, : values.shape[1]] = values
     if missing := [name for name in shapes if name not in found]:
         raise DatasetError(f"{path} must have {' and '.join(missing)}; it has not. Take the object benchmark's calib.")
-    with np.errstate(all="ignore"):  # judged by what comes out
+    with np.errstate(all="ignore"):  # what comes out is checked
         matrix = found["R0_rect"] @ found["Tr_velo_to_cam"]
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 0.5:
         raise DatasetError(f"R0_rect and Tr_velo_to_cam in {path} must be rotations; they are not. Unpack it again.")

@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             f"{n} points",
             lambda n=n: ask("box", box(), around, n_points=n, seed=0),
             [Subject("embree")],
-            judged=False,
+            compared=False,
             facts={"sweep": "points"},
         )
         for n in (200, 400, 800)
