@@ -5,6 +5,7 @@ Tables have the mean over the seeds and its spread, beside the paper's numbers.
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -236,6 +237,22 @@ def accuracies(results: Iterable[Result], test: str | int) -> str:
     return percent(result.accuracy(test) for result in results)
 
 
+def _once(rows: Iterable[Sequence[str]], n: int = 1) -> list[list[str]]:
+    """Return rows of a table, their first n cells empty where they are those of the row above."""
+    shown: list[list[str]] = []
+    above: Sequence[str] = ()
+    for row in rows:
+        shown.append(["" if row[:n] == above else cell for cell in row[:n]] + list(row[n:]))
+        above = row[:n]
+    return shown
+
+
+def _points_and_models(results: Sequence[Result]) -> list[tuple[int, str]]:
+    """Return the numbers of points of 4.3, the most first, each with its models."""
+    points = sorted(values(of(results, AUGMENTATION), "points"), reverse=True)
+    return list(product(points, models_of(results, AUGMENTATION)))
+
+
 # ---- elevation: Table 3A -----------------------------------------------------------------------------------------
 
 
@@ -271,8 +288,8 @@ def _by_split(
         body.append([printed(model), "**paper**", *published(model)])
         for split, words in SPLIT_BY.items():
             if rows := of(results, ELEVATION, model=model, split=split):
-                body.append(["", words, *measured(rows)])
-    return body
+                body.append([printed(model), words, *measured(rows)])
+    return _once(body)
 
 
 def _clouds_in_tests(results: Iterable[Result], name: str | None = None) -> str:
@@ -327,36 +344,28 @@ def table_3b(results: Sequence[Result]) -> Table:
     """Return Table 3B: three training sets, three tests, the paper's numbers beside ours."""
     body = []
     mine = of(results, AUGMENTATION)
-    for n_points in sorted(values(mine, "points"), reverse=True):
-        for model in models_of(results, AUGMENTATION):
-            first = f"{printed(model)}, {n_points:,} points"
-            for training_set, kind in TRAINING_SETS.items():
-                rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set)
-                lines = []
-                if rows and (published := _published_3b(model, n_points)):
-                    points, numbers = published
-                    cells = [NONE if np.isnan(number) else f"{number:.1f}" for number in numbers[training_set]]
-                    words = "**paper**" + (f", {points:,} points" if points != n_points else "")
-                    lines.append([words, *cells, NONE, NONE])
-                for budget in budgets_of(rows):
-                    under = of(rows, AUGMENTATION, budget=budget)
-                    scores = [vehicle_scores(row.tests[SCANS]) for row in under if SCANS in row.tests]
-                    lines.append(
-                        [
-                            BUDGETS[budget],
-                            accuracies(under, ORIGINAL),
-                            accuracies(under, GENERATED),
-                            *(percent(s.recall[VEHICLES.index(label)] for s in scores) for label in (CAR, "4wd")),
-                            percent(float(np.mean(s.f1)) for s in scores),
-                            percent(float(np.average(s.f1, weights=s.n_scans)) for s in scores),
-                        ]
-                    )
-                for line in lines:
-                    body.append([first, f"C{training_set} {kind}", *line])
-                    first = ""
+    for (n_points, model), (training_set, kind) in product(_points_and_models(mine), TRAINING_SETS.items()):
+        heads = [f"{printed(model)}, {n_points:,} points", f"C{training_set} {kind}"]
+        rows = of(mine, AUGMENTATION, model=model, points=n_points, set=training_set)
+        if rows and (published := _published_3b(model, n_points)):
+            points, numbers = published
+            cells = [NONE if np.isnan(number) else f"{number:.1f}" for number in numbers[training_set]]
+            words = "**paper**" + (f", {points:,} points" if points != n_points else "")
+            body.append([*heads, words, *cells, NONE, NONE])
+        for budget in budgets_of(rows):
+            under = of(rows, AUGMENTATION, budget=budget)
+            scores = [vehicle_scores(row.tests[SCANS]) for row in under if SCANS in row.tests]
+            body.append(
+                [
+                    *(*heads, BUDGETS[budget], accuracies(under, ORIGINAL), accuracies(under, GENERATED)),
+                    *(percent(s.recall[VEHICLES.index(label)] for s in scores) for label in (CAR, "4wd")),
+                    percent(float(np.mean(s.f1)) for s in scores),
+                    percent(float(np.average(s.f1, weights=s.n_scans)) for s in scores),
+                ]
+            )
     header = ["model", "trained on", "", "Test 1 (original)", "Test 2 (generated)", "Test 3: car", "4wd", "F1 of six"]
     title = "Table 3B of the paper: training on occluded clouds, complete ones, or both"
-    return Table(title, [*header, "weighted"], body, _note_3b(mine), texts=range(3))
+    return Table(title, [*header, "weighted"], _once(body), _note_3b(mine), texts=range(3))
 
 
 def _note_3b(results: Sequence[Result]) -> str:
@@ -461,21 +470,17 @@ def table_of_findings(results: Sequence[Result]) -> Table:
     mine = of(results, AUGMENTATION)
     several = len(values(mine, "points")) > 1
     budgets = budgets_of(mine)
-    for finding in FINDINGS:
-        text = finding.text
-        for n_points in sorted(values(mine, "points"), reverse=True):
-            for model in models_of(results, AUGMENTATION):
-                found = [differences(mine, finding, model, n_points, budget) for budget in budgets]
-                if any(found):
-                    name = printed(model) + (f", {n_points:,} points" if several else "")
-                    cells = [cell for each in found for cell in (percent(each), whether_shown(each, finding.least))]
-                    body.append([text, name, _published_difference(finding, model), *cells])
-                    text = ""
+    for finding, (n_points, model) in product(FINDINGS, _points_and_models(mine)):
+        found = [differences(mine, finding, model, n_points, budget) for budget in budgets]
+        if any(found):
+            name = printed(model) + (f", {n_points:,} points" if several else "")
+            cells = [cell for each in found for cell in (percent(each), whether_shown(each, finding.least))]
+            body.append([finding.text, name, _published_difference(finding, model), *cells])
     heads = [cell for budget in budgets for cell in (f"here, {BUDGETS[budget]}", "shows")]
     return Table(
         "Do the paper's findings show?",
         ["the finding", "model", "the paper's difference", *heads],
-        body,
+        _once(body),
         "C1 is trained on occluded clouds, C2 on complete ones, C3 on both. "
         "Percentage points; between classifiers of the same seed, mean ± standard deviation over the seeds. Shows: the "
         f"difference is at least {100 * MUCH:.0f} for the first two, at least 0 for the others; not decided: within "
@@ -543,42 +548,40 @@ def table_methods(results: Sequence[Result], missing: dict[str, str]) -> Table:
     tested = [method for method in METHODS if any(name_of_test(method) in result.tests for result in of(results, HSR))]
     body = []
     for model in models_of(results, HSR):
-        for place, (method, rows) in enumerate(by_method(results, model).items()):
+        for method, rows in by_method(results, model).items():
             cells = (accuracies(rows, test) for test in (ORIGINAL, *map(name_of_test, tested)))
-            body.append(["" if place else printed(model), f"`{method}`", *cells])
+            body.append([printed(model), f"`{method}`", *cells])
     header = ["model", "trained on clouds by", "Test 1 (original)", *(f"Test 2 by `{m.label}`" for m in tested)]
     note = (
         "The same objects, points and views; only what counts as hidden differs. `exact` is right in every answer, "
         f"`{METHODS[-1].label}` is the paper's. Overall accuracy in percent, mean ± standard deviation over the seeds."
     )
     note += "".join(f" `{method}` could not run here: {reason}" for method, reason in missing.items())
-    return Table("Does the method of hidden-surface removal matter?", header, body, note, texts=range(2))
+    return Table("Does the method of hidden-surface removal matter?", header, _once(body), note, texts=range(2))
 
 
 # ---- realism -----------------------------------------------------------------------------------------------------
 
 
 def table_realism(results: Sequence[Result], facts: Mapping[str, Any]) -> Table:
-    """Return accuracies by what is trained and tested on; `facts` as of `RealismClouds.facts`."""
+    """Return accuracies by what is trained and tested on; `facts` as of `Realism.notes`."""
     mine = of(results, REALISM)
     real = sorted({test for result in mine for test in result.tests if test not in KINDS})
     body = []
-    for model in models_of(results, REALISM):
-        for count in COUNTS:
-            for place, kind in enumerate(KINDS):
-                rows = of(mine, REALISM, model=model, counts=count, trained_on=kind)
-                cells = [accuracies(rows, test) for test in KINDS]
-                for test in real:
-                    found = [cars_found(row.tests[test]) for row in rows if test in row.tests]
-                    cells += [percent(cars for cars, _ in found), percent(wrong for _, wrong in found)]
-                if rows:
-                    first = [printed(model), COUNTED[count]] if place == 0 else ["", ""]
-                    body.append([*first, WORDS[kind], *cells])
+    for model, count, kind in product(models_of(results, REALISM), COUNTS, KINDS):
+        rows = of(mine, REALISM, model=model, counts=count, trained_on=kind)
+        cells = [accuracies(rows, test) for test in KINDS]
+        for test in real:
+            found = [cars_found(row.tests[test]) for row in rows if test in row.tests]
+            cells += [percent(cars for cars, _ in found), percent(wrong for _, wrong in found)]
+        if rows:
+            body.append([printed(model), COUNTED[count], WORDS[kind], *cells])
     header = ["model", "points", "trained on", *(f"tested on {WORDS[kind]}" for kind in KINDS)]
     for test in real:
         name = test.partition(":")[2]
         header += [f"{name}: cars found", f"{name}: others taken for cars"]
-    return Table("What a sensor does to a classifier", header, body, _note_realism(mine, facts, real), texts=range(3))
+    note = _note_realism(mine, facts, real)
+    return Table("What a sensor does to a classifier", header, _once(body, 2), note, texts=range(3))
 
 
 def cars_found(test: Confusion) -> tuple[float, float | None]:
@@ -721,12 +724,7 @@ def plot_elevation(results: Sequence[Result], areas: dict[str, Any] | None) -> F
 def plot_training_sets(results: Sequence[Result]) -> Figure:
     """Draw accuracy in Test 1 and Test 2 by training set: a bar per mean, a dot per seed, a line for the paper's."""
     mine = of(results, AUGMENTATION)
-    groups = [
-        (model, n_points, budget)
-        for n_points in sorted(values(mine, "points"), reverse=True)
-        for model in models_of(results, AUGMENTATION)
-        for budget in budgets_of(mine)
-    ]
+    groups = [(model, n, budget) for (n, model), budget in product(_points_and_models(mine), budgets_of(mine))]
     figure, panels = canvas(11.0, 3.9, 2, sharey=True)
     tests = ((ORIGINAL, "Test 1: complete clouds"), (GENERATED, "Test 2: occluded clouds"))
     for place, (panel, (test, words)) in enumerate(zip(panels, tests, strict=True)):
