@@ -22,9 +22,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     from tests.paper.light import put_in_place
 
     put_in_place(monkeypatch)
-    monkeypatch.setattr("zbuf_occlude.paper.trials.n_cores", lambda: 1)
+    monkeypatch.setattr("zbuf_occlude.paper.study.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.paper.elevation.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.paper.experiments.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")

@@ -28,7 +28,8 @@ def command(as_json: bool) -> None:
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if serves(probe, named))
-    methods = {method.name: verdict(lacking(method), method.needs_gl, works) for method in METHODS}
+    no_gl = "" if works else "needs OpenGL; see above"
+    methods = {method.name: lacking(method) or (no_gl if method.needs_gl else "") for method in METHODS}
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
@@ -54,11 +55,6 @@ def lacking(method: Method) -> str:
     """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
     module, _, _ = method.factory.partition(":")
     return method.missing() or (tried(method.requires, module) if method.requires else "")
-
-
-def verdict(missing: str, needs_gl: bool, works: bool) -> str:
-    """Say why a method cannot run; empty when it can."""
-    return missing or ("needs OpenGL; see above" if needs_gl and not works else "")
 
 
 def describe(probe: Probe) -> list[str]:

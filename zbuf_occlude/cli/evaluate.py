@@ -36,8 +36,8 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
       zbuf-occlude evaluate pointnet clouds --split test
     """
     require_torch()
-    from zbuf_occlude.learn.checkpoint import load_trained  # late: these need torch
-    from zbuf_occlude.learn.evaluate import evaluate
+    from zbuf_occlude.learn.evaluation import evaluate  # late: these need torch
+    from zbuf_occlude.learn.training import load_trained
 
     trained = load_trained(model, device)
     test = load(folders, split)
@@ -57,7 +57,7 @@ def command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None
     evaluation = evaluate(trained.model, test)
     out = model if out is None else out
     evaluation.write(out)
-    n_clouds_of = evaluation.confusion.sum(axis=1)
+    n_clouds_of = evaluation.counts.sum(axis=1)
     columns = zip(evaluation.precision, evaluation.recall, evaluation.f1, strict=True)
     width = max(len("class"), *map(len, test.classes))
     echo(f"{'class':{width}}  clouds  precision  recall      F1")

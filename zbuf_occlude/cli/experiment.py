@@ -12,10 +12,9 @@ from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.summary import SOME_FAILED, counted
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
+from zbuf_occlude.paper.real_scans import UPS
 from zbuf_occlude.paper.results import read_results, read_study
-from zbuf_occlude.paper.study_report import write_study
-from zbuf_occlude.paper.study_tables import answers
-from zbuf_occlude.paper.sydney import UPS
+from zbuf_occlude.paper.study_report import answers, write_study
 
 BOTH, ALL = "table3", "all"
 """The paper's experiments together, and what `experiment` called them."""

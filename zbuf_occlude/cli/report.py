@@ -7,10 +7,10 @@ import click
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.summary import counted
-from zbuf_occlude.compare.report import write_report
+from zbuf_occlude.compare.comparison_report import write_report
+from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
 from zbuf_occlude.compare.run import ComparisonFolder
-from zbuf_occlude.compare.summary import milliseconds, representatives, share, standings
-from zbuf_occlude.paper.table1 import paper_tables
+from zbuf_occlude.paper.tables import paper_tables
 from zbuf_occlude.visibility.interface import EYES_INSIDE
 
 

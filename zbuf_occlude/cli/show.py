@@ -13,7 +13,7 @@ from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, read_finished
 from zbuf_occlude.dataset.gallery import write_gallery
 from zbuf_occlude.dataset.sheet import write_contact_sheet
-from zbuf_occlude.paper.table2 import table_2
+from zbuf_occlude.paper.tables import table_2
 
 
 @click.command(cls=Command)

@@ -69,8 +69,7 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
       zbuf-occlude evaluate pointnet clouds
     """
     require_torch()
-    from zbuf_occlude.learn.config import TrainConfig  # late: these need torch
-    from zbuf_occlude.learn.train import hold_out, train
+    from zbuf_occlude.learn.training import TrainConfig, hold_out, train  # late: it needs torch
 
     config = TrainConfig(**options)
     config.find_device()  # before anything is read

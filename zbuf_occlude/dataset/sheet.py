@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.drawing.marks import area_of_mark, frame_of, marks_of, paint
+from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
 from zbuf_occlude.views import Views
 
 if find_spec("PIL") is not None:
@@ -101,7 +101,7 @@ def _drawn(
     """Return the picture of a cloud, RGBA, `FINER` times as fine as it will be."""
     panel = np.full((PANEL * FINER, PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
-    middle, half = frame_of(places, None)
+    middle, half = picture_frame(places, None)
     half *= MARGIN
     diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
     pixels = ((places - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel)

@@ -20,30 +20,14 @@ _CLOUDS_AT_ONCE = 2048
 class CloudSet:
     """Clouds with their labels, and where each came from.
 
-    Parameters
-    ----------
-    positions : (m, n, 3) float32
-        m clouds of n points; object space, each cloud centred, its longest side 1. The points of a cloud stand in
-        random order.
-    labels : (m,) int64
-        Index into `classes`.
-    classes : tuple of str
-    object_ids : (m,) int64
-        Which object a cloud shows: clouds of one object share it.
-    elevations : (m,) float32
-        Of the camera, radians; NaN for a cloud without a camera (a complete shape).
-
-    Raises
-    ------
-    ArgumentError
-        Shapes that do not fit together, labels outside `classes`, positions that are not finite.
+    Raises ArgumentError for shapes that do not fit together, labels outside `classes`, positions that are not finite.
     """
 
-    positions: NDArray[np.float32]
-    labels: NDArray[np.int64]
+    positions: NDArray[np.float32]  # (m, n, 3), m clouds of n points in random order, centred, longest side 1
+    labels: NDArray[np.int64]  # (m,), index into `classes`
     classes: tuple[str, ...]
-    object_ids: NDArray[np.int64]
-    elevations: NDArray[np.float32]
+    object_ids: NDArray[np.int64]  # (m,); clouds of one object share it
+    elevations: NDArray[np.float32]  # (m,), of the camera, radians; NaN for a complete shape, which has none
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
@@ -136,27 +120,12 @@ class CloudSet:
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:
-    """Read one split of a dataset into memory.
+    """Read one split of a dataset of any format into memory, in its order; ``object_ids`` are its mesh ids.
 
-    Parameters
-    ----------
-    folder : Path
-        A complete dataset of any format.
-    split : {"train", "val", "test"}
-    n_points : int, optional
-        The first this many points of each cloud, whose order is random; all by default. Must be given of clouds of
-        unequal size, of which those with fewer repeat some.
-
-    Returns
-    -------
-    CloudSet
-        In the order in which the dataset keeps them; ``object_ids`` are its mesh ids. Clouds of a recipe that keeps
-        everything have no elevation.
-
-    Raises
-    ------
-    DatasetError
-        There is no complete dataset, or it is damaged, or it has no such split, or too small clouds.
+    Of each cloud the first `n_points` are taken, whose order is random; all by default. The number must be given of
+    clouds of unequal size, of which those with fewer points repeat some. Clouds of a recipe that keeps everything have
+    no elevation. Raises DatasetError where there is no complete dataset, or it is damaged, or it has no such split, or
+    too small clouds.
     """
     source = open_dataset(folder)
     size = source.plan.recipe.sample_size

@@ -15,9 +15,9 @@ from zbuf_occlude.origin import Origin
 from zbuf_occlude.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.finish import finished
-from zbuf_occlude.shapes.kit import Part
+from zbuf_occlude.shapes.kit import MeshPart
 
-Style = Callable[[Draw], Part]
+Style = Callable[[Draw], MeshPart]
 
 STYLES: MappingProxyType[str, tuple[Style, ...]] = MappingProxyType(
     {

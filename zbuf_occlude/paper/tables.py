@@ -1,13 +1,14 @@
-"""The paper's Table 1: its objects and numbers, the cases that repeat it, and what was measured beside them."""
+"""The paper's Tables 1 and 2: its numbers, the cases that repeat Table 1, and what was measured beside them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from zbuf_occlude import shapes
 from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Question, ask, ask_vertices, subjects_of
-from zbuf_occlude.compare.summary import Row, milliseconds, seconds_for_all_points, share
+from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_points, share
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_finished, sorted_out
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.files import load_mesh
@@ -18,8 +19,7 @@ TABLE_SECONDS = 30.0
 MODIFIED = "vertex_hsr_culled:suggestion=2"
 
 
-@dataclass(frozen=True)
-class PaperObject:
+class PaperObject(NamedTuple):
     """An object of Table 1 and where ModelNet40 has it."""
 
     label: str  # as the paper calls it
@@ -64,40 +64,35 @@ def cases_1a(root: Path | None, seed: int, budget: float | None = None) -> list[
     others. `budget` are seconds of timed calls for each row; by default `TABLE_SECONDS` for the paper's own methods,
     and the comparison's for all else.
     """
-    cases, views = [], paper100()
-
-    def sampled(find: Callable[[], Mesh], key: str) -> Question:
-        return ask(key, find(), views, n_points=2_000, seed=seed, most_views=PRESET_VIEWS)
-
-    def vertices(find: Callable[[], Mesh], key: str) -> Question:
-        return ask_vertices(key, find(), views, most_views=PRESET_VIEWS)
-
+    cases = []
     for paper in TABLE_1A:
         find, what = mesh_of(paper, root)
         facts = {"object": paper.label, "stand_in": what, "vertices": len(find().vertices)}
-        for question, labels, seconds in (
-            (sampled, ("vertex_hsr", MODIFIED), budget or TABLE_SECONDS),
-            (vertices, IMAGE_SPACE, budget),
+        for make, labels, seconds in (
+            (_sampled(find, paper, 2_000, seed), ("vertex_hsr", MODIFIED), budget or TABLE_SECONDS),
+            (partial(_ask_vertices, find, paper), IMAGE_SPACE, budget),
         ):
-            make = partial(question, find, paper.file)
             cases.append(Case("table1a", paper.label, make, subjects_of(labels), facts=facts, budget=seconds))
     return cases
 
 
 def cases_1b(root: Path | None, seed: int, budget: float | None = None) -> list[Case]:
     """Return the cases of Table 1B, sampled points by exact HSR, grids and image space; arguments as of `cases_1a`."""
-    cases, views = [], paper100()
-
-    def question(find: Callable[[], Mesh], key: str, n_points: int) -> Question:
-        return ask(key, find(), views, n_points=n_points, seed=seed, most_views=PRESET_VIEWS)
-
-    subjects = subjects_of(["exact_hsr", *GRIDS, *IMAGE_SPACE])
+    cases, subjects = [], subjects_of(["exact_hsr", *GRIDS, *IMAGE_SPACE])
     for paper, n_points in TABLE_1B:
         find, what = mesh_of(paper, root)
-        make, label = partial(question, find, paper.file, n_points), f"{paper.label}, {n_points:,}"
+        make, label = _sampled(find, paper, n_points, seed), f"{paper.label}, {n_points:,}"
         facts = {"object": paper.label, "stand_in": what}
         cases.append(Case("table1b", label, make, subjects, facts=facts, budget=budget or TABLE_SECONDS))
     return cases
+
+
+def _sampled(find: Callable[[], Mesh], paper: PaperObject, n_points: int, seed: int) -> Callable[[], Question]:
+    return lambda: ask(paper.file, find(), paper100(), n_points=n_points, seed=seed, most_views=PRESET_VIEWS)
+
+
+def _ask_vertices(find: Callable[[], Mesh], paper: PaperObject) -> Question:
+    return ask_vertices(paper.file, find(), paper100(), most_views=PRESET_VIEWS)
 
 
 def mesh_of(paper: PaperObject, root: Path | None) -> tuple[Callable[[], Mesh], str]:
@@ -117,12 +112,9 @@ CASES = {"table1a": cases_1a, "table1b": cases_1b}
 
 def paper_tables(rows: Sequence[Row]) -> list[Table]:
     """Return Table 1A and 1B with what was measured, as far as there are rows."""
-    tables = []
-    for suite, make in (("table1a", table_1a), ("table1b", table_1b)):
-        chosen = [row for row in rows if row["suite"] == suite and row["status"] == "ok"]
-        if chosen:
-            tables.append(make(chosen))
-    return tables
+    measured = [row for row in rows if row["status"] == "ok"]
+    chosen = {make: [row for row in measured if row["suite"] == suite] for suite, make in TABLES.items()}
+    return [make(some) for make, some in chosen.items() if some]
 
 
 def table_1a(rows: Sequence[Row]) -> Table:
@@ -200,6 +192,9 @@ def table_1b(rows: Sequence[Row]) -> Table:
     )
 
 
+TABLES = {"table1a": table_1a, "table1b": table_1b}
+
+
 def _of_object(rows: Sequence[Row], label: str) -> dict[str, Row]:
     return {row["subject"]: row for row in rows if row["facts"]["object"] == label}
 
@@ -219,3 +214,57 @@ def _reduction(slow: float, fast: float) -> str:
 
 def _wrong(row: Row) -> str:
     return share(1.0 - row["judged"]["outside"]["agreement"])
+
+
+# ---- Table 2: datasets -----------------------------------------------------------------------------------------------
+
+
+class DatasetRow(NamedTuple):
+    """One dataset; `megabytes` of 10^6 bytes."""
+
+    name: str
+    n_samples: int
+    n_classes: int
+    type: str
+    representation: str
+    megabytes: float
+
+    @property
+    def samples_per_megabyte(self) -> float:
+        """The paper's last column."""
+        return self.n_samples / self.megabytes
+
+
+TABLE_2 = (
+    DatasetRow("McGill Benchmark", 427, 19, "Synthesized", "Mesh", 412),
+    DatasetRow("Sydney Urban Objects", 631, 14, "Real-World", "Point Cloud", 9.66),
+    DatasetRow("ModelNet10", 4_899, 10, "Synthesized", "Mesh", 2_170),
+    DatasetRow("ModelNet40", 12_311, 40, "Synthesized", "Mesh", 9_100),
+    DatasetRow("ShapeNet", 57_454, 55, "Synthesized", "Mesh", 92_900),
+    DatasetRow("The paper's dataset", 200_000, 40, "Synthesized", "Point Cloud", 6_940),
+)
+"""The rows of the paper, as printed there; its last column is the quotient of two others."""
+
+
+def row_of(folder: Path) -> DatasetRow:
+    """Return the row of a complete dataset: its clouds, and the size of all files that are needed to read them.
+
+    Raises DatasetError where there is no complete dataset in the folder.
+    """
+    plan, manifest = read_finished(folder)
+    own, _ = sorted_out(folder, plan)
+    files = [folder / name for name in own if name not in (CONTACT_SHEET, GALLERY) and not name.startswith(GROUPS)]
+    megabytes = sum(path.stat().st_size for path in files) / 1e6
+    n_clouds, name = manifest["counts"]["clouds"], f"This one ({plan.format})"
+    return DatasetRow(name, n_clouds, len(plan.classes), "Synthesized", "Point Cloud", megabytes)
+
+
+def table_2(folder: Path) -> Table:
+    """Return the table with the row of a dataset; raises as `row_of`."""
+    body = []
+    for row in (*TABLE_2, row_of(folder)):
+        megabytes = f"{row.megabytes:,.2f}" if row.megabytes < 100 else f"{row.megabytes:,.0f}"
+        counts, share = (f"{row.n_samples:,}", f"{row.n_classes}"), f"{row.samples_per_megabyte:,.2f}"
+        body.append([row.name, *counts, row.type, row.representation, megabytes, share])
+    header = ["Dataset name", "#Samples", "#Classes", "Type", "Representation", "Size (MB)", "#Samples / 1 MB"]
+    return Table("", header, body, texts=(0, 3, 4))

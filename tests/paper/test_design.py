@@ -1,12 +1,15 @@
-"""How large a study is: what changes with an option, and what stays."""
+"""What a study is made of: its size, and objects as the surfaces of voxels."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from zbuf_occlude import shapes
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.paper.design import FULL, QUICK, changed
-from zbuf_occlude.paper.trials import as_many_clouds, as_many_epochs
+from zbuf_occlude.paper.experiments import as_voxels, voxel_surface
+from zbuf_occlude.shapes.solids import box
 
 
 def test_what_a_size_has_already_changes_nothing_but_its_name() -> None:
@@ -38,18 +41,6 @@ def test_points_keep_the_density() -> None:
     assert (more.elevation_points, more.elevation_sampled) == (128, 750)
 
 
-def test_methods_are_compared_by_those_that_are_left() -> None:
-    assert changed(QUICK, models=["threedmfv5"]).method_models == ("threedmfv5",)
-    assert changed(QUICK, models=["pointnet", "voxnet"]).method_models == ("voxnet",)
-
-
-def test_budgets() -> None:
-    """Of the quick study: 960, 192 and 1,152 clouds to train on."""
-    assert [as_many_clouds(QUICK.passes, n) for n in (960, 192, 1152)] == [6, 30, 5]
-    assert [as_many_epochs(QUICK.epochs, n) for n in (960, 192, 1152)] == [30, 30, 30]
-    assert as_many_clouds(100, 10_000) == 1
-
-
 @pytest.mark.parametrize(
     ("change", "argument", "message"),
     [
@@ -64,3 +55,29 @@ def test_budgets() -> None:
 def test_what_no_study_can_have(change: str, argument: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         changed(QUICK, **{change: argument})
+
+
+# ---- voxels ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_cube_is_its_shell() -> None:
+    mesh = voxel_surface(box, 6)
+    assert np.count_nonzero(mesh.face_normals, axis=1).max() == 1, "all faces lie across an axis"
+    assert mesh.longest_side == pytest.approx(1.0)
+    assert mesh.areas.sum() == pytest.approx(6 * (1 + (4 / 6) ** 2)), "the outside, and the inside of a shell of cells"
+
+
+def test_a_collection_keeps_keys_and_splits() -> None:
+    meshes = shapes.collection(n_members=2)
+    voxels = as_voxels(meshes, 8)
+    assert [(e.key, e.label, e.split) for e in voxels] == [(e.key, e.label, e.split) for e in meshes]
+    assert voxels[0].origin != meshes[0].origin
+    assert voxels[0].origin != as_voxels(meshes, 9)[0].origin
+    extent = np.ptp(voxels[0].load().bounds, axis=0) - np.ptp(meshes[0].load().normalized().bounds, axis=0)
+    assert np.abs(extent).max() <= 2 / 8 + 1e-9, "a cell at either end"
+
+
+@pytest.mark.parametrize("n", [1, 129])
+def test_how_many_voxels(n: int) -> None:
+    with pytest.raises(OptionError, match=f"voxels must lie in 2..128.*got {n}"):
+        as_voxels(shapes.collection(n_members=1), n)
