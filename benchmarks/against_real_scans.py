@@ -35,11 +35,10 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.albedos import ALBEDOS, draw_albedos
-from zbuf_occlude.scenes.parts import box, pole
+from zbuf_occlude.scenes.kinds import box, pole
+from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.imperfections import detection
-from zbuf_occlude.sensors.scan import default_caster
+from zbuf_occlude.sensors.scanning import default_caster, detection
 from zbuf_occlude.shapes import solids
 
 MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))

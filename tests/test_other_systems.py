@@ -11,7 +11,7 @@ import pytest
 
 import zbuf_occlude
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.versions import n_cores
+from zbuf_occlude.provenance import n_cores
 
 PACKAGE = Path(zbuf_occlude.__file__).parent
 

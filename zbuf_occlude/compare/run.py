@@ -19,7 +19,7 @@ from zbuf_occlude.compare.measure import Bench, Measurement, MeasurementFailed
 from zbuf_occlude.compare.reference_answers import FOLDER, Reference, ReferenceAnswer
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, OccludeError
-from zbuf_occlude.versions import n_cores, versions
+from zbuf_occlude.provenance import n_cores, versions
 from zbuf_occlude.visibility import find_method
 
 ROWS = "rows.jsonl"

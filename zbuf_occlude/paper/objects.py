@@ -21,9 +21,8 @@ from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
-from zbuf_occlude.origin import Origin
 from zbuf_occlude.paper.figures import cells_as_mesh
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import Origin, seed_of
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
 MODELNET10 = (

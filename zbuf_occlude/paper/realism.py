@@ -25,10 +25,10 @@ from zbuf_occlude.paper import drives
 from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, SCENES, UNIFORM, Size, name_of_real
 from zbuf_occlude.paper.objects import first_of_each, make_clouds, resampled
 from zbuf_occlude.paper.trials import Trial, as_many_clouds
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
 
 SENSOR = "hdl-64e"
 """KITTI's."""
@@ -62,7 +62,7 @@ class RealismClouds:
         if kind == UNIFORM:
             return Plan(self.meshes, Recipe(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
-        setup = Setup(document_of(make(SENSOR)), range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
+        setup = Setup(make(SENSOR).document, range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
         return Plan(self.meshes, Recipe(**common, scanning=asdict(setup)))
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import describe
+from zbuf_occlude.arrays import shape_and_dtype
 from zbuf_occlude.errors import ArgumentError, DatasetError
 from zbuf_occlude.learn.models import find_model
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, ELEVATION, HSR, REALISM, paper_name
@@ -43,7 +43,7 @@ class Confusion:
     def __post_init__(self) -> None:
         shape = (len(self.truth), len(self.predicted))
         if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
-            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
+            raise ArgumentError(f"counts must be {shape}, none negative; got {shape_and_dtype(self.counts)}.")
 
     @property
     def n_clouds(self) -> int:

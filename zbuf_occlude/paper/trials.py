@@ -21,7 +21,7 @@ from zbuf_occlude.learn.evaluate import predict
 from zbuf_occlude.learn.train import train
 from zbuf_occlude.paper.design import Progress, Size
 from zbuf_occlude.paper.results import path_of, read_result
-from zbuf_occlude.versions import n_cores, versions
+from zbuf_occlude.provenance import n_cores, versions
 
 CLASSIFIERS = "classifiers"
 """Folder of a study: the trained model of each trial."""

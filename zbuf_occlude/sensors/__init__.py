@@ -9,14 +9,10 @@ sensor.rays()                            directions in the sensor's frame: x for
 from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.sensors.files import SUFFIXES, read_sensor
-from zbuf_occlude.sensors.model import Imperfections, Sensor
-from zbuf_occlude.sensors.rays import Rays
-from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import look_at, scan
-from zbuf_occlude.sensors.table import ROWS
+from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.sensors.catalog import ROWS, SUFFIXES, read_sensor
+from zbuf_occlude.sensors.scanning import Scan, look_at, scan
+from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
 
 __all__ = ["SENSORS", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
 

@@ -146,7 +146,7 @@ def _run_worker(
     environment: Mapping[str, str],
 ) -> None:
     """Run a worker with the coordinator's environment, not that in which the server was started."""
-    from zbuf_occlude.jit.pool import use_threads  # late, with numba: the coordinator computes nothing
+    from zbuf_occlude.jit.threads import use_threads  # late, with numba: the coordinator computes nothing
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator decides what an interrupt means
     threading.Thread(target=_end_with_coordinator, daemon=True).start()

@@ -13,7 +13,7 @@ signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 with without_scipy():
     from zbuf_occlude.dataset.plan import Recipe
     from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
-    from zbuf_occlude.jit.pool import alone
+    from zbuf_occlude.jit.threads import alone
     from zbuf_occlude.workers import local
 
     common = Recipe(method="exact")  # most of what it has compiled the workers of all other methods need too

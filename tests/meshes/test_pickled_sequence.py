@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from zbuf_occlude.shelf import BUNDLE, Shelf
+from zbuf_occlude.meshes.collection import BUNDLE, Shelf
 
 
 @pytest.mark.parametrize("n", [0, 1, BUNDLE, 2 * BUNDLE + 1])

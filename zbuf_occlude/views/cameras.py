@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.documents import Number, parse, read_bytes
+from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
-from zbuf_occlude.views.model import Views
-from zbuf_occlude.views.positions import PAPER_DISTANCE
+from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's eye space to OpenGL's."""
@@ -71,7 +70,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     OptionError
         The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
     """
-    columns, where = parse("CSV", read_bytes(Path(path)), path), printable(str(path))
+    columns, where = parse_document("CSV", read_limited(Path(path)), path), printable(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
         rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return _views(Path(path), rows, _camera_of_row)
@@ -98,10 +97,10 @@ def from_json(path: Path) -> Views:
     OptionError
         The file is missing or holds no cameras of these forms.
     """
-    data = read_bytes(path)
+    data = read_limited(path)
     if path.suffix.lower() == ".jsonl":
         data = b"[" + b",".join(line for line in data.removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()) + b"]"
-    document = parse("JSON", data, path)
+    document = parse_document("JSON", data, path)
     if isinstance(document, dict) and "frames" in document:
         shared = {key: value for key, value in document.items() if key != "frames"}
         return _views(path, document["frames"], lambda frame: _camera_of_frame({**shared, **frame}))
