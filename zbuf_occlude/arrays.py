@@ -76,7 +76,7 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
 
 
 def as_triples(values: ArrayLike, name: str) -> FloatArray:
-    """Return values as `as_vectors` does, without a look at the numbers themselves."""
+    """Check the shape and type as `as_vectors` does, but not the numbers."""
     array = as_array(values, name, "(n, 3) float")
     if array.dtype.kind not in "fiu":
         raise ArgumentError(f"{name} must be (n, 3) float; got {shape_and_dtype(array)}. Convert it to numbers.")

@@ -61,11 +61,6 @@ class Placed:
         """Of that ball."""
         return self.mesh.diagonal / 2.0 * float(np.linalg.norm(self.pose[:3, :3], ord=2)) * (1.0 + 1e-9)
 
-    @property
-    def world_mesh(self) -> Mesh:
-        """The mesh in its place."""
-        return Mesh(self.vertices, self.mesh.faces, self.mesh.name)
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:

@@ -5,7 +5,7 @@ Rays are in the sensor's own frame: x forward, y to the left, z up. Each kind of
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -266,7 +266,7 @@ class Imperfections:
         `reach` instead.
     reach : float
         Where a white surface met at right angles returns one pulse in e, metres; dark, steep and far ones fewer
-        (`imperfections.detection`). 0: no return fades.
+        (`scanning.detection`). 0: no return fades.
     edge_loss : float
         Share of the pixels lost that have a neighbour more than 5 % nearer or farther (a picture's edges).
     incidence_max : float
@@ -329,7 +329,7 @@ class Sensor:
     ----------
     name, summary : str
     kind : str
-        One of `zbuf_occlude.sensors.rays.KINDS`.
+        One of `KINDS`.
     pattern : mapping
         The numbers of that kind.
     imperfections : Imperfections
@@ -388,7 +388,7 @@ class Sensor:
             A number that it does not have, or a value out of range.
         """
         pattern = dict(self.pattern)
-        faults = {each.name: getattr(self.imperfections, each.name) for each in fields(Imperfections)}
+        faults = dict(vars(self.imperfections))
         sources = dict(self.sources)
         known = {**dict.fromkeys(numbers_of(self.kind)), **dict.fromkeys(faults)}
         for name, value in numbers.items():
@@ -404,21 +404,14 @@ class Sensor:
 
     def numbers(self) -> dict[str, Any]:
         """Return all its numbers by name: of its rays, and of the imperfections those that it has."""
-        faults = {
-            each.name: getattr(self.imperfections, each.name)
-            for each in fields(Imperfections)
-            if getattr(self.imperfections, each.name) != each.default or each.name in self.sources
-        }
+        known = vars(self.imperfections).items()
+        faults = {k: v for k, v in known if v != getattr(Imperfections, k) or k in self.sources}
         return {**self.pattern, **faults}
 
     @property
     def document(self) -> dict[str, Any]:
         """Plain data, for a plan: name, kind and all numbers that are not usual."""
-        faults = {
-            name: getattr(self.imperfections, name)
-            for name, default in vars(Imperfections()).items()
-            if getattr(self.imperfections, name) != default
-        }
+        faults = {k: v for k, v in vars(self.imperfections).items() if v != getattr(Imperfections, k)}
         return {"name": self.name, "kind": self.kind, "pattern": dict(self.pattern), "imperfections": faults}
 
     @classmethod

@@ -37,7 +37,7 @@ class Setup:
     scene : str
         A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
-        Of a scene from a file (`zbuf_occlude.scenes.files.read_scene`); it has a ground.
+        Of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`); it has a ground.
     hidden : (float, float) or None
         Share of the target that others hide, drawn from between; None: the scene's own.
     keep : str

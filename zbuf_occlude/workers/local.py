@@ -54,13 +54,16 @@ def start_server() -> None:
         return
     forkserver.set_forkserver_preload(["zbuf_occlude.workers.preload"])
     resource_tracker.ensure_running()  # the server would start it, and it lets interrupts through again
-    environment, mask = dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # no interrupt before `preload` can ignore it
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     try:
-        forkserver.ensure_running()  # no interrupt reaches it before `preload` allows that
+        forkserver.ensure_running()
     finally:
-        os.environ.clear()
-        os.environ.update(environment)
+        for name, value in before.items():
+            del os.environ[name]
+            if value is not None:
+                os.environ[name] = value
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 

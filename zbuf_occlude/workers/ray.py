@@ -32,8 +32,8 @@ def run_ray(
 
     Parameters
     ----------
-    task, jobs, done, limits
-        As in `zbuf_occlude.workers.local.run_local`. The folder that the task is about must be the same on every node.
+    task : Task
+        The folder that it is about must be the same on every node.
     n_workers : int or None
         Actors; by default as many as the cluster has CPUs, or room for by `gpus_per_worker`.
     address : str, optional
@@ -148,10 +148,9 @@ class RayWorker:
         return list(messages)
 
     def ending(self) -> Ending | None:
-        """Say how the actor or its node ended, as the last `listen` learned it; or that nothing was heard for too long.
+        """Return how the actor or its node ended, as the last `listen` learned it; or that it no longer answers.
 
-        An actor answers twice a second, a kernel that keeps Python waiting apart. Ray may take long to see that a node
-        was lost, and has been seen never to tell.
+        An actor answers twice a second, unless a kernel keeps Python waiting. Ray may see a lost node late or never.
         """
         if not self.end and self.heard is not None and time.monotonic() - self.heard > self.patience:
             self.end = Ending(f"the actor has not answered for {self.patience:g} seconds", True)
