@@ -10,6 +10,7 @@ __all__ = ["local"]
 # an interrupt of the whole process group is the coordinator's: so no temporary folder stays
 heard = {one: signal.signal(one, signal.SIG_IGN) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+gc.disable()  # 10 % of the time
 with without_scipy():
     from zbuf_occlude.dataset.plan import Recipe
     from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
@@ -20,6 +21,7 @@ with without_scipy():
     if is_compiled(common):
         with alone():
             compile_ahead(common)
+gc.enable()
 gc.freeze()  # what is loaded stays: no collection looks through it and so copies its pages into a worker
 for one, handler in heard.items():
     signal.signal(one, handler)  # forked processes have it back
