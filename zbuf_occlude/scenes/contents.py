@@ -70,7 +70,7 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     if not isinstance(given, dict) or not {"mesh", "position"} <= set(given):
         raise OptionError(f"a scene must be {FORM}; this has no mesh or position.")
     for name in given:
-        check_word("what is said of an object", name, KNOWN)
+        check_word("a key of an object", name, KNOWN)
     found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
     check_word("up", found.get("up", UP[0]), UP)
     mesh = str((folder / found["mesh"]).absolute())
