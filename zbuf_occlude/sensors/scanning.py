@@ -372,10 +372,10 @@ def detected(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Sca
 def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: float) -> FloatArray:
     """Return the probability that a return is detected: ``exp(-(range / reach)^2 / (albedo B(incidence)))``.
 
-    The power received is on average ``P = albedo B / range^2``, and fades: of coherent light from a rough surface it is
-    distributed exponentially (speckle), so that it is above what can be detected, ``P0 = 1 / reach^2``, with
-    probability ``exp(-P0 / P)``. ``B`` is what a rough surface sends back whence the light came (Oren and Nayar 1994),
-    1 at right angles; by Lambert's cosine alone the ground would end at 30 m. `ranges` and `reach` are metres.
+    The power received is on average ``P = albedo B / range^2``. It fades: of coherent light from a rough surface it is
+    distributed exponentially (speckle). So it exceeds what can be detected, ``P0 = 1 / reach^2``, with probability
+    ``exp(-P0 / P)``. ``B`` is what a rough surface sends back to the light (Oren and Nayar 1994), 1 at right angles;
+    by Lambert's cosine alone the ground would end at 30 m. `ranges` and `reach` are metres.
     """
     cosines = np.asarray(cosines, dtype=np.float64)
     back = cosines + ROUGH_BACK * (1.0 - cosines**2)

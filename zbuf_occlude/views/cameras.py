@@ -1,8 +1,8 @@
 """Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text and binary files.
 
 Cameras have positions in the mesh's own coordinates (after `up` has turned it) and need not look at it. K is in pixels
-with y down and the corner of the upper left pixel at (0, 0); R and t take world space to OpenCV's eye space (x right,
-y down, z forward), as usual; transforms.json holds OpenGL's, from eye to world space.
+with y down and the corner of the upper left pixel at (0, 0). R and t take world space to OpenCV's eye space (x right,
+y down, z forward). transforms.json holds OpenGL's matrices, from eye to world space.
 """
 
 import mmap
@@ -123,7 +123,7 @@ def from_colmap(path: Path) -> Views:
 
 
 def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
-    """Turn what a file holds into views; whatever it lacks is said with the file's name."""
+    """Turn what a file holds into views; errors name the file."""
     cameras: list[_Camera] = []
     try:
         for item in items:
