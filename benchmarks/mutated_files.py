@@ -422,7 +422,7 @@ def used(path: Path) -> str:
     import zbuf_occlude as zo
     from zbuf_occlude.meshes.collection import MeshCollection
     from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.scenes.files import placed_of, read_scene
+    from zbuf_occlude.scenes.contents import placed_of, read_scene
 
     if path.stem == "mesh":
         return compared(path, zo.load_mesh(path, up="z"))

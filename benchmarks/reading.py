@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from zbuf_occlude import Mesh, MeshError, load_mesh
-from zbuf_occlude.jit.pool import use_threads
+from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.meshes.files import _READERS as READERS
 from zbuf_occlude.meshes.obj import _KEYWORDS as OBJ
 from zbuf_occlude.meshes.stl import _KEYWORDS as STL

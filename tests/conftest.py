@@ -14,7 +14,7 @@ from hypothesis import settings
 from tests.compiling import one_at_a_time
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
-from zbuf_occlude.versions import n_cores
+from zbuf_occlude.provenance import n_cores
 
 GL = pytest.StashKey[GlContext]()
 

@@ -14,12 +14,11 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
-from zbuf_occlude.documents import MOST_BYTES, Number, flag, line, parse
+from zbuf_occlude.documents import MOST_BYTES, Number, flag, line, parse_document
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.meshes.labels import read_labels
-from zbuf_occlude.scenes.files import read_scene
-from zbuf_occlude.sensors.model import NUMBERS, Sensor
-from zbuf_occlude.sensors.rays import numbers_of
+from zbuf_occlude.scenes.contents import read_scene
+from zbuf_occlude.sensors.sensor import NUMBERS, Sensor, numbers_of
 
 LIDAR = "kind: spinning\nlasers: [-2, 0, 2]\ncolumns: 90\n"
 WALL = zo.Mesh([[5, -9, -9], [5, 9, -9], [5, 9, 9], [5, -9, 9]], [[0, 1, 2], [0, 2, 3]])
@@ -203,7 +202,7 @@ def test_damaged_binary_files_of_colmap(tmp_path: Path, images: bytes, cameras: 
 )
 def test_documents_too_large_to_be_any_are_refused(form: str, data: bytes) -> None:
     with pytest.raises(OptionError, match=f"a.file must be {form}.*(at most|below it)"):
-        parse(form, data, "a.file")
+        parse_document(form, data, "a.file")
     assert len(data) < 2e8
     assert set(MOST_BYTES) == {"JSON", "CSV", "YAML"}
 

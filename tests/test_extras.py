@@ -88,7 +88,7 @@ def test_doctor_tries_packages(broken: dict[str, str]) -> None:
     ("package", "program"),
     [
         ("torch", "import zbuf_occlude.dataset.torch"),
-        ("ray", "from zbuf_occlude.workers.ray import run_jobs; run_jobs(0, [], 0, n_workers=1, limits=0)"),
+        ("ray", "from zbuf_occlude.workers.ray import run_ray; run_ray(0, [], 0, n_workers=1, limits=0)"),
     ],
 )
 def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, program: str) -> None:

@@ -90,7 +90,7 @@ def flag(name: str, value: Any) -> bool:
     return found
 
 
-def read_bytes(path: Path) -> bytes:
+def read_limited(path: Path) -> bytes:
     """Return the content of a document; raise OptionError where there is none, or too much."""
     most = max(MOST_BYTES.values())
     try:
@@ -103,7 +103,7 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def parse(form: str, data: bytes, name: str | Path) -> Any:
+def parse_document(form: str, data: bytes, name: str | Path) -> Any:
     """Return what a document says.
 
     Parameters

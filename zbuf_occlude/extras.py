@@ -40,7 +40,7 @@ _PATIENCE = 120.0  # seconds
 
 
 def missing(package: str) -> str:
-    """Say in words that a package is not installed; "" where it is. Imports nothing."""
+    """Return a message that a package is not installed; "" where it is. Imports nothing."""
     if find_spec(package) is not None:
         return ""
     return f"needs the package {package}; install it: pip install 'zbuf-occlude[{EXTRAS[package]}]'"
@@ -72,7 +72,7 @@ def importing(package: str, what: str) -> Iterator[None]:
 
 
 def reason(package: str, error: Exception) -> str:
-    """Say in words why a package could not be imported, and what helps."""
+    """Return a message: why a package could not be imported, and what helps."""
     if lacking := missing(package):
         return lacking
     from importlib.metadata import packages_distributions  # late: it takes a while, and is seldom asked
@@ -95,7 +95,7 @@ def culprit(error: ImportError) -> str:
 
 
 def tried(package: str, module: str) -> str:
-    """Say in words why a package, or the module of ours that needs it, cannot be imported; "" where both can.
+    """Return a message: why a package, or the module of ours that needs it, cannot be imported; "" where both can.
 
     They are imported in a process of its own.
     """

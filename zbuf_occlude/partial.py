@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers
-from zbuf_occlude.checks import check_int, check_word
 from zbuf_occlude.dataset.clouds import draw
-from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
 from zbuf_occlude.geometry.camera import picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
-from zbuf_occlude.seeds import generator
+from zbuf_occlude.provenance import generator
 from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.scan import pose_of_camera
+from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
-from zbuf_occlude.checks import check_int
-from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
-from zbuf_occlude.seeds import generator
-from zbuf_occlude.visibility import Occluder, prepare
+from zbuf_occlude.provenance import generator
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
 
 COARSEST = 1 / 32
 """Longest side of the mesh: pieces of `visible_mesh` are never longer before they are asked."""
@@ -44,7 +44,7 @@ class VisiblePart(NamedTuple):
     """The part of a mesh that eyes see.
 
     mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
-    face_ids : (f,) int64, index into the whole mesh's ``faces`` of the face that each piece lies on
+    face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
     tolerance : float, world units: features of the shadow's edge that are smaller may be missed
     """
 
@@ -211,8 +211,8 @@ def visible_mesh(
         raise ArgumentError(f"tolerance must be a length above 0, in the mesh's unit; got {tolerance!r}.")
     eyes = as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
     coarsest = max(COARSEST * mesh.longest_side, finest)
-    corners, face_ids = mesh.corners, np.arange(len(mesh.faces))
-    kept, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+    corners, face_ids = mesh.corners, np.arange(len(mesh.faces), dtype=np.int32)
+    kept, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
     with prepare(mesh, method, **options) as occluder:
         while len(corners):
             asked = np.concatenate([_inward(corners), corners.mean(axis=1, keepdims=True)], axis=1)
@@ -242,7 +242,7 @@ def _on_faces(mesh: Mesh, positions: FloatArray, counts: IntArray) -> SurfacePoi
 def _seen(occluder: Occluder, mesh: Mesh, positions: FloatArray, face_ids: IntArray, eyes: FloatArray) -> BoolArray:
     """Whether an eye sees positions (n, m, 3) on faces (n,): (n, m)."""
     n_each = positions.shape[1]
-    own = np.repeat(face_ids, n_each).astype(np.int32)
+    own = np.repeat(face_ids, n_each)
     points = SurfacePoints.of_checked(positions.reshape(-1, 3).copy(), own, mesh.face_normals[own])
     return occluder.visible(points, eyes).any(axis=0).reshape(-1, n_each)
 
@@ -293,7 +293,7 @@ def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, I
     """A mesh of the pieces (n, 3, 3) of faces (n,); a face of which all pieces are there is one again."""
     areas = 0.5 * np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
     seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
-    whole = np.flatnonzero(seen >= (1 - 1e-9) * mesh.areas)
+    whole = np.flatnonzero(seen >= (1 - 1e-9) * mesh.areas).astype(np.int32)
     rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
     corners = np.concatenate([mesh.corners[whole], pieces[rest]])
     if len(corners) == 0:
@@ -301,7 +301,6 @@ def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, I
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     of_face = np.concatenate([whole, face_ids[rest]])
     order = np.argsort(of_face, kind="stable")
-    part = Mesh(
-        vertices, faces.reshape(-1, 3)[order], name=mesh.name, source_face_ids=mesh.source_face_ids[of_face[order]]
-    )
+    source = None if mesh.source_face_ids is None else mesh.source_face_ids[of_face[order]]
+    part = Mesh(vertices, faces.reshape(-1, 3)[order].astype(np.int32), name=mesh.name, source_face_ids=source)
     return part, of_face[order]

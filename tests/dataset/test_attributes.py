@@ -22,7 +22,7 @@ from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
 
@@ -161,7 +161,7 @@ def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("format", ["hdf5", "packed"])
 def test_scans_have_the_colours_that_their_rays_met(format: str, tmp_path: Path) -> None:
-    setup = Setup(document_of(make("vlp-16")), range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
+    setup = Setup(make("vlp-16").document, range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
     made = plan(format, scanning=asdict(setup), views="ring:3@20", scale="mesh", sample_size=None)
     generate(made, tmp_path)
     source = open_dataset(tmp_path)

@@ -16,7 +16,7 @@ from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
 PLAN = Plan(shapes.collection(n_members=1), RECIPE)
@@ -101,7 +101,7 @@ def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
 
 def test_the_number_of_a_sensor_that_differs_is_named_alone(tmp_path: Path) -> None:
     setups = [
-        Setup(document_of(make("vlp-16", columns=columns)), range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
+        Setup(make("vlp-16", columns=columns).document, range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
     ]
     plans = [Plan(PLAN.meshes, replace(RECIPE, scanning=asdict(setup))) for setup in setups]
     claim(plans[0], tmp_path)

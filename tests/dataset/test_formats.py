@@ -15,14 +15,14 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import Numbers, Source
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 SIZE = 6
 DRAWN = [row for row in FORMATS if not (row.exported_from or row.keeps_points)]
 ids = [row.name for row in DRAWN]
 
 
-SCANNING = asdict(Setup(document_of(make("vlp-16")), keep_clean=True))
+SCANNING = asdict(Setup(make("vlp-16").document, keep_clean=True))
 
 
 def plan(scanned: bool = False) -> Plan:

@@ -28,7 +28,7 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.workers.task import Done, Task, run_here
+from zbuf_occlude.workers import Done, Task, run_here
 
 RECIPE = Recipe(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])

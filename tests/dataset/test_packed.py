@@ -24,7 +24,7 @@ from zbuf_occlude.dataset.packed import PackedDataset
 from zbuf_occlude.dataset.pipeline import sample
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 
 RECIPE = Recipe(method="oracle", views="fibonacci:7", n_points=301, variations=2, sample_size=50)
 

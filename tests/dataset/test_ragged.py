@@ -22,12 +22,12 @@ from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 RAGGED = [row for row in FORMATS if row.ragged]
 WRITTEN = [row for row in RAGGED if not (row.keeps_points or row.exported_from)]
 SIZES = (3, 1, 40, 7)
-SCANNING = asdict(Setup(document_of(make("vlp-16"))))
+SCANNING = asdict(Setup(make("vlp-16").document))
 ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "test")) for n, m in
            (("chair", lambda: sphere(8)), ("table", box))]  # fmt: skip
 

@@ -17,14 +17,14 @@ from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude import shapes
 from zbuf_occlude.jit import compiler
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 def compiled():
     functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
     return {(each.py_func.__qualname__, str(types)) for each in functions for types in each.overloads}
 
 method, scene = sys.argv[1:]
-setup = scene and asdict(Setup(document_of(make("hdl-64e")), range=(10.0, 10.0), scene=scene))
+setup = scene and asdict(Setup(make("hdl-64e").document, range=(10.0, 10.0), scene=scene))
 compiler.note_compiled = print
 recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
 compile_ahead(recipe)

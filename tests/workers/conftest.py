@@ -1,4 +1,4 @@
-"""Fixtures of the farm's tests."""
+"""Fixtures of the workers' tests."""
 
 from pathlib import Path
 

@@ -7,7 +7,7 @@ import click
 
 from zbuf_occlude.cli.panels import Group
 from zbuf_occlude.cli.surroundings import check_surroundings
-from zbuf_occlude.workers.server import start_server
+from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",

@@ -29,7 +29,6 @@ from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.paper.tables import CASES
-from zbuf_occlude.views import forms
 
 BUILT_IN_MESHES = 8
 DEFAULT_SECONDS = 3.0

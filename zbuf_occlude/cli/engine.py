@@ -10,9 +10,9 @@ import click
 from zbuf_occlude.cli.options import given
 from zbuf_occlude.cli.panels import Name
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.workers import local, ray
-from zbuf_occlude.workers.slurm import from_environment, parse_shard
-from zbuf_occlude.workers.task import Run
+from zbuf_occlude.workers import Run, from_environment, parse_shard
+from zbuf_occlude.workers.local import run_local
+from zbuf_occlude.workers.ray import run_ray
 
 ENGINE = ("engine", "workers", "ray_address", "ray_gpus")
 """Names of the parameters that `engine_options` adds, and `pop_engine` takes."""
@@ -62,8 +62,8 @@ def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) 
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
     if engine == "ray":
-        return partial(ray.run_jobs, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
-    return partial(local.run_jobs, n_workers=workers or os.cpu_count() or 1, limits=limits)
+        return partial(run_ray, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
+    return partial(run_local, n_workers=workers or os.cpu_count() or 1, limits=limits)
 
 
 def share_of(shard: str | None) -> tuple[int, int]:

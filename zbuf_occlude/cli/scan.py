@@ -18,11 +18,11 @@ from zbuf_occlude.dataset.point_files import write_table
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.pool import Pool
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan
-from zbuf_occlude.sensors.capture import captures, sensor_places, stand
-from zbuf_occlude.sensors.scan import default_caster
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import METHODS
@@ -135,7 +135,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
         from zbuf_occlude import shapes  # late: only needed without files
 
         others = shapes.collection()
-    mesh, size = stand(loaded, first.label, setup)
+    mesh, size = in_metres(loaded, first.label, setup)
     seeds = partial(_seed, seed, first.key)
     views = Views(np.radians([azimuth]), np.radians([elevation]), np.array([4.0]))
     floor = float(mesh.bounds[0, 2])

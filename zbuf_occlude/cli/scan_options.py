@@ -13,12 +13,12 @@ from zbuf_occlude.cli.options import Setting, Settings
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.files import read_scene
+from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
 from zbuf_occlude.visibility import find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -178,7 +178,7 @@ def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", read_scene(Path(scene))
     return Setup(
-        document_of(sensor),
+        sensor.document,
         range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,
         size=parse_sizes(given["size"]) if given["size"] else {},
         scene=scene,

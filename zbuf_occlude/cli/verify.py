@@ -13,7 +13,7 @@ from zbuf_occlude.dataset.folder import datasets_in, read_finished
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.workers.task import Run
+from zbuf_occlude.workers import Run
 
 
 @click.command(cls=Command)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.checks import check_word
 from zbuf_occlude.cli.echo import echo, on
 from zbuf_occlude.cli.options import (
     MeshPlace,
@@ -29,11 +28,12 @@ from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_opt
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_ply
+from zbuf_occlude.errors import check_word
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.clouds import load_cloud
 from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.scan import pose_of_camera
+from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 

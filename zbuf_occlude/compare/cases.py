@@ -16,7 +16,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS, find_method
 

@@ -28,7 +28,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, OccludeError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.versions import n_cores, versions
+from zbuf_occlude.provenance import n_cores, versions
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle

@@ -13,7 +13,7 @@ from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import find_method, prepare
 

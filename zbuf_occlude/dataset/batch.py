@@ -33,7 +33,7 @@ from zbuf_occlude.dataset.scans import scan
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin
 
 REMEDY = "Run the same `zbuf-occlude generate` again."
 Records = NDArray[Any]

@@ -12,7 +12,7 @@ from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.subsets import ALL, draw_visible, place
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import Views
 
 SCAN_COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {

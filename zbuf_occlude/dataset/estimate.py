@@ -15,7 +15,7 @@ from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.formats.packed import Archive
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.visibility import find_method
 
 OPEN_GROUPS = 2

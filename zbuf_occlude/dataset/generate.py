@@ -32,9 +32,9 @@ from zbuf_occlude.dataset.manifest import finish
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.workers.task import Run, run_here
+from zbuf_occlude.workers import Run, run_here
 
 _LOG = logging.getLogger(__name__)
 

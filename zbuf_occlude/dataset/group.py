@@ -16,7 +16,7 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.gl.nvidia import fallen_to_software
-from zbuf_occlude.versions import versions
+from zbuf_occlude.provenance import versions
 
 SHOWN = 16
 """The picture is drawn of the clouds of at most this many files."""

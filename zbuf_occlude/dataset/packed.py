@@ -30,11 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats.packed import PackedFiles
 from zbuf_occlude.dataset.source import Numbers
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.errors import DatasetError, check_word
 
 
 @dataclass(frozen=True, eq=False)

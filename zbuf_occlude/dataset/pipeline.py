@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.stacked import count_stacked
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.meshes.collection import SPLITS
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 
 MeshIds = NDArray[np.int32]
 Indices = NDArray[np.intp]

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE, Batches, Files, MeshIds, Placement, deal
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
-from zbuf_occlude.scenes.pool import Pool
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views

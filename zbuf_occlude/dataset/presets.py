@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 MODELNET8 = ("airplane", "bed", "bookshelf", "bottle", "car", "chair", "lamp", "table")

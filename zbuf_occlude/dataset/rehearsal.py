@@ -16,7 +16,7 @@ from zbuf_occlude.jit import compiler
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.meshes.files import load_mesh
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -55,14 +55,14 @@ def is_plain(recipe: Recipe) -> bool:
 
 def is_compiled(recipe: Recipe) -> bool:
     """Whether a job of this kind was rehearsed here."""
-    return compiler.is_compiled(_kind(recipe))
+    return compiler.compiled_before(_kind(recipe))
 
 
 def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
-        small = replace(small, scanning=asdict(Setup(document_of(make("hdl-64e")), size="file", method=recipe.method)))
+        small = replace(small, scanning=asdict(Setup(make("hdl-64e").document, size="file", method=recipe.method)))
     with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
         gl = None
         if find_method(recipe.method).needs_gl:

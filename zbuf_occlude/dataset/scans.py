@@ -14,9 +14,9 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.seeds import seed_of
-from zbuf_occlude.sensors.capture import Capture, captures, sensor_places, stand
-from zbuf_occlude.sensors.record import Scan
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import CONTACT
 
@@ -51,7 +51,7 @@ def scan(mesh: Mesh, label: str, plan: Plan, key: str) -> Iterator[Sampling]:
     recipe, setup = plan.recipe, plan.recipe.setup
     if setup is None:
         raise ArgumentError("a recipe of scans must have `scanning`; this has none. Use pipeline.occlude.")
-    standing, size = stand(mesh, label, setup)
+    standing, size = in_metres(mesh, label, setup)
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
@@ -96,7 +96,7 @@ def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation:
     """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
     assert recipe.setup is not None
     points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
-    _, size = stand(mesh, label, recipe.setup)
+    _, size = in_metres(mesh, label, recipe.setup)
     positions = (points.positions - mesh.centre) * (size / mesh.longest_side)
     return ScanPoints(positions, points.face_ids, points.normals, points.colors, facts={"size": np.array([size])})
 

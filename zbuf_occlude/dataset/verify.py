@@ -20,7 +20,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
-from zbuf_occlude.workers.task import Run, run_here
+from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
 """The clouds held against their meshes are of this many files, chosen at random, where there are more."""

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
 
 Keys = NDArray[np.uint64]
 

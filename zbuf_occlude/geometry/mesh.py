@@ -25,7 +25,7 @@ from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import WHITE, SurfaceColors, of_trimesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.origin import UNKNOWN, Origin
+from zbuf_occlude.provenance import UNKNOWN, Origin
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""

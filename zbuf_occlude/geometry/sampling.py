@@ -7,12 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
+from zbuf_occlude.arrays import (
+    FloatArray,
+    IntArray,
+    as_indices,
+    as_numbers,
+    as_vectors,
+    frozen,
+    sealed,
+    shape_and_dtype,
+)
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.colors import Bytes, barycentric
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.seeds import generator
+from zbuf_occlude.provenance import generator
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
 """Counts and ids are int32."""
@@ -69,7 +78,7 @@ class SurfacePoints:
         if self.colors is not None:
             colors = np.asarray(self.colors)
             if colors.dtype != np.uint8 or colors.shape != positions.shape:
-                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {describe(self.colors)}.")
+                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {shape_and_dtype(self.colors)}.")
             object.__setattr__(self, "colors", sealed(colors.copy()))
         object.__setattr__(self, "positions", frozen(positions))
         object.__setattr__(self, "face_ids", frozen(face_ids))
@@ -117,7 +126,7 @@ class SurfacePoints:
         """Return the points that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
         if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
-            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
+            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {shape_and_dtype(chosen)}.")
         if chosen.dtype.kind == "b":
             if len(chosen) != len(self):
                 raise ArgumentError(f"which must pick among {len(self)} points; boolean it has {len(chosen)} entries.")

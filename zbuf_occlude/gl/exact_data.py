@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.geometry.hilbert import hilbert_order
-from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
 
 WIDTH = 8
 """Children of an inner box."""

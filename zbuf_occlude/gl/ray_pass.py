@@ -13,7 +13,7 @@ from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
 from zbuf_occlude.gl.point_pass import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
-from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
 
 WINDOW = 16
 """Pixels looked at per ray, 4 x 4."""

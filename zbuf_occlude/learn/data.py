@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import describe
+from zbuf_occlude.arrays import shape_and_dtype
 from zbuf_occlude.dataset.atomic import reading
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.ragged import filled
@@ -32,7 +32,9 @@ class CloudSet:
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
         if positions.ndim != 3 or positions.shape[2] != 3 or positions.shape[1] < 1:
-            raise ArgumentError(f"positions must be (m, n, 3) float, n at least 1; got {describe(self.positions)}.")
+            raise ArgumentError(
+                f"positions must be (m, n, 3) float, n at least 1; got {shape_and_dtype(self.positions)}."
+            )
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions).all(axis=(1, 2)))[0])
             raise ArgumentError(f"positions must be finite; those of cloud {bad} are not. Leave it out.")
@@ -42,7 +44,9 @@ class CloudSet:
         columns: dict[str, NDArray[Any]] = {"labels": labels, "object_ids": object_ids, "elevations": elevations}
         for name, column in columns.items():
             if column.shape != (len(positions),):
-                raise ArgumentError(f"{name} must be ({len(positions)},), one per cloud; got {describe(column)}.")
+                raise ArgumentError(
+                    f"{name} must be ({len(positions)},), one per cloud; got {shape_and_dtype(column)}."
+                )
             object.__setattr__(self, name, column)
         if len(labels) and not 0 <= labels.min() <= labels.max() < len(self.classes):
             raise ArgumentError(

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import FloatArray, describe
+from zbuf_occlude.arrays import FloatArray, shape_and_dtype
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import ArgumentError
@@ -37,7 +37,7 @@ class Confusion:
     def __post_init__(self) -> None:
         shape = (len(self.truth), len(self.predicted))
         if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
-            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
+            raise ArgumentError(f"counts must be {shape}, none negative; got {shape_and_dtype(self.counts)}.")
 
     @property
     def n_clouds(self) -> int:

@@ -1,27 +1,33 @@
 """MeshCollection: meshes with a key, a class and a split each, loaded only when asked for."""
 
 import os
+import pickle
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Generic, TypeVar, overload
 from unicodedata import decimal
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
+import numpy as np
+
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
-from zbuf_occlude.origin import UNKNOWN, Origin
-from zbuf_occlude.shelf import Shelf
+from zbuf_occlude.provenance import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
+
+BUNDLE = 64
+"""Things are pickled this many at a time: their common parts, such as classes and folders, stand there once."""
+
+Thing = TypeVar("Thing")
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -102,7 +108,7 @@ class MeshCollection(Sequence[MeshEntry]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process gets: entries made when they are asked for, so that it need not hold all."""
-        entries = self._entries if isinstance(self._entries, Shelf) else Shelf(self._entries)
+        entries = self._entries if isinstance(self._entries, PickledSequence) else PickledSequence(self._entries)
         return {"_entries": entries, "remarks": self.remarks}
 
     def __repr__(self) -> str:
@@ -329,3 +335,45 @@ def _natural(text: str) -> tuple[bytes, str]:
 
 
 _DIGITS = re.compile(r"(\d+)")
+
+
+class PickledSequence(Sequence[Thing], Generic[Thing]):
+    """A sequence kept as bytes and unpickled where it is asked for; a million things are two arrays.
+
+    Parameters
+    ----------
+    things : sequence
+        All of which can be pickled.
+    """
+
+    def __init__(self, things: Sequence[Thing]) -> None:
+        bundles = [pickle.dumps(tuple(things[i : i + BUNDLE]), protocol=5) for i in range(0, len(things), BUNDLE)]
+        self._n = len(things)
+        self._ends = np.cumsum([0, *map(len, bundles)])
+        self._bytes = np.frombuffer(b"".join(bundles), np.uint8)
+        self._last: tuple[int, tuple[Thing, ...]] = (-1, ())
+
+    def __len__(self) -> int:
+        return self._n
+
+    @overload
+    def __getitem__(self, index: int) -> Thing: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Thing, ...]: ...
+    def __getitem__(self, index: int | slice) -> Thing | tuple[Thing, ...]:
+        """Return a thing, or for a slice a tuple."""
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(self._n)))
+        bundle, place = divmod(range(self._n)[index], BUNDLE)
+        return self._bundle(bundle)[place]
+
+    def __iter__(self) -> Iterator[Thing]:
+        for bundle in range(len(self._ends) - 1):
+            yield from self._bundle(bundle)
+
+    def _bundle(self, number: int) -> tuple[Thing, ...]:
+        known, things = self._last  # read once: another thread may be here
+        if known != number:
+            things = pickle.loads(self._bytes[self._ends[number] : self._ends[number + 1]].tobytes())
+            self._last = number, things
+        return things

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.gltf import read_gltf_and_look
@@ -21,7 +20,7 @@ from zbuf_occlude.meshes.ply import read_ply
 from zbuf_occlude.meshes.ply_colors import read_ply_look
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin
 
 _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".off": read_off,

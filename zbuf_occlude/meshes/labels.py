@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import TypeVar
 
-from zbuf_occlude.documents import MOST_BYTES, parse
+from zbuf_occlude.documents import MOST_BYTES, parse_document
 from zbuf_occlude.errors import OptionError, in_words, printable
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
@@ -86,7 +86,7 @@ def unpacked(data: bytes, path: PurePath) -> bytes:
 
 def parse_csv(data: bytes, name: str) -> list[Label]:
     """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
-    columns = parse("CSV", data, name)
+    columns = parse_document("CSV", data, name)
     key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
     if not key or not (label or split):
         raise OptionError(f"{printable(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
@@ -105,7 +105,7 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
 
 def parse_json(data: bytes, name: str) -> list[Label]:
     """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
-    document = parse("JSON", data, name)
+    document = parse_document("JSON", data, name)
     try:
         if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
             return [Label(_word(key), label) for label, keys in document.items() for key in keys]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.archives import archive_of, read_bytes
-from zbuf_occlude.origin import UNKNOWN, Origin, Stamp
+from zbuf_occlude.provenance import UNKNOWN, Origin, Stamp
 
 
 class MeshFiles:

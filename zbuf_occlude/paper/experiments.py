@@ -28,7 +28,6 @@ from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
 from zbuf_occlude.object_space.occupancy import OccupancyGrid
-from zbuf_occlude.origin import Origin
 from zbuf_occlude.paper.design import (
     AUGMENTATION,
     CLOUDS,
@@ -56,10 +55,10 @@ from zbuf_occlude.paper.design import (
 from zbuf_occlude.paper.figures import cells_as_mesh, make_mask, projected_areas
 from zbuf_occlude.paper.real_scans import layout_of, read_objects, read_scans, resampled
 from zbuf_occlude.paper.results import AREAS, Trial
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import Origin, seed_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views, modelnet8, paper100
 from zbuf_occlude.visibility import find_method
 
@@ -508,7 +507,7 @@ class Realism(Experiment):
         if kind == UNIFORM:
             return Plan(self.meshes, Recipe(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
-        setup = Setup(document_of(make(SENSOR)), range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
+        setup = Setup(make(SENSOR).document, range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
         return Plan(self.meshes, Recipe(**common, scanning=asdict(setup)))
 
     def of(self, kind: str, count: str, split: str) -> CloudSet:

@@ -16,7 +16,7 @@ from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.learn.data import CloudSet
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 
 
 def resampled(points: NDArray[Any], n_points: int, name: str) -> NDArray[np.float32]:

@@ -32,7 +32,7 @@ from zbuf_occlude.paper.experiments import (
 )
 from zbuf_occlude.paper.real_scans import UpAxis, check_scans, find_frame, picture_of_scans, read_objects
 from zbuf_occlude.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
-from zbuf_occlude.versions import n_cores, versions
+from zbuf_occlude.provenance import n_cores, versions
 
 CLASSIFIERS = "classifiers"
 """Folder of a study: the trained model of each trial."""

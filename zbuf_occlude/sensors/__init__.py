@@ -6,11 +6,9 @@ sensors.make("mine.yaml")                a user's own
 sensor.rays()                            directions in the sensor's frame: x forward, y left, z up
 """
 
-from zbuf_occlude.sensors.files import SENSORS, make
-from zbuf_occlude.sensors.model import Imperfections, Sensor
-from zbuf_occlude.sensors.rays import Rays
-from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import look_at, scan
+from zbuf_occlude.sensors.catalog import SENSORS, make
+from zbuf_occlude.sensors.scanning import Scan, look_at, scan
+from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
 
 __all__ = ["SENSORS", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
 

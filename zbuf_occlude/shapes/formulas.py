@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.shapes.kit import quad_grid

@@ -10,6 +10,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
+PAPER_DISTANCE = 4.0
+"""Distance of the camera in units of the object's longest side (paper 4.1)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Views:

@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from zbuf_occlude.checks import find_row
-from zbuf_occlude.errors import ArgumentError, OptionError
+from zbuf_occlude.errors import ArgumentError, OptionError, find_row
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh, box_around
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
-from zbuf_occlude.checks import did_you_mean
-from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
+from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints

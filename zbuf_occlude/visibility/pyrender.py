@@ -19,8 +19,7 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.errors import GlError, OptionError, UnavailableError
+from zbuf_occlude.errors import GlError, OptionError, UnavailableError, check_fraction
 from zbuf_occlude.geometry.camera import (
     Frusta,
     cube_faces,

@@ -5,8 +5,7 @@ import warnings
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction, check_int
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.division import Division, divide_faces

@@ -18,7 +18,7 @@ from tests.scenes import sphere  # noqa: E402
 from zbuf_occlude import ArgumentError, Mesh, MeshError, OptionError, SurfacePoints, prepare  # noqa: E402
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion  # noqa: E402
 from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors  # noqa: E402
-from zbuf_occlude.jit.pool import n_threads  # noqa: E402
+from zbuf_occlude.jit.threads import n_threads  # noqa: E402
 
 BALL = sphere(24)
 

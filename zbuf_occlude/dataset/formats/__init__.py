@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.classes import CLASSES_OF
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
 
 PACKED = "packed"

@@ -37,7 +37,7 @@ from zbuf_occlude.dataset.source import IDS, Arranged, Numbers, Source, arranged
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.sensors.capture import stand
+from zbuf_occlude.sensors.capture import in_metres
 from zbuf_occlude.views import Views
 
 OPEN_FILES, KEPT_BLOCKS = 16, 4
@@ -75,7 +75,7 @@ class Archive:
         if recipe.setup is not None:
             kind = "scans"
             samples = [standing_points(mesh, entry.label, recipe, entry.key, i) for i in range(len(kept))]
-            mesh, _ = stand(mesh, entry.label, recipe.setup)
+            mesh, _ = in_metres(mesh, entry.label, recipe.setup)
         grid = Grid.of_box(mesh.bounds)
         facts = {
             "key": entry.key,

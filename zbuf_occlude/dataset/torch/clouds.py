@@ -9,12 +9,11 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from zbuf_occlude.checks import check_word
 from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.ragged import filled
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_word
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
 Sample = tuple[torch.Tensor, torch.Tensor]

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from torch.utils.data import get_worker_info
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_int, check_word
 from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.plan import ATTRIBUTES, SCALES
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_int, check_word
 from zbuf_occlude.geometry.colors import GREY, of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.jit.pool import use_threads
+from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.views import PAPER_DISTANCE
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare

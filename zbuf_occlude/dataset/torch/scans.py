@@ -8,17 +8,16 @@ import numpy as np
 import torch
 from torch.utils.data import get_worker_info
 
-from zbuf_occlude.checks import check_int, check_word
 from zbuf_occlude.dataset.clouds import draw, fit
-from zbuf_occlude.errors import ArgumentError, MeshError
+from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.pool import use_threads
+from zbuf_occlude.jit.threads import use_threads
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.pool import Pool
+from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.capture import captures, sensor_places, stand
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 
 ROUNDS = 8
@@ -72,7 +71,7 @@ class OnTheFlyScan:
         check_word("scale", scale, SCALES)
         self.n_points, self.scale = n_points, scale
         given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
-        self.setup = Setup(document_of(make(sensor, **(numbers or {}))), **given)
+        self.setup = Setup(make(sensor, **(numbers or {})).document, **given)
         if not isinstance(surroundings, MeshCollection | None):
             raise ArgumentError(
                 f"surroundings must be a MeshCollection; got {type(surroundings).__name__}. "
@@ -102,7 +101,7 @@ class OnTheFlyScan:
             mesh = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).cleaned()
         if get_worker_info() is not None:
             use_threads(1)
-        standing, size = stand(mesh, label, self.setup)
+        standing, size = in_metres(mesh, label, self.setup)
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))

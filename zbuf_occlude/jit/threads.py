@@ -67,22 +67,6 @@ def n_blocks(n: int, size: int) -> int:
     return -(-n // size)
 
 
-def n_threads() -> int:
-    """Return how many threads a call may use: as `use_threads` said, else NUMBA_NUM_THREADS or one for each core.
-
-    What `numba.set_num_threads` said counts too. But numba is only asked where it has been before: asked first, it
-    starts threads of its own, which nothing here uses, and where they are OpenMP's sets the number of torch's.
-    """
-    if _alone:
-        return 1
-    try:
-        numba.threading_layer()
-        of_numba = numba.get_num_threads()
-    except ValueError:  # numba has not been asked
-        of_numba = numba.config.NUMBA_NUM_THREADS
-    return min(_most, of_numba) if _most else of_numba
-
-
 _most = 0
 
 
@@ -92,18 +76,25 @@ def use_threads(n: int) -> None:
     _most = max(1, n)
 
 
-_alone = False
-
-
 @contextmanager
 def alone() -> Iterator[None]:
     """Start no thread within the block, so that the process may be forked after it."""
-    global _alone
-    _alone = True
+    global _most
+    before, _most = _most, 1
     try:
         yield
     finally:
-        _alone = False
+        _most = before
+
+
+def n_threads() -> int:
+    """Return how many threads a call may use: as `use_threads` said, at most NUMBA_NUM_THREADS, or one for each core.
+
+    What `numba.set_num_threads` said does not count: numba, when asked, starts threads of its own, and where they are
+    OpenMP's sets the number of torch's.
+    """
+    most: int = numba.config.NUMBA_NUM_THREADS
+    return min(_most, most) if _most else most
 
 
 def together(kernel: Callable[..., None], n_tasks: int, *arguments: Any, own: Callable[[], Any] | None = None) -> None:

@@ -1,22 +1,22 @@
 """From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
 
 import warnings
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.geometry.cloud import Cloud, columns_of
+from zbuf_occlude.geometry.colors import Bytes
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
+from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
-from zbuf_occlude.seeds import generator
-from zbuf_occlude.sensors.files import make
-from zbuf_occlude.sensors.imperfections import imperfect
-from zbuf_occlude.sensors.model import Imperfections, Sensor
-from zbuf_occlude.sensors.rays import Rays
-from zbuf_occlude.sensors.record import Scan
+from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import METHODS, find_method, prepare
 from zbuf_occlude.visibility.interface import FirstHits, Occluder
@@ -26,6 +26,116 @@ CASTERS = ("exact", "embree", "oracle")
 _CROSS = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 _SPREAD = 0.5
 """How far along both axes a beam's four outer rays go, of its half angle: 0.7 of its radius."""
+EDGE = 0.05
+"""Neighbouring pixels whose depths differ by more than this share lie on an edge."""
+ROUGHNESS = 0.5
+"""Radians that a surface's facets are tilted by (Oren and Nayar 1994): assumed, as of plaster, cloth or asphalt."""
+ROUGH_BACK = (0.45 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.09)) / (1.0 - 0.5 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.33))
+"""What such a surface sends back when grazed, over what it does at right angles: their B / A."""
+
+
+COLUMNS = (
+    ("range", "ranges", "<f8"), ("incidence", "incidences", "<f4"), ("intensity", "intensities", "<f4"),
+    ("ring", "rings", "<i4"), ("column", "columns", "<i4"), ("instance", "instances", "<i4"),
+    ("n_returns", "n_returns", "<i4"),
+)  # fmt: skip
+"""Of a point besides x, y, z, nx, ny, nz: its name in files, in a `Scan`, and its type."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan(Cloud):
+    """One scan: n returns of a sensor; a cloud that can be saved and shown.
+
+    Parameters
+    ----------
+    origin : (3,) float
+        The sensor, world space, metres.
+    directions : (n, 3) float
+        Unit, world space.
+    depths_per_range : (n,) float
+        Depth along the sensor's x axis over range: the cosine between them.
+    ranges : (n,) float
+        Eye distances as measured; ``origin + ranges * directions`` are the points.
+    clean_ranges : (n,) float
+        As they are, before noise and quantisation.
+    face_ids : (n,) int
+        Into the scene's faces; with several surfaces in a beam, of the one that counts most.
+    normals : (n, 3) float
+        Unit, turned towards the sensor.
+    incidences : (n,) float
+        Between the ray and the normal, radians.
+    intensities : (n,) float
+        Albedo times the cosine of the incidence over the range squared (the clean one, metres).
+    rings, columns, instances, n_returns : (n,) int
+        Laser, firing, object, and how many returns the beam has in all, before any is lost.
+    """
+
+    origin: FloatArray
+    directions: FloatArray
+    depths_per_range: FloatArray
+    ranges: FloatArray
+    clean_ranges: FloatArray
+    face_ids: IntArray
+    normals: FloatArray
+    incidences: FloatArray
+    intensities: FloatArray
+    rings: IntArray
+    columns: IntArray
+    instances: IntArray
+    n_returns: IntArray
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    def __repr__(self) -> str:
+        span = f", ranges {self.ranges.min():.4g} to {self.ranges.max():.4g}" if len(self) else ""
+        return f"Scan({len(self)} points{span})"
+
+    @property
+    def points(self) -> FloatArray:  # type: ignore[override]  # computed, and never assigned
+        """The points, world space, (n, 3)."""
+        return np.asarray(self.origin + self.ranges[:, None] * self.directions)
+
+    @property
+    def positions(self) -> FloatArray:
+        """The same as `points`."""
+        return self.points
+
+    @property
+    def colors(self) -> Bytes | None:  # type: ignore[override]
+        """None: a sensor measures no colours."""
+        return None
+
+    @property
+    def eye(self) -> FloatArray:
+        """The same as `origin`."""
+        return self.origin
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that is known, by name: the arrays of a .npz file."""
+        return {"points": self.points, **{each.name: getattr(self, each.name) for each in fields(self)}}
+
+    def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
+        """Return a structured array with a row per point: position, normal, and `COLUMNS`.
+
+        Parameters
+        ----------
+        keep_clean : bool
+            Add ``clean_range``, without noise.
+        """
+        columns = [*COLUMNS, ("clean_range", "clean_ranges", "<f8")] if keep_clean else COLUMNS
+        placed = columns_of(self.points, self.normals)
+        table = np.empty(len(self), dtype=[*placed.dtype.descr, *((name, kind) for name, _, kind in columns)])
+        for name in placed.dtype.names or ():
+            table[name] = placed[name]
+        for name, attribute, _ in columns:
+            table[name] = getattr(self, attribute)
+        return table
+
+    def select(self, which: ArrayLike) -> "Scan":
+        """Return the returns that a boolean mask or an index array picks, in its order."""
+        chosen = np.asarray(which)
+        return Scan(self.origin, *(getattr(self, each.name)[chosen] for each in fields(self)[1:]))
 
 
 def default_caster() -> str:
@@ -265,14 +375,11 @@ def _returns(
     )
 
 
-class _Echoes(NamedTuple):
-    face_ids: Any
-    ranges: FloatArray
-    n_returns: Any
+def _echoes(hits: FirstHits, faults: Imperfections) -> tuple[IntArray, FloatArray, IntArray]:
+    """Face, range and number of returns of each beam of five rays.
 
-
-def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
-    """One return per beam of five rays: near surfaces run together, of what is apart one is kept."""
+    Surfaces that are near to each other run together; of what is apart one is kept.
+    """
     order = np.argsort(hits.distances, axis=1, kind="stable")
     # (5, n): numpy is slow along short rows
     ranges = np.ascontiguousarray(np.take_along_axis(hits.distances, order, axis=1).T)
@@ -298,7 +405,7 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
     with np.errstate(invalid="ignore"):
         best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
     face_ids = np.where(total > 0, faces[best, np.arange(len(best))], -1)
-    return _Echoes(face_ids.astype(np.int32), mean, n_returns.astype(np.int32))
+    return face_ids.astype(np.int32), mean, n_returns.astype(np.int32)
 
 
 def _beams(
@@ -325,3 +432,125 @@ def _beams(
 
 def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny))
+
+
+def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
+    """Apply everything that a sensor gets wrong along and across its rays; with noise=0 only the limits of range."""
+    faults = sensor.imperfections
+    scan = limited(scan, faults)
+    if not faults.noise:
+        return scan
+    scan = without_edges(scan, faults, rng)
+    scan = dropped(scan, faults, rng)
+    scan = detected(scan, faults, rng)
+    scan = noisy(scan, faults, rng)
+    scan = blurred(scan, sensor, rng)
+    return quantised(scan, faults)
+
+
+def limited(scan: Scan, faults: Imperfections) -> Scan:
+    """Leave out what is nearer than `range_min`, farther than `range_max`, or steeper than `incidence_max`."""
+    measured = _measured(scan, faults)
+    kept = (measured >= faults.range_min) & (measured <= faults.range_max)
+    if faults.incidence_max < 90.0 and faults.noise:
+        kept &= scan.incidences <= np.radians(faults.incidence_max)
+    return scan if kept.all() else scan.select(kept)
+
+
+def dropped(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+    """Lose returns at random: a share of all, and of weak ones the more the weaker the signal."""
+    if not (faults.drop or faults.drop_zero):
+        return scan
+    lost = np.full(len(scan), faults.drop)
+    if faults.drop_limit:
+        signal = scan.intensities * scan.clean_ranges**2 * np.exp(-faults.attenuation * scan.clean_ranges)
+        weak = faults.drop_zero * np.maximum(0.0, 1.0 - signal / faults.drop_limit)
+        lost = 1.0 - (1.0 - lost) * (1.0 - weak)
+    return scan.select(rng.random(len(scan)) >= lost)
+
+
+def detected(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+    """Lose the returns that fade below what the sensor detects: dark, steep and far ones."""
+    if not faults.reach:
+        return scan
+    cosines = np.cos(scan.incidences)
+    # what a Lambertian surface sends back is the record's intensity; its albedo is that without the cosine
+    albedos = scan.intensities * scan.clean_ranges**2 / np.maximum(cosines, 1e-9)
+    return scan.select(rng.random(len(scan)) < detection(albedos, cosines, scan.clean_ranges, faults.reach))
+
+
+def detection(albedos: ArrayLike, cosines: ArrayLike, ranges: ArrayLike, reach: float) -> FloatArray:
+    """Return the probability that a return is detected: ``exp(-(range / reach)^2 / (albedo B(incidence)))``.
+
+    The power received is on average ``P = albedo B / range^2``. It fades: of coherent light from a rough surface it is
+    distributed exponentially (speckle). So it exceeds what can be detected, ``P0 = 1 / reach^2``, with probability
+    ``exp(-P0 / P)``. ``B`` is what a rough surface sends back to the light (Oren and Nayar 1994), 1 at right angles;
+    by Lambert's cosine alone the ground would end at 30 m. `ranges` and `reach` are metres.
+    """
+    cosines = np.asarray(cosines, dtype=np.float64)
+    back = cosines + ROUGH_BACK * (1.0 - cosines**2)
+    signals = np.maximum(np.asarray(albedos) * back, np.finfo(np.float64).tiny)
+    with np.errstate(over="ignore"):  # what is black, or far beyond the reach, is never detected
+        return np.asarray(np.exp(-((np.asarray(ranges) / reach) ** 2) / signals))
+
+
+def noisy(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+    """Add normal noise to the ranges; of an axial sensor to the depths."""
+    sigma = faults.range_sigma(_measured(scan, faults), scan.incidences)
+    if not sigma.any():
+        return scan
+    if faults.axial:
+        sigma = sigma / scan.depths_per_range
+    return replace(scan, ranges=np.maximum(scan.ranges + sigma * rng.standard_normal(len(scan)), 1e-6))
+
+
+def blurred(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
+    """Turn rays across themselves by the lateral noise, which is in pixels."""
+    offset, slope = (float(x) for x in np.broadcast_to(np.append(sensor.imperfections.lateral, 0.0)[:2], 2))
+    if not (offset or slope) or not sensor.pixels:
+        return scan
+    angle = np.minimum(scan.incidences, STEEPEST)
+    sigma = (offset + slope * angle / (np.pi / 2 - angle)) * sensor.imperfections.noise / sensor.pixels
+    least = np.eye(3)[np.abs(scan.directions).argmin(axis=1)]
+    across = np.cross(scan.directions, least)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    upwards = np.cross(scan.directions, across)
+    turned = scan.directions + sigma[:, None] * (
+        rng.standard_normal((len(scan), 1)) * across + rng.standard_normal((len(scan), 1)) * upwards
+    )
+    return replace(scan, directions=turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def quantised(scan: Scan, faults: Imperfections) -> Scan:
+    """Round ranges to multiples of `step`, inverse ones to multiples of `disparity_step`; depths of an axial sensor."""
+    if not (faults.step or faults.disparity_step):
+        return scan
+    per_range = scan.depths_per_range if faults.axial else np.ones(len(scan))
+    measured = scan.ranges * per_range
+    if faults.disparity_step:
+        disparities = np.maximum(np.round(1.0 / (measured * faults.disparity_step)), 1.0)
+        measured = 1.0 / (disparities * faults.disparity_step)
+    if faults.step:
+        measured = np.round(measured / faults.step) * faults.step
+    return replace(scan, ranges=np.maximum(measured / per_range, 1e-6))
+
+
+def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
+    """Lose a share of the pixels beside which the depth jumps, or nothing returns."""
+    if not faults.edge_loss or not len(scan):
+        return scan
+    first = scan.columns.min() - 1, scan.rings.min() - 1
+    shape = int(scan.rings.max() - first[1] + 2), int(scan.columns.max() - first[0] + 2)
+    image = np.full(shape, np.inf)
+    rows, columns = scan.rings - first[1], scan.columns - first[0]
+    depths = scan.clean_ranges * scan.depths_per_range
+    image[rows, columns] = depths
+    edge = np.zeros(len(scan), dtype=bool)
+    for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        edge |= np.abs(image[rows + down, columns + right] - depths) > EDGE * depths
+    return scan.select(~edge | (rng.random(len(scan)) >= faults.edge_loss))
+
+
+def _measured(scan: Scan, faults: Imperfections) -> FloatArray:
+    """What the sensor measures, without noise: ranges, or of an axial sensor depths."""
+    return scan.clean_ranges * scan.depths_per_range if faults.axial else scan.clean_ranges

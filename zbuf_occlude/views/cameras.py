@@ -1,8 +1,8 @@
 """Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text and binary files.
 
 Cameras have positions in the mesh's own coordinates (after `up` has turned it) and need not look at it. K is in pixels
-with y down and the corner of the upper left pixel at (0, 0); R and t take world space to OpenCV's eye space (x right,
-y down, z forward), as usual; transforms.json holds OpenGL's, from eye to world space.
+with y down and the corner of the upper left pixel at (0, 0). R and t take world space to OpenCV's eye space (x right,
+y down, z forward). transforms.json holds OpenGL's matrices, from eye to world space.
 """
 
 import mmap
@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.documents import Number, parse, read_bytes
+from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
-from zbuf_occlude.views.model import Views
-from zbuf_occlude.views.positions import PAPER_DISTANCE
+from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
 """OpenCV's eye space to OpenGL's."""
@@ -77,7 +76,7 @@ def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
     >>> zo.views.from_csv("views.csv").distance.tolist()
     [3.0]
     """
-    columns, where = parse("CSV", read_bytes(Path(path)), path), printable(str(path))
+    columns, where = parse_document("CSV", read_limited(Path(path)), path), printable(str(path))
     if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
         rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
         return _views(Path(path), rows, _camera_of_row)
@@ -111,10 +110,10 @@ def from_json(path: Path) -> Views:
     >>> zo.views.from_json(Path("camera.json")).eyes.tolist()
     [[0.0, 0.0, -5.0]]
     """
-    data = read_bytes(path)
+    data = read_limited(path)
     if path.suffix.lower() == ".jsonl":
         data = b"[" + b",".join(line for line in data.removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()) + b"]"
-    document = parse("JSON", data, path)
+    document = parse_document("JSON", data, path)
     if isinstance(document, dict) and "frames" in document:
         shared = {key: value for key, value in document.items() if key != "frames"}
         return _views(path, document["frames"], lambda frame: _camera_of_frame({**shared, **frame}))
@@ -144,7 +143,7 @@ def from_colmap(path: Path) -> Views:
 
 
 def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
-    """Turn what a file holds into views; whatever it lacks is said with the file's name."""
+    """Turn what a file holds into views; errors name the file."""
     cameras: list[_Camera] = []
     try:
         for item in items:
