@@ -28,12 +28,14 @@ def run_ray(
     address: str | None = None,
     gpus_per_worker: float = 0.0,
 ) -> None:
-    """Do jobs by Ray actors; parameters, errors and promises as in `do_jobs`, and:
+    """Do jobs by Ray actors, with the errors and promises of `do_jobs`.
 
     Parameters
     ----------
     task : Task
         The folder that it is about must be the same on every node.
+    jobs, done, limits
+        As in `do_jobs`.
     n_workers : int or None
         Actors; by default as many as the cluster has CPUs, or room for by `gpus_per_worker`.
     address : str, optional
