@@ -26,7 +26,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.geometry.mesh import Mesh
     from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
-    from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.meshes.load import load_mesh
     from zbuf_occlude.scenes import Scene
     from zbuf_occlude.sensors import scan
     from zbuf_occlude.views import Views
@@ -69,7 +69,7 @@ _HOMES = {
     ),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
-    "meshes.files": ("load_mesh",),
+    "meshes.load": ("load_mesh",),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
     "sensors": ("scan",),

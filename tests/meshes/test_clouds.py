@@ -9,7 +9,7 @@ from tests.scenes import box
 from zbuf_occlude import SurfacePoints, prepare
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.mesh import box_around
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.meshes.load import load_cloud
 
 ASCII = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float z\nproperty float x\nproperty float y\n"
 

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zbuf_occlude import MeshError
-from zbuf_occlude.meshes.decimals import nearest_double
 from zbuf_occlude.meshes.text import Keywords, Lines
 
 
@@ -67,14 +66,6 @@ def test_odd_spellings() -> None:
     tokens += ["2.2250738585072011e-308", "1.7976931348623159e308", "9007199254740993", "inf", "-Infinity"]
     assert read(*tokens) == as_python(*tokens)
     assert np.isnan(Lines(b"nan -NaN nan(ind) -nan(0x7f)").numbers()).all()
-
-
-def test_where_128_bits_do_not_decide_it_says_so() -> None:
-    bits, is_certain = nearest_double(np.uint64(5), -324)  # subnormal
-    assert not is_certain
-    bits, is_certain = nearest_double(np.uint64(12345678901234567), -5)
-    assert is_certain
-    assert struct.pack("<Q", bits) == struct.pack("<d", 12345678901234567e-5)
 
 
 @pytest.mark.parametrize(

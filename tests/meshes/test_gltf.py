@@ -13,6 +13,8 @@ import trimesh
 
 from zbuf_occlude import MeshError, load_mesh
 from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.mesh_files import MeshFiles
+from zbuf_occlude.meshes.polygons import Polygons
 
 HERE = Path("nowhere")
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2, 1]], dtype="<f4")
@@ -59,8 +61,12 @@ def data_uri(blob: bytes) -> str:
     return "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
 
 
+def polygons_of(data: bytes, folder: Path = HERE) -> Polygons:
+    return read_gltf(data, MeshFiles(folder / "scene.gltf"))[0]
+
+
 def read(document: Document, folder: Path = HERE) -> np.ndarray:
-    polygons = read_gltf(json.dumps(document).encode(), folder)
+    polygons = polygons_of(json.dumps(document).encode(), folder)
     return polygons.vertices[polygons.corners].reshape(-1, 3, 3)
 
 
@@ -78,7 +84,7 @@ def glb(document: Document, blob: bytes) -> bytes:
 
 
 def test_a_scene_is_flattened_as_trimesh_does_it() -> None:
-    polygons = read_gltf(scene().export(file_type="glb"), HERE)
+    polygons = polygons_of(scene().export(file_type="glb"))
     expected = scene().to_mesh().triangles
     found = polygons.vertices[polygons.corners].reshape(-1, 3, 3)
     assert found.shape == expected.shape == (12 + 80 + 12, 3, 3)
@@ -92,8 +98,8 @@ def test_gltf_with_buffers_beside_it_is_the_same(tmp_path: Path) -> None:
     files = scene().export(file_type="gltf")
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
-    polygons = read_gltf((tmp_path / "model.gltf").read_bytes(), tmp_path)
-    packed = read_gltf(scene().export(file_type="glb"), HERE)
+    polygons = polygons_of((tmp_path / "model.gltf").read_bytes(), tmp_path)
+    packed = polygons_of(scene().export(file_type="glb"))
     assert polygons.vertices.tobytes() == packed.vertices.tobytes()
     assert polygons.corners.tobytes() == packed.corners.tobytes()
 
@@ -323,15 +329,15 @@ def test_damaged_glb_is_refused_in_words(change: Any, message: str) -> None:
     document = as_document(CORNERS[:3])
     del document["buffers"][0]["uri"]
     data = glb(document, CORNERS.tobytes())
-    assert len(read_gltf(data, HERE).counts) == 1
+    assert len(polygons_of(data).counts) == 1
     with pytest.raises(MeshError, match=message):
-        read_gltf(change(data), HERE)
+        polygons_of(change(data))
 
 
 @pytest.mark.parametrize("text", [b"", b"[]", b"{", b"\xff\xfe", b"[" * 100_000, b'{"asset": {"version": []}}'])
 def test_text_that_is_no_gltf_is_refused(text: bytes) -> None:
     with pytest.raises(MeshError):
-        read_gltf(text, HERE)
+        polygons_of(text)
 
 
 def test_a_small_file_cannot_grow_without_end() -> None:

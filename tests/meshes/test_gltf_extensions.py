@@ -10,8 +10,7 @@ import pytest
 import trimesh
 
 from tests.meshes.test_gltf import CORNERS, Document, as_document, data_uri, read
-from zbuf_occlude import MeshError
-from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude import MeshError, load_mesh
 
 
 class Builder:
@@ -239,21 +238,16 @@ def test_hostile_files_read_nothing_twice(tmp_path: Path) -> None:
     document = as_document(CORNERS[:3])
     document["buffers"] += [{"uri": "self.gltf", "byteLength": 1}] * 20_000
     document["bufferViews"] += [{"buffer": i + 1, "byteLength": 1} for i in range(20_000)]
-    reads: list[Path] = []
-
-    def count(path: Path) -> bytes:
-        reads.append(path)
-        return path.read_bytes()
-
     (tmp_path / "self.gltf").write_text(json.dumps(document))
-    assert len(read_gltf((tmp_path / "self.gltf").read_bytes(), tmp_path, count).counts) == 1
-    assert reads == []
+    origin = load_mesh(tmp_path / "self.gltf").origin
+    assert [file.name for file in origin.files] == ["self.gltf"]
     (tmp_path / "one.bin").write_bytes(CORNERS.tobytes())
     document = as_document(CORNERS[:3])
     document["buffers"] = [{"uri": "one.bin", "byteLength": 60}] * 200
     document["bufferViews"] = [{"buffer": i, "byteLength": 36} for i in range(200)]
     document["accessors"] = [{**document["accessors"][0], "bufferView": i} for i in range(200)]
     document["meshes"][0]["primitives"] = [{"attributes": {"POSITION": i}} for i in range(200)]
-    text = json.dumps(document).encode()
-    assert len(read_gltf(text, tmp_path, count).counts) == 200
-    assert reads == [tmp_path / "one.bin"]
+    (tmp_path / "many.gltf").write_text(json.dumps(document))
+    mesh = load_mesh(tmp_path / "many.gltf")
+    assert mesh.dropped["duplicate"] == 199
+    assert [file.name for file in mesh.origin.files] == ["many.gltf", "one.bin"]

@@ -12,8 +12,7 @@ import pytest
 from zbuf_occlude import MeshCollection, MeshError, OptionError, load_mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.labels import read_labels
-from zbuf_occlude.meshes.layouts import LAYOUTS
-from zbuf_occlude.meshes.layouts.shapenet import NAMES
+from zbuf_occlude.meshes.layouts import LAYOUTS, SHAPENET_CLASSES
 
 DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 FURNITURE = DATA / "furniture"
@@ -148,9 +147,9 @@ def test_shapenet_has_y_up(tmp_path: Path) -> None:
 
 
 def test_the_published_classes_are_the_55_of_v2_and_two_of_v1() -> None:
-    assert len(NAMES) == 57
-    assert len(set(NAMES.values())) == 57
-    assert all(len(synset) == 8 and synset.isdecimal() for synset in NAMES)
+    assert len(SHAPENET_CLASSES) == 57
+    assert len(set(SHAPENET_CLASSES.values())) == 57
+    assert all(len(synset) == 8 and synset.isdecimal() for synset in SHAPENET_CLASSES)
 
 
 def test_3d_future(tmp_path: Path) -> None:

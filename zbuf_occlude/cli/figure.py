@@ -10,7 +10,7 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import method_options, parse_settings, suffix_of, up_option
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
 from zbuf_occlude.paper.sydney import find_frame, largest_scan, read_scan
 from zbuf_occlude.views import PAPER_DISTANCE

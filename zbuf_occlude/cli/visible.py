@@ -27,7 +27,7 @@ from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_ply
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.scan import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE

@@ -13,11 +13,11 @@ from unicodedata import decimal
 from zbuf_occlude.checks import check_word
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
-from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
+from zbuf_occlude.meshes.load import UP, default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
+from zbuf_occlude.meshes.tree import ALL, check_readable, plant
 from zbuf_occlude.origin import UNKNOWN, Origin
 from zbuf_occlude.shelf import Shelf
 

@@ -10,7 +10,7 @@ from zbuf_occlude.compare.cases import GRIDS, IMAGE_SPACE, PRESET_VIEWS, Case, Q
 from zbuf_occlude.compare.summary import Row, milliseconds, seconds_for_all_points, share
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.views import paper100
 
 TABLE_SECONDS = 30.0

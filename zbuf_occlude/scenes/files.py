@@ -10,7 +10,7 @@ from zbuf_occlude.checks import check_word
 from zbuf_occlude.documents import Number, line, parse, read_bytes
 from zbuf_occlude.errors import OptionError, printable
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import UP, load_mesh
+from zbuf_occlude.meshes.load import UP, load_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, size_of
 
