@@ -22,13 +22,8 @@ DIGIT_BITS = 11
 def hilbert_order(positions: FloatArray) -> NDArray[np.int64]:
     """Return the indices that put positions (n, 3) into Hilbert order; what shares a cell keeps its order.
 
-    Notes
-    -----
     The curve runs through 2^10 cells per axis of the positions' bounding cube. Packets of consecutive points, and boxes
-    around consecutive faces, have a tenth less to test than in Morton order, which jumps.
-
-    References
-    ----------
+    around consecutive faces, have 10 % less to test than in Morton order, which jumps.
     Skilling: Programming the Hilbert curve. AIP Conference Proceedings 707 (2004), doi:10.1063/1.1751381.
     """
     index_bits = len(positions).bit_length()

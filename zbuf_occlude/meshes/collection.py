@@ -200,12 +200,9 @@ class MeshCollection(Sequence[MeshEntry]):
         return found if labels is None else found.labelled(labels)
 
     def labelled(self, path: str | os.PathLike[str]) -> "MeshCollection":
-        """Return the entries that a file of labels names, with the classes and splits that it says.
+        """Return the entries that a file of labels names, with its classes and splits.
 
-        Raises
-        ------
-        OptionError
-            The file cannot be read, names no mesh of the collection, or names one so that several could be meant.
+        OptionError for a file that cannot be read, names no mesh of the collection, or names one that several could be.
         """
         labels = read_labels(Path(path))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
@@ -223,13 +220,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return MeshCollection(entries, (*self.remarks, said))
 
     def select(self, *, classes: Iterable[str] | None = None, splits: Iterable[str] | None = None) -> "MeshCollection":
-        """Return the entries of some classes and splits, in their order.
-
-        Raises
-        ------
-        OptionError
-            A class or split that no entry has.
-        """
+        """Return the entries of some classes and splits, in their order; OptionError for one that no entry has."""
         chosen = {}
         for what, names, known in (
             ("class", classes, self.classes),
@@ -241,13 +232,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":
-        """Return the first `n` entries, all of them when there are fewer.
-
-        Raises
-        ------
-        OptionError
-            `n` is less than 1.
-        """
+        """Return the first `n` entries, all of them when there are fewer; OptionError for `n` below 1."""
         if n < 1:
             raise OptionError(f"a limit must be at least 1; got {n}.")
         return self[:n]

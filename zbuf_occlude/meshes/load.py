@@ -20,7 +20,6 @@ from zbuf_occlude.meshes.off import read_off
 from zbuf_occlude.meshes.ply import read_ply, read_ply_look, read_ply_points
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
-from zbuf_occlude.meshes.text import BYTE_ORDER_MARK
 from zbuf_occlude.origin import Origin
 
 READERS: dict[str, Callable[[bytes], Polygons]] = {
@@ -38,6 +37,7 @@ CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
 """Endings of the files that `load_cloud` reads, in lower case."""
 
 UP = ("z", "y")
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNINGS = {
     ".glb": re.compile(rb"glTF"),
     ".ply": re.compile(rb"ply\s"),
@@ -104,8 +104,8 @@ def load_mesh(
             )
         files = MeshFiles(path)
         data = files.read(path)
-        if suffix != ".stl" or data.startswith(BYTE_ORDER_MARK + b"solid"):  # the head of a binary STL is anybody's
-            data = data.removeprefix(BYTE_ORDER_MARK)
+        if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # the head of a binary STL is anybody's
+            data = data.removeprefix(_BYTE_ORDER_MARK)
         try:
             look: Look | None = None
             if suffix in _GLTF:

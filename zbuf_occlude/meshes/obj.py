@@ -12,7 +12,7 @@ from zbuf_occlude.geometry.colors import CLAMP, GREY, PLAIN, REPEAT, WHITE, Mate
 from zbuf_occlude.meshes.looks import Look, Textures, in_unit_range
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Polygons
-from zbuf_occlude.meshes.text import Keywords, Lines, check_text, unix_lines
+from zbuf_occlude.meshes.text import Keywords, Lines, unix_lines
 
 KEYWORDS = Keywords(of_numbers=(b"v", b"f"), with_slashes=b"f")
 _VERTEX, _FACE = KEYWORDS.kind(b"v"), KEYWORDS.kind(b"f")
@@ -31,7 +31,6 @@ def read_obj(data: bytes) -> Polygons:
     coordinates, normals, points, lines and curves are ignored. Indices count from 1; negative ones count back from the
     last vertex before their line. A file that was cut short between two lines cannot be told from a whole one.
     """
-    check_text(data)
     lines = Lines(_joined(data) if b"\\" in data else data, comment=b"#", keywords=KEYWORDS)
     is_vertex = lines.kinds == _VERTEX
     if (lines.counts[is_vertex] < 3).any():

@@ -7,7 +7,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import BYTE_ORDER_MARK, Lines, check_text, runs
+from zbuf_occlude.meshes.text import Lines, check_text, runs
 
 # [ST][C][N][4][n]OFF; ModelNet40 glues the number of vertices to it: "OFF3514 3546 0"
 _BLANK = rb"(?:\s|#[^\r\n]*)*"  # comments too
@@ -31,11 +31,10 @@ def read_off(data: bytes) -> Polygons:
     wrong. Any other file is read as one stream of numbers, in which a face has nothing after its indices.
     """
     check_text(data)
-    start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
-    header = _HEADER.match(data, start)
-    if header is None and not _NUMBER.match(data, start):
+    header = _HEADER.match(data)
+    if header is None and not _NUMBER.match(data):
         raise MeshError("an OFF file must begin with OFF; this one does not. Is it of another format, or damaged?")
-    extras = 0
+    start = extras = 0
     if header is not None:
         if header[4] or header[5]:
             raise MeshError("an OFF file must hold points of three coordinates; this one has others. Convert it.")

@@ -10,7 +10,6 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.jit.compiler import njit
 
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _SLASH = ord("/")
 _BLANK, _LINE_END, _COMMENT = 1, 2, 3
 _ROLES = np.zeros(256, dtype=np.uint8)
@@ -90,8 +89,6 @@ class Lines:
 
     def __init__(self, text: bytes, start: int = 0, *, comment: bytes = b"", keywords: Keywords = NO_KEYWORDS) -> None:
         check_text(text)
-        if text.startswith(BYTE_ORDER_MARK, start):
-            start += len(BYTE_ORDER_MARK)
         words = [int.from_bytes(word, "big") for word in (*keywords.of_numbers, *keywords.others)]
         self._with_slashes = keywords.kind(keywords.with_slashes) or -1
         roles = _ROLES.copy()

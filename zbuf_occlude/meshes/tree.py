@@ -22,25 +22,15 @@ _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of f
 class Tree:
     """The mesh files that a person gave by one path.
 
-    Parameters
-    ----------
-    root : Path
-        Absolute, not resolved: the names that count are those that a person sees. An archive's is without its ending.
-    base : Path
-        What the files are read below: the folder, or the archive.
-    files : tuple of PurePosixPath
-        Below root.
-    single : bool
-        Whether a file was given and not a folder.
-    packed : mapping
-        Where in an archive the files of a folder are, both below root.
+    The root is absolute, not resolved: the names that count are those that a person sees; an archive's is without its
+    ending. Files are below it.
     """
 
     root: Path
-    base: Path
+    base: Path  # what the files are read below: the folder, or the archive
     files: tuple[PurePosixPath, ...]
-    single: bool = False
-    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)
+    single: bool = False  # a file was given and not a folder
+    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)  # where in an archive a folder's are
 
     def path_of(self, file: PurePosixPath) -> Path:
         """Return where one of the files, or another below root, is read."""
@@ -72,13 +62,7 @@ class Tree:
 
 
 def plant(path: Path) -> Tree:
-    """Find the mesh files at a path that a person gave.
-
-    Raises
-    ------
-    MeshError
-        There is nothing, it cannot be read, it is of a format not read here, or it holds no mesh.
-    """
+    """Find the mesh files at a path; MeshError if it is missing, not readable, of another format, or has no mesh."""
     absolute = Path(os.path.abspath(path))
     is_archive = path.suffix.lower() == ARCHIVE and path.is_file()
     if os.path.isdir(path):
