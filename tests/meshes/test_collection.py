@@ -145,27 +145,17 @@ def test_shapenet_has_y_up(tmp_path: Path) -> None:
     assert entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
-def test_3d_future(tmp_path: Path) -> None:
-    ids = ["0a5a346b-cc3b-4280-b358-ccd1c4d8a865", "0b2d1ffc-3c06-4f08-9e2e-e1b7b1c1a3b5"]
-    plant(tmp_path, *(f"{i}/{name}_model.obj" for i in ids for name in ("raw", "normalized")))
-    info = [{"model_id": ids[0], "super-category": "Sofa", "category": "Lazy Sofa"}]
-    (tmp_path / "model_info.json").write_text(json.dumps(info))
-    meshes = MeshCollection.from_paths(tmp_path)
-    assert facts(meshes) == [(ids[0], "Lazy Sofa", "train")]
-    assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
-    for word in ("layout 3D-FUTURE", "classes from model_info.json", "left out: 1", "it has no splits"):
-        assert word in meshes.remarks[0]
-
-
 def test_of_3d_future_what_has_no_category_is_left_out_and_counted(tmp_path: Path) -> None:
     """A super-category holds other categories: a class of its name beside theirs would be of the same things."""
-    plant(tmp_path, *(f"{i}/raw_model.obj" for i in "abcd"))
+    plant(tmp_path, *(f"{i}/{name}_model.obj" for i in "abcd" for name in ("raw", "normalized")))
     rows = [("a", "Wardrobe"), ("b", None), ("c", "Wardrobe"), ("d", "")]
     info = [{"model_id": i, "super-category": "Cabinets", "category": category} for i, category in rows]
     (tmp_path / "model_info.json").write_text(json.dumps(info))
     meshes = MeshCollection.from_paths(tmp_path)
     assert facts(meshes) == [("a", "Wardrobe", "train"), ("c", "Wardrobe", "train")]
-    assert "left out: 2" in meshes.remarks[0]
+    assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
+    for word in ("layout 3D-FUTURE", "classes from model_info.json", "left out: 2", "it has no splits"):
+        assert word in meshes.remarks[0]
     for row in info:
         row["category"] = None
     (tmp_path / "model_info.json").write_text(json.dumps(info))
@@ -192,26 +182,16 @@ def test_collections_without_classes_say_so(tmp_path: Path, layout: str, name: s
     assert f"layout {layout}; it has no classes; --labels FILE gives some" in meshes.remarks[0]
 
 
-def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path) -> None:
-    plant(tmp_path, *(f"glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
+@pytest.mark.parametrize("above", ["", "downloads/hf-objaverse-v1/"])
+def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path, above: str) -> None:
+    plant(tmp_path, *(f"{above}glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
     lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2), UID.format(99)]}).encode()
-    (tmp_path / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
+    (tmp_path / above / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
     for place in ("glbs", "glbs/000-000"):
-        assert len(MeshCollection.from_paths(tmp_path / place)) == 2
+        assert len(MeshCollection.from_paths(tmp_path / above / place)) == 2
     meshes = MeshCollection.from_paths(tmp_path)
     assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
     assert "classes from lvis-annotations.json.gz; 1 objects that it has not are left out" in meshes.remarks[0]
-
-
-@pytest.mark.parametrize("above", ["", "downloads/"])
-def test_objaverse_from_a_folder_above(tmp_path: Path, above: str) -> None:
-    """The package objaverse downloads into objaverse/hf-objaverse-v1; LVIS's list lies in there."""
-    root = f"{above}hf-objaverse-v1"
-    plant(tmp_path, *(f"{root}/glbs/000-00{i}/{UID.format(i)}.glb" for i in range(3)))
-    lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2)]}).encode()
-    (tmp_path / root / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
-    meshes = MeshCollection.from_paths(tmp_path)
-    assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
 
 
 PCN = [

@@ -49,18 +49,7 @@ VALID = {
     "box.glb": BOX.export(file_type="glb"),
     "box.gltf": inlined(GLTF),
 }
-HOSTILE = [
-    b"353535235358",
-    b"999999999999999999",
-    b"4294967295",
-    b"-1",
-    b"nan",
-    b"inf",
-    b"1e308",
-    b"0",
-    b"1e-320",
-    b"x",
-]
+HOSTILE = b"353535235358 999999999999999999 4294967295 -1 nan inf 1e308 0 1e-320 x".split()
 
 
 def outcome(folder: Path, name: str, data: bytes) -> Mesh | str:
@@ -165,6 +154,9 @@ def hostile_files() -> dict[str, bytes]:
     much = b"353535235358"
     document = json.loads(VALID["box.gltf"])
 
+    empty = {"componentType": 5126, "type": "VEC3", "count": 10**9}
+    sparse = {"count": 0, "indices": {"bufferView": 0, "componentType": 5125}, "values": {}}
+
     def gltf(change: str, value: object) -> bytes:
         again = json.loads(VALID["box.gltf"])
         where, key = change.split("/")
@@ -186,23 +178,8 @@ def hostile_files() -> dict[str, bytes]:
         % (much, much),
         "count.gltf": gltf("accessors/count", 353535235358),
         "length.gltf": gltf("bufferViews/byteLength", 353535235358),
-        "empty.gltf": json.dumps(
-            document | {"accessors": [{"componentType": 5126, "type": "VEC3", "count": 10**9}] * 2}
-        ).encode(),
-        "sparse.gltf": json.dumps(
-            document
-            | {
-                "accessors": [
-                    {
-                        "componentType": 5126,
-                        "type": "VEC3",
-                        "count": 10**9,
-                        "sparse": {"count": 0, "indices": {"bufferView": 0, "componentType": 5125}, "values": {}},
-                    }
-                ]
-                * 2
-            }
-        ).encode(),
+        "empty.gltf": json.dumps(document | {"accessors": [empty] * 2}).encode(),
+        "sparse.gltf": json.dumps(document | {"accessors": [{**empty, "sparse": sparse}] * 2}).encode(),
     }
     for name in ("ascii.ply", "binary.ply"):
         head = VALID[name]

@@ -34,28 +34,38 @@ def scene() -> trimesh.Scene:
     return built
 
 
+class Builder:
+    """Appends arrays to a document's only buffer as accessors."""
+
+    def __init__(self) -> None:
+        self.document: Document = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
+        self.blob = b""
+
+    def view(self, values: np.ndarray) -> int:
+        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": values.nbytes})
+        self.blob += values.tobytes()
+        return len(self.document["bufferViews"]) - 1
+
+    def accessor(self, values: np.ndarray, **more: Any) -> int:
+        kinds = {"float32": 5126, "uint32": 5125, "uint16": 5123, "uint8": 5121}
+        shapes = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+        row = {"componentType": kinds[values.dtype.name], "type": shapes[values.shape[1:]], "count": len(values)}
+        self.document["accessors"].append({"bufferView": self.view(values), **row, **more})
+        return len(self.document["accessors"]) - 1
+
+    def finished(self, **document: Any) -> Document:
+        self.document |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], **document}
+        self.document["buffers"] = [{"byteLength": len(self.blob), "uri": data_uri(self.blob)}]
+        return self.document
+
+
 def as_document(positions: np.ndarray = CORNERS, indices: np.ndarray | None = None, **primitive: Any) -> Document:
     """The least document that shows one primitive, its buffer inside."""
-    blob = positions.tobytes()
-    document: Document = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, **primitive}]}],
-        "bufferViews": [{"buffer": 0, "byteLength": len(blob)}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": len(positions)}],
-    }
+    built = Builder()
+    primitive["attributes"] = {"POSITION": built.accessor(positions)}
     if indices is not None:
-        kinds = {"uint8": 5121, "uint16": 5123, "uint32": 5125}
-        document["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": indices.nbytes})
-        document["accessors"].append(
-            {"bufferView": 1, "componentType": kinds[indices.dtype.name], "type": "SCALAR", "count": len(indices)}
-        )
-        document["meshes"][0]["primitives"][0]["indices"] = 1
-        blob += indices.tobytes()
-    document["buffers"] = [{"byteLength": len(blob), "uri": data_uri(blob)}]
-    return document
+        primitive["indices"] = built.accessor(indices)
+    return built.finished(scene=0, meshes=[{"primitives": [primitive]}])
 
 
 def data_uri(blob: bytes) -> str:
@@ -305,31 +315,6 @@ def test_nodes_may_not_be_nested_without_end() -> None:
         read(document)
     document["nodes"] = [{"children": [i + 1], "translation": [1, 0, 0]} for i in range(199)] + [{"mesh": 0}]
     assert read(document).tolist() == [moved([199, 0, 0]).tolist()]
-
-
-class Builder:
-    """Appends arrays to a document's only buffer as accessors."""
-
-    def __init__(self) -> None:
-        self.document: Document = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
-        self.blob = b""
-
-    def view(self, values: np.ndarray) -> int:
-        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": values.nbytes})
-        self.blob += values.tobytes()
-        return len(self.document["bufferViews"]) - 1
-
-    def accessor(self, values: np.ndarray, **more: Any) -> int:
-        kinds = {"float32": 5126, "uint16": 5123, "uint8": 5121}
-        shapes = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
-        row = {"componentType": kinds[values.dtype.name], "type": shapes[values.shape[1:]], "count": len(values)}
-        self.document["accessors"].append({"bufferView": self.view(values), **row, **more})
-        return len(self.document["accessors"]) - 1
-
-    def finished(self, **document: Any) -> Document:
-        self.document |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], **document}
-        self.document["buffers"] = [{"byteLength": len(self.blob), "uri": data_uri(self.blob)}]
-        return self.document
 
 
 @pytest.mark.parametrize("based", [True, False])
