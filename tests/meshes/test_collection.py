@@ -266,11 +266,6 @@ def test_archives_are_read_in_place(tmp_path: Path, prefix: str) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ModelNet40.zip", "unpacked"], "nothing was unpacked"
 
 
-def test_a_plain_archive_of_a_folder_of_its_name(tmp_path: Path) -> None:
-    packed = archive(tmp_path / "things.zip", plant(tmp_path / "m", "cup/a.off", "jar/b.off"), "things/")
-    assert facts(MeshCollection.from_paths(packed)) == [("cup/a.off", "cup", "train"), ("jar/b.off", "jar", "train")]
-
-
 def test_archives_that_cannot_be_used(tmp_path: Path) -> None:
     (tmp_path / "bad.zip").write_bytes(b"PK nonsense")
     with pytest.raises(MeshError, match=r"bad\.zip: it must be a ZIP archive; reading says"):

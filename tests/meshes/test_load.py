@@ -108,6 +108,7 @@ def test_the_ending_decides_whatever_its_case(tmp_path: Path, name: str) -> None
     mesh = load_mesh(write(tmp_path, name, TRIANGLE))
     assert mesh.name == name[:-4]
     assert load_mesh(str(tmp_path / name), name="chair/train/a.off").name == "chair/train/a.off"
+    assert len(load_mesh(write(tmp_path, "with_byte_order_mark.off", "\ufeff" + TRIANGLE)).faces) == 1
 
 
 def fifo(folder: Path) -> Path:

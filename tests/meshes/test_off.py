@@ -44,7 +44,6 @@ SPELLINGS = {
     "counts glued to the header": f"OFF8 6 12\n{BODY}\n",
     "no header": f"8 6 12\n{BODY}\n",
     "no number of edges": f"OFF\n8 6\n{BODY}\n",
-    "byte order mark": f"\ufeffOFF\n8 6 12\n{BODY}\n",
     "CRLF": f"OFF\n8 6 12\n{BODY}\n".replace("\n", "\r\n"),
     "comments": "# a cube\nOFF # of six sides\n# 9 9 9\n8 6 12 # counts\n" + BODY.replace("\n", " # 1 2 3\n#\n"),
     "all on one line": " ".join(f"OFF 8 6 12 {BODY}".split()),
@@ -63,18 +62,6 @@ SPELLINGS = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_every_spelling_of_a_cube_is_the_cube(spelling: str) -> None:
     assert_is_the_cube(read_off(SPELLINGS[spelling].encode()))
-
-
-def test_mixed_polygons_wherever_lines_end() -> None:
-    expected = [[0, 1, 2], [0, 1, 3, 2], [4, 5], [0, 4, 5, 1, 3]]
-    faces = [" ".join(map(str, [len(face), *face])) for face in expected]
-    for text in (
-        "\n".join(["OFF", "8 4 0", *V_LINES, *faces]),
-        " ".join(["OFF", "8 4 0", *V_LINES, *faces]),
-    ):
-        polygons = read_off(text.encode())
-        assert polygons.counts.tolist() == [3, 4, 2, 5]
-        assert polygons.corners.tolist() == list(chain(*expected))
 
 
 @pytest.mark.skipif(not GLUED.exists(), reason=f"{GLUED} is not there; set ZBUF_OCCLUDE_DATA")

@@ -72,17 +72,6 @@ def test_any_star_shaped_polygon_is_tiled(radii: list[float], seed: int, scale: 
     assert_tiles(polygon, seed)
 
 
-def test_triangles_follow_the_order_of_the_polygons() -> None:
-    vertices = np.array([*[[x, y, 0] for x, y in COMB], [9, 9, 9]], dtype=float)
-    counts = np.array([3, 14, 2, 4, 3, 1, 0])
-    corners = np.concatenate([[0, 1, 2], np.arange(14), [0, 1], [0, 1, 2, 3], [0, 2, 14], [5]])
-    triangles, polygon_ids = Polygons(vertices, corners, counts).triangles()
-    assert polygon_ids.tolist() == [0] + [1] * 12 + [3] * 2 + [4]
-    assert triangles[0].tolist() == [0, 1, 2]
-    assert triangles[-1].tolist() == [0, 2, 14]
-    assert set(triangles[1:13].flat) == set(range(14))
-
-
 def test_corners_on_a_straight_edge_leave_no_gap() -> None:
     # without the corner at (2, 0), a crack would open to a neighbour that has it
     assert set(cut(in_space(np.array([*ARROW[:1], [2, 0], *ARROW[1:]], dtype=float), 3)).flat) == set(range(6))
@@ -104,25 +93,6 @@ def test_polygons_that_have_no_area_do_no_harm() -> None:
         triangles = cut(polygon)
         assert set(triangles.flat) <= set(range(len(polygon)))
         assert len(triangles) == len(polygon) - 2
-
-
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        ([0, 1, 3], "face 1 must refer to the 3 vertices by 0 to 2; it refers to 3"),
-        ([0, 1, 1.5], r"it refers to 1\.5"),
-        ([0, 1, np.nan], "it refers to nan"),
-    ],
-)
-def test_bad_indices_name_their_face(corners: list[float], message: str) -> None:
-    with pytest.raises(MeshError, match=message):
-        Polygons(np.eye(3), np.array([0, 1, 2, *corners]), np.array([3, 3]))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e80])
-def test_used_vertices_that_are_not_finite_are_named(value: float) -> None:
-    with pytest.raises(MeshError, match=r"vertex 2 must be finite and below 1e\+70, for face 0 uses it; it is \[0"):
-        Polygons(np.array([[0, 0, 0], [1, 0, 0], [0, 0, value]]), np.arange(3), np.array([3]))
 
 
 def test_a_polygon_of_more_corners_than_can_be_cut_in_time_is_refused() -> None:

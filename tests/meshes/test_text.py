@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zbuf_occlude import MeshError
-from zbuf_occlude.meshes.text import Keywords, Lines
+from zbuf_occlude.meshes.text import Lines
 
 
 def read(*tokens: str) -> list[bytes]:
@@ -74,21 +74,3 @@ def test_odd_spellings() -> None:
 def test_what_is_no_number_is_quoted(token: str) -> None:
     with pytest.raises(MeshError, match="must hold numbers here; it holds "):
         read("1", token, "2")
-
-
-def test_only_the_lines_asked_for_must_be_numbers() -> None:
-    lines = Lines(b"1 2\n3 # x\n\n x y\n", comment=b"#")
-    assert (lines.counts.tolist(), lines.first.tolist(), len(lines)) == ([2, 1, 2], [0, 2, 3], 3)
-    assert lines.numbers(2).tolist() == [1, 2, 3]
-    with pytest.raises(MeshError, match="it holds 'x'"):
-        lines.numbers()
-
-
-def test_lines_of_keywords() -> None:
-    keywords = Keywords((b"v", b"f"), (b"end",), with_slashes=b"f", lower_case=True)
-    lines = Lines(b"v 1 2/3\r\nvn 9 9\rF 7/1/3 8//2 9/x\n end\nendless 1\nf\nf \n", keywords=keywords)
-    assert lines.kinds.tolist() == [keywords.kind(word) for word in (b"v", b"f", b"end", b"f")]
-    assert lines.counts.tolist() == [2, 3, 0, 0]
-    assert lines.numbers(kind=keywords.kind(b"f"))[2:].tolist() == [7, 8, 9]
-    with pytest.raises(MeshError, match="it holds '2/3'"):
-        lines.numbers()
