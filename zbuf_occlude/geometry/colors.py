@@ -48,7 +48,7 @@ class SurfaceColors:
     linear : bool
         Whether factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
     lacking : tuple of str
-        What was named but could not be read, in words.
+        What was named but could not be read, and why.
     """
 
     materials: tuple[Material, ...]

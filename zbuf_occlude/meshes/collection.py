@@ -17,7 +17,7 @@ from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
 from zbuf_occlude.meshes.load import UP, default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
-from zbuf_occlude.meshes.tree import ALL, check_readable, plant
+from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
 from zbuf_occlude.origin import UNKNOWN, Origin
 from zbuf_occlude.shelf import Shelf
 
@@ -178,7 +178,7 @@ class MeshCollection(Sequence[MeshEntry]):
         remarks: list[str] = []
         met: set[str] = set()
         for path in map(Path, given):
-            tree = plant(path)
+            tree = tree_at(path)
             layout, (places, said) = recognise(tree)
             if not tree.single:
                 remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
@@ -294,8 +294,8 @@ def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
 def _natural(text: str) -> tuple[bytes, str]:
     """Sort key that compares runs of digits as numbers, after letters, and equal ones by the text itself.
 
-    Bytes, for those of all keys are in memory at once: letters and a 0, or 255, the number's length and its digits
-    (names within archives may have more of them than Python turns into an int).
+    Letters become their bytes and a 0; digits become 255, their number and themselves. Bytes are small, and the sort
+    keys of all entries are in memory at once. Names in archives may have more digits than Python turns into an int.
     """
     parts = []
     for part in filter(None, _DIGITS.split(text)):

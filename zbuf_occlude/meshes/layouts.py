@@ -232,7 +232,7 @@ def _plain(tree: Tree) -> Places:
         name = tree.files[0].name
         stem = PurePosixPath(name).stem
         return [Place(tree.files[0], name, re.sub(r"[\W_]*\d+$", "", stem) or stem)], []
-    root = PurePosixPath(tree.root)
+    root = tree.root
     while root.name.lower() in SPLIT_WORDS:
         root = root.parent
     places = []

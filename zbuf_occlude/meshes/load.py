@@ -33,7 +33,7 @@ _GLTF = (".glb", ".gltf")
 SUFFIXES = (*READERS, *_GLTF)
 """Endings of the files that `load_mesh` reads, in lower case."""
 
-CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
+_CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
 """Endings of the files that `load_cloud` reads, in lower case."""
 
 UP = ("z", "y")
@@ -70,7 +70,7 @@ def load_mesh(
     -------
     Mesh
         Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
-        polygons, before they were cut into triangles. `dropped` counts, besides what `Mesh.cleaned` dropped,
+        polygons, before they were cut into triangles. `dropped` counts, in addition to what `Mesh.cleaned` dropped,
         "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
         uses; all other vertices stay, in their order, used or not).
 
@@ -104,7 +104,7 @@ def load_mesh(
             )
         files = MeshFiles(path)
         data = files.read(path)
-        if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # the head of a binary STL is anybody's
+        if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # a binary STL begins with any 80 bytes
             data = data.removeprefix(_BYTE_ORDER_MARK)
         try:
             look: Look | None = None
@@ -137,7 +137,7 @@ def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in CLOUD_SUFFIXES:
+    if suffix not in _CLOUD_SUFFIXES:
         return None
     try:
         positions = read_ply_points(content_of(path)) if suffix == ".ply" else _table(path, suffix)

@@ -36,7 +36,7 @@ class Look(NamedTuple):
 
 
 class Textures:
-    """The textures of one mesh: each decoded once, and in words what could not be."""
+    """The textures of one mesh: each decoded once, and why one could not be."""
 
     def __init__(self) -> None:
         self.lacking: dict[str, None] = {}  # in the order in which they were met

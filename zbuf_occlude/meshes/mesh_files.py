@@ -129,7 +129,7 @@ def _member(archive: Path, name: str) -> bytes:
         return _opened(archive).read(name)
     except KeyError:
         raise MeshError(f"there is no such file in {archive.name}. Check the path.") from None
-    except MeshError:  # of whoever watches time and memory
+    except MeshError:  # of the watch over time and memory
         raise
     except MemoryError:
         size = _opened(archive).getinfo(name).file_size

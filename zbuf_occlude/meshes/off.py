@@ -20,15 +20,16 @@ _EXTRAS = {1: 2, 2: 4, 3: 3}  # group of _HEADER -> further numbers of a vertex:
 def read_off(data: bytes) -> Polygons:
     """Read an OFF file's polygons, of any number of corners, in the order of the file.
 
-    Raises MeshError for what is no OFF file, cut short, damaged, or declaring more than it holds; nothing is allocated
-    by what the counts say before they were compared with the numbers that the file holds. Tolerated: counts glued to
-    the header, no header, no count of edges, comments and blank lines anywhere, any line ends, records broken over
-    lines, the headers COFF, NOFF, CNOFF and STOFF, and colours or other numbers after the coordinates of a vertex or
-    the indices of a face, which are ignored. Not read: binary files and other dimensions.
+    Raises MeshError for what is no OFF file, cut short, damaged, or declares more than it holds. Counts are compared
+    with the numbers that the file holds before anything is allocated.
 
-    A file whose lines are its records, as almost all are, is read by lines, which is how the numbers after a face
-    can be told from the next face; what follows the last record is ignored, but for another face: then the counts are
-    wrong. Any other file is read as one stream of numbers, in which a face has nothing after its indices.
+    Accepted: counts glued to the header; no header; no number of edges; comments and blank lines anywhere; any line
+    ends; records broken over lines. The headers COFF, NOFF, CNOFF and STOFF are read, and numbers after the coordinates
+    of a vertex or the indices of a face are ignored. Binary files and other dimensions are refused.
+
+    Almost all files have one record a line and are read by lines, which tells the numbers after a face from the next
+    face. What follows the last record is ignored, unless it is another face: then the counts are wrong. Any other file
+    is read as one stream of numbers, in which a face has nothing after its indices.
     """
     check_text(data)
     header = _HEADER.match(data)

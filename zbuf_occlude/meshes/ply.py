@@ -63,7 +63,7 @@ def read_ply(data: bytes) -> Polygons:
 
     Raises MeshError for what is not a PLY file, of unknown types, cut short, damaged, or declaring more than it holds.
     Of the elements, `vertex` (x, y, z) and `face` (vertex_indices or vertex_index) are read, all others skipped;
-    triangle strips are not read. In an ASCII file each row must have a line of its own, as in every one that we met.
+    triangle strips are not read. In an ASCII file each row must have a line of its own.
     Nothing is allocated by what the header says before it was compared with the size of the file.
     """
     columns = _read_elements(data, {"vertex", "face"})

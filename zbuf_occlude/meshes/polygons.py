@@ -18,8 +18,8 @@ Ints = NDArray[np.int64]
 _ROUNDING = 1e-12  # a fan's triangle may be turned over by this much of the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
 _MOST_EARS = 50_000
-"""Corners of a polygon that is cut by ears: one that crosses itself takes their square, then some ten seconds, in
-which nobody can interrupt it."""
+"""Corners of a polygon that is cut by ears: one that crosses itself takes time as their square, here 10 s, and compiled
+code cannot be interrupted."""
 _EARS = -1  # in place of the corner that a fan begins with
 
 

@@ -47,7 +47,7 @@ def _read_binary(data: bytes, n_declared: int | None) -> FloatArray:
 
 
 def _read_text(data: bytes) -> FloatArray:
-    """Read the vertices of a text; fast where its lines are its records, as those of all writers that we met."""
+    """Read the vertices of a text; fast where its lines are its records."""
     lines = Lines(data, keywords=KEYWORDS)
     counts = lines.counts[lines.kinds == KEYWORDS.kind(b"vertex")]
     if _ONE_RECORD_A_LINE.fullmatch(lines.kinds.tobytes()) and (counts == 3).all():

@@ -4,7 +4,6 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from zbuf_occlude.errors import MeshError
@@ -26,7 +25,7 @@ class Tree:
     ending. Files are below it.
     """
 
-    root: Path
+    root: PurePosixPath
     base: Path  # what the files are read below: the folder, or the archive
     files: tuple[PurePosixPath, ...]
     single: bool = False  # a file was given and not a folder
@@ -41,29 +40,24 @@ class Tree:
 
     def read(self, path: PurePosixPath) -> bytes | None:
         """Return the content of a file by its absolute name, None where there is none."""
-        inside = path.is_relative_to(PurePosixPath(self.root))
-        real = self.path_of(path.relative_to(PurePosixPath(self.root))) if inside else Path(path)
+        inside = path.is_relative_to(self.root)
         try:
-            return content_of(real)
+            return content_of(self.path_of(path.relative_to(self.root)) if inside else Path(path))
         except MeshError:
             return None
 
     def named(self, file: PurePosixPath) -> PurePosixPath:
         """Return the absolute name of one of the files."""
-        return PurePosixPath(self.root) / file
+        return self.root / file
 
     def parts(self, file: PurePosixPath) -> tuple[str, ...]:
         """Return the parts of a file's absolute name: of as many files as there are, much cheaper than the name."""
-        return (*self._above, *file.parts)
-
-    @cached_property
-    def _above(self) -> tuple[str, ...]:
-        return PurePosixPath(self.root).parts
+        return (*self.root.parts, *file.parts)
 
 
-def plant(path: Path) -> Tree:
+def tree_at(path: Path) -> Tree:
     """Find the mesh files at a path; MeshError if it is missing, not readable, of another format, or has no mesh."""
-    absolute = Path(os.path.abspath(path))
+    absolute = PurePosixPath(Path(os.path.abspath(path)))
     is_archive = path.suffix.lower() == ARCHIVE and path.is_file()
     if os.path.isdir(path):
         found = tuple(map(PurePosixPath, _walk(str(path))))
