@@ -88,9 +88,7 @@ class Mesh:
             raise MeshError(
                 f"colors must be of {len(faces)} faces; they are of {len(self.colors.material_ids)}. Select alike."
             )
-        object.__setattr__(self, "vertices", frozen(vertices))
-        object.__setattr__(self, "faces", frozen(faces))
-        object.__setattr__(self, "source_face_ids", frozen(source))
+        vars(self).update(vertices=frozen(vertices), faces=frozen(faces), source_face_ids=frozen(source))
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -108,16 +106,9 @@ class Mesh:
     ) -> "Mesh":
         """Take over arrays that were checked already, float64 and int32, and that no one else holds."""
         mesh = object.__new__(cls)
-        for key, value in (
-            ("vertices", sealed(vertices)),
-            ("faces", sealed(faces)),
-            ("name", name),
-            ("source_face_ids", sealed(source_face_ids)),
-            ("dropped", dropped),
-            ("origin", origin),
-            ("colors", colors),
-        ):
-            object.__setattr__(mesh, key, value)
+        arrays = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
+        vars(mesh).update({key: sealed(array) for key, array in arrays.items()})
+        vars(mesh).update(name=name, dropped=dropped, origin=origin, colors=colors)
         return mesh
 
     @classmethod

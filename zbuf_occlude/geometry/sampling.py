@@ -60,10 +60,8 @@ class SurfacePoints:
             colors = np.asarray(self.colors)
             if colors.dtype != np.uint8 or colors.shape != positions.shape:
                 raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {describe(self.colors)}.")
-            object.__setattr__(self, "colors", sealed(colors.copy()))
-        object.__setattr__(self, "positions", frozen(positions))
-        object.__setattr__(self, "face_ids", frozen(face_ids))
-        object.__setattr__(self, "normals", frozen(normals))
+            vars(self).update(colors=frozen(colors))
+        vars(self).update(positions=frozen(positions), face_ids=frozen(face_ids), normals=frozen(normals))
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -83,9 +81,8 @@ class SurfacePoints:
     ) -> "SurfacePoints":
         """Take over arrays that were checked already, and that no one else holds."""
         points = object.__new__(cls)
-        for name, array in (("positions", positions), ("face_ids", face_ids), ("normals", normals)):
-            object.__setattr__(points, name, sealed(array))
-        object.__setattr__(points, "colors", None if colors is None else sealed(colors))
+        vars(points).update(positions=sealed(positions), face_ids=sealed(face_ids), normals=sealed(normals))
+        vars(points).update(colors=None if colors is None else sealed(colors))
         return points
 
     def select(self, which: ArrayLike) -> "SurfacePoints":

@@ -9,7 +9,6 @@ import re
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
@@ -59,25 +58,17 @@ Places = tuple[list[Place], list[str]]
 """The places of files, and what a person should know about where classes and splits come from."""
 
 
-@dataclass(frozen=True)
-class Layout:
-    """One row of the table of layouts: its name, the paths that make it, the function that places the files of a tree.
-
-    `up` is the axis that points up in its files; by default as `load_mesh` takes the format.
-    """
+class Layout(NamedTuple):
+    """One row of the table of layouts."""
 
     name: str
-    summary: str
     place: Callable[[Tree], Places | None]
-    up: str | None = None
+    up: str | None = None  # the axis that points up in its files; by default as `load_mesh` takes the format
 
 
 def recognise(tree: Tree) -> tuple[Layout, Places]:
     """Return the first layout that takes a tree, and what it makes of it."""
-    for layout in LAYOUTS:
-        if (places := layout.place(tree)) is not None:
-            return layout, places
-    raise AssertionError("the last row takes every tree")
+    return next((layout, places) for layout in LAYOUTS if (places := layout.place(tree)) is not None)
 
 
 def _shapenet(tree: Tree) -> Places | None:
@@ -264,16 +255,18 @@ def _rows(tree: Tree, path: PurePosixPath, read_row: Callable[[Any], tuple[Any, 
 
 
 LAYOUTS: tuple[Layout, ...] = (
-    Layout(
-        "ShapeNetCore",
-        "SYNSET/MODEL/models/model_normalized.obj (v2), SYNSET/MODEL/model.obj (v1), SYNSET/MODEL.glb",
-        _shapenet,
-        up="y",
-    ),
-    Layout("3D-FUTURE", "MODEL/raw_model.obj, with model_info.json above", _future, up="y"),
-    Layout("Objaverse", "UID.glb, the uid being 32 hexadecimal digits, or glbs/000-023/UID.glb", _objaverse),
-    Layout("ABC", "NUMBER_HASH_trimesh_000.obj", _abc),
-    Layout("Thingi10K", "raw_meshes/NUMBER.stl", _thingi10k),
-    Layout("ModelNet", "CLASS/{train,val,test}/FILE, anywhere below the folder", _modelnet),
-    Layout("plain", "CLASS/FILE, {train,val,test}/CLASS/FILE, or files of one class", _plain),
+    # SYNSET/MODEL/models/model_normalized.obj (v2), SYNSET/MODEL/model.obj (v1), SYNSET/MODEL.glb
+    Layout("ShapeNetCore", _shapenet, up="y"),
+    # MODEL/raw_model.obj, with model_info.json above
+    Layout("3D-FUTURE", _future, up="y"),
+    # UID.glb, the uid being 32 hexadecimal digits, or glbs/000-023/UID.glb
+    Layout("Objaverse", _objaverse),
+    # NUMBER_HASH_trimesh_000.obj
+    Layout("ABC", _abc),
+    # raw_meshes/NUMBER.stl
+    Layout("Thingi10K", _thingi10k),
+    # CLASS/{train,val,test}/FILE, anywhere below the folder
+    Layout("ModelNet", _modelnet),
+    # CLASS/FILE, {train,val,test}/CLASS/FILE, or files of one class
+    Layout("plain", _plain),
 )

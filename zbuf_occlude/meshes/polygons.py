@@ -54,9 +54,7 @@ class Polygons:
                 f"vertex {vertex} must be finite and below {LARGEST:g}, for face {_polygon_of(unusable, counts)} "
                 f"uses it; it is {vertices[vertex].tolist()}. Repair the file."
             )
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "corners", corners)
-        object.__setattr__(self, "counts", counts)
+        vars(self).update(vertices=vertices, corners=corners, counts=counts)
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, triangles: ArrayLike) -> "Polygons":
