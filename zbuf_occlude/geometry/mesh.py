@@ -106,7 +106,7 @@ class Mesh:
     ) -> "Mesh":
         """Take over arrays that were checked already, float64 and int32, and that no one else holds."""
         mesh = object.__new__(cls)
-        arrays = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
+        arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
         vars(mesh).update({key: sealed(array) for key, array in arrays.items()})
         vars(mesh).update(name=name, dropped=dropped, origin=origin, colors=colors)
         return mesh
