@@ -16,9 +16,9 @@ import numpy as np
 
 from zbuf_occlude import Mesh, MeshError, load_mesh
 from zbuf_occlude.jit.threads import use_threads
-from zbuf_occlude.meshes.files import _READERS as READERS
-from zbuf_occlude.meshes.obj import _KEYWORDS as OBJ
-from zbuf_occlude.meshes.stl import _KEYWORDS as STL
+from zbuf_occlude.meshes.load import READERS
+from zbuf_occlude.meshes.obj import KEYWORDS as OBJ
+from zbuf_occlude.meshes.stl import KEYWORDS as STL
 from zbuf_occlude.meshes.text import NO_KEYWORDS, Lines
 
 KEYWORDS = {".obj": OBJ, ".stl": STL}

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 STAGES = (
-    ("load", "zbuf_occlude.meshes.files:load_mesh"),
+    ("load", "zbuf_occlude.meshes.load:load_mesh"),
     ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
     ("sample", "zbuf_occlude.dataset.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),

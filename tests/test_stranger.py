@@ -115,7 +115,7 @@ def test_the_page_names_the_files_to_open() -> None:
         "a view specification": ("views/positions.py", "SPECIFICATIONS"),
         "a format": ("dataset/formats/", "FORMATS"),
         "an export": ("dataset/export/", "FORMATS"),
-        "a layout": ("meshes/layouts/", "LAYOUTS"),
+        "a layout": ("meshes/layouts", "LAYOUTS"),
     }.items():
         paragraph = re.search(rf"\*\*To add {what}\*\*[^*]*", page)
         assert paragraph is not None, what

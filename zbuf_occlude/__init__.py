@@ -29,7 +29,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.geometry.mesh import Mesh
     from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
-    from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.meshes.load import load_mesh
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.scenes import Scene
     from zbuf_occlude.sensors import scan
@@ -81,7 +81,7 @@ _HOMES = {
     ),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
-    "meshes.files": ("load_mesh",),
+    "meshes.load": ("load_mesh",),
     "partial": ("PartialCloud", "depth_image", "occlude"),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),

@@ -14,7 +14,7 @@ from zbuf_occlude import METHODS, load_mesh
 from zbuf_occlude.cli import COMMANDS
 from zbuf_occlude.dataset.point_files import write_ply
 from zbuf_occlude.gl.probe import Probe
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.meshes.load import load_cloud
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from zbuf_occlude.cli.options import MeshPlace, Settings, method_options, parse_
 from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
 from zbuf_occlude.paper.real_scans import find_frame, largest_scan, read_scan
 from zbuf_occlude.views import PAPER_DISTANCE

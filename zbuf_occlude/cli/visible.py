@@ -31,7 +31,7 @@ from zbuf_occlude.dataset.point_files import write_ply
 from zbuf_occlude.errors import check_word
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.meshes.load import load_cloud
 from zbuf_occlude.sensors import Sensor, scan
 from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE

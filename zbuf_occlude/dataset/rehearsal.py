@@ -14,7 +14,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.jit import compiler
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.visibility import find_method, prepare

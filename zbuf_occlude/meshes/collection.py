@@ -15,11 +15,11 @@ import numpy as np
 
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
-from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
+from zbuf_occlude.meshes.load import UP, default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
+from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
 from zbuf_occlude.provenance import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
@@ -189,7 +189,7 @@ class MeshCollection(Sequence[MeshEntry]):
         remarks: list[str] = []
         met: set[str] = set()
         for path in map(Path, given):
-            tree = plant(path)
+            tree = tree_at(path)
             layout, (places, said) = recognise(tree)
             if not tree.single:
                 remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
@@ -211,12 +211,9 @@ class MeshCollection(Sequence[MeshEntry]):
         return found if labels is None else found.labelled(labels)
 
     def labelled(self, path: str | os.PathLike[str]) -> "MeshCollection":
-        """Return the entries that a file of labels names, with the classes and splits that it says.
+        """Return the entries that a file of labels names, with its classes and splits.
 
-        Raises
-        ------
-        OptionError
-            The file cannot be read, names no mesh of the collection, or names one so that several could be meant.
+        OptionError for a file that cannot be read, names no mesh of the collection, or names one that several could be.
         """
         labels = read_labels(Path(path))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
@@ -234,13 +231,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return MeshCollection(entries, (*self.remarks, said))
 
     def select(self, *, classes: Iterable[str] | None = None, splits: Iterable[str] | None = None) -> "MeshCollection":
-        """Return the entries of some classes and splits, in their order.
-
-        Raises
-        ------
-        OptionError
-            A class or split that no entry has.
-        """
+        """Return the entries of some classes and splits, in their order; OptionError for one that no entry has."""
         chosen = {}
         for what, names, known in (
             ("class", classes, self.classes),
@@ -252,13 +243,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":
-        """Return the first `n` entries, all of them when there are fewer.
-
-        Raises
-        ------
-        OptionError
-            `n` is less than 1.
-        """
+        """Return the first `n` entries, all of them when there are fewer; OptionError for `n` below 1."""
         if n < 1:
             raise OptionError(f"a limit must be at least 1; got {n}.")
         return self[:n]
@@ -320,8 +305,8 @@ def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
 def _natural(text: str) -> tuple[bytes, str]:
     """Sort key that compares runs of digits as numbers, after letters, and equal ones by the text itself.
 
-    Bytes, for those of all keys are in memory at once: letters and a 0, or 255, the number's length and its digits
-    (names within archives may have more of them than Python turns into an int).
+    Letters become their bytes and a 0; digits become 255, their number and themselves. Bytes are small, and the sort
+    keys of all entries are in memory at once. Names in archives may have more digits than Python turns into an int.
     """
     parts = []
     for part in filter(None, _DIGITS.split(text)):

@@ -11,7 +11,7 @@ from zbuf_occlude.compare.metrics import Row, milliseconds, seconds_for_all_poin
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, GROUPS, read_finished, sorted_out
 from zbuf_occlude.drawing.pages import Table
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.views import paper100
 
 TABLE_SECONDS = 30.0

@@ -11,7 +11,7 @@ from zbuf_occlude.documents import Number, line, parse_document, read_limited
 from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.meshes.files import UP, load_mesh
+from zbuf_occlude.meshes.load import UP, load_mesh
 from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, Sizes, size_of

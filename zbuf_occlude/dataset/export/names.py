@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.meshes.collection import SPLITS
-from zbuf_occlude.meshes.files import SUFFIXES
+from zbuf_occlude.meshes.load import SUFFIXES
 
 SYNSETS = "shapenet_synset_dict.json"
 """As PoinTr calls it."""

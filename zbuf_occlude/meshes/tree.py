@@ -4,13 +4,11 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
 
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes import archives
-from zbuf_occlude.meshes.files import SUFFIXES
+from zbuf_occlude.meshes.load import SUFFIXES
+from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members
 
 ALL = "*"
 """Stands for the meshes of a folder that cannot be read."""
@@ -19,46 +17,19 @@ _SYNSET = re.compile(r"\d{8}")
 _UNPACKERS_RUBBISH = "__MACOSX"  # ModelNet's own archives contain it, full of files ._chair_0001.off
 
 
-class Place(NamedTuple):
-    """Where a mesh file stands in a dataset.
-
-    Parameters
-    ----------
-    file : PurePosixPath
-        Below the tree's root.
-    key, label, split : str
-        As of `MeshEntry`.
-    """
-
-    file: PurePosixPath
-    key: str
-    label: str
-    split: str = "train"
-
-
 @dataclass(frozen=True)
 class Tree:
     """The mesh files that a person gave by one path.
 
-    Parameters
-    ----------
-    root : Path
-        Absolute, not resolved: the names that count are those that a person sees. An archive's is without its ending.
-    base : Path
-        What the files are read below: the folder, or the archive.
-    files : tuple of PurePosixPath
-        Below root.
-    single : bool
-        Whether a file was given and not a folder.
-    packed : mapping
-        Where in an archive the files of a folder are, both below root.
+    The root is absolute, not resolved: the names that count are those that a person sees; an archive's is without its
+    ending. Files are below it.
     """
 
-    root: Path
-    base: Path
+    root: PurePosixPath
+    base: Path  # what the files are read below: the folder, or the archive
     files: tuple[PurePosixPath, ...]
-    single: bool = False
-    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)
+    single: bool = False  # a file was given and not a folder
+    packed: Mapping[PurePosixPath, PurePosixPath] = field(default_factory=dict)  # where in an archive a folder's are
 
     def path_of(self, file: PurePosixPath) -> Path:
         """Return where one of the files, or another below root, is read."""
@@ -69,52 +40,41 @@ class Tree:
 
     def read(self, path: PurePosixPath) -> bytes | None:
         """Return the content of a file by its absolute name, None where there is none."""
-        inside = path.is_relative_to(PurePosixPath(self.root))
-        real = self.path_of(path.relative_to(PurePosixPath(self.root))) if inside else Path(path)
+        inside = path.is_relative_to(self.root)
         try:
-            return archives.read_bytes(real)
+            return content_of(self.path_of(path.relative_to(self.root)) if inside else Path(path))
         except MeshError:
             return None
 
     def named(self, file: PurePosixPath) -> PurePosixPath:
         """Return the absolute name of one of the files."""
-        return PurePosixPath(self.root) / file
+        return self.root / file
 
     def parts(self, file: PurePosixPath) -> tuple[str, ...]:
         """Return the parts of a file's absolute name: of as many files as there are, much cheaper than the name."""
-        return (*self._above, *file.parts)
-
-    @cached_property
-    def _above(self) -> tuple[str, ...]:
-        return PurePosixPath(self.root).parts
+        return (*self.root.parts, *file.parts)
 
 
-def plant(path: Path) -> Tree:
-    """Find the mesh files at a path that a person gave.
-
-    Raises
-    ------
-    MeshError
-        There is nothing, it cannot be read, it is of a format not read here, or it holds no mesh.
-    """
-    absolute = Path(os.path.abspath(path))
-    is_archive = path.suffix.lower() == archives.SUFFIX and path.is_file()
+def tree_at(path: Path) -> Tree:
+    """Find the mesh files at a path; MeshError if it is missing, not readable, of another format, or has no mesh."""
+    absolute = PurePosixPath(Path(os.path.abspath(path)))
+    is_archive = path.suffix.lower() == ARCHIVE and path.is_file()
     if os.path.isdir(path):
         found = tuple(map(PurePosixPath, _walk(str(path))))
-        zips = [file for file in found if file.suffix.lower() == archives.SUFFIX]
-        files = tuple(file for file in found if file.suffix.lower() != archives.SUFFIX)
+        zips = [file for file in found if file.suffix.lower() == ARCHIVE]
+        files = tuple(file for file in found if file.suffix.lower() != ARCHIVE)
         tree = Tree(absolute, path, files)
         if files:  # of class folders some may still be packed; other archives beside meshes are none of them
             zips = [zip for zip in zips if _SYNSET.fullmatch(zip.stem)]
         tree = _with_archives(tree, [zip for zip in zips if not (path / zip.with_suffix("")).exists()])
         files = tree.files
     elif is_archive:
-        files = tuple(sorted(name for name in archives.members(path) if _is_mesh(name.parts)))
+        files = tuple(sorted(name for name in members(path) if _is_mesh(name.parts)))
         tree = Tree(absolute.with_suffix(""), path, files)
         wrapper = tree.root.name  # as programs pack a folder
         if files and all(len(file.parts) > 1 and file.parts[0] == wrapper for file in files):
             tree = Tree(tree.root / wrapper, path / wrapper, tuple(PurePosixPath(*file.parts[1:]) for file in files))
-    elif not os.path.exists(path) and archives.archive_of(path) is None:
+    elif not os.path.exists(path) and archive_of(path) is None:
         raise MeshError(f"{path}: there is no such file or folder. Check the path.")
     elif path.suffix.lower() not in SUFFIXES:
         raise MeshError(f"{path}: a mesh file must end in one of {', '.join(SUFFIXES)}; this does not. Convert it.")
@@ -131,12 +91,12 @@ def _with_archives(tree: Tree, zips: Sequence[PurePosixPath]) -> Tree:
     files, packed = list(tree.files), {}
     for zip in zips:
         folder = zip.with_suffix("")
-        members = [name for name in archives.members(tree.base / zip) if _is_mesh(name.parts)]
-        if all(len(name.parts) > 1 and name.parts[0] == folder.name for name in members):
-            files += [folder.parent / name for name in members]
+        names = [name for name in members(tree.base / zip) if _is_mesh(name.parts)]
+        if all(len(name.parts) > 1 and name.parts[0] == folder.name for name in names):
+            files += [folder.parent / name for name in names]
             packed[folder] = zip / folder.name
         else:
-            files += [folder / name for name in members]
+            files += [folder / name for name in names]
             packed[folder] = zip
     return replace(tree, files=tuple(sorted(files)), packed=packed) if zips else tree
 
@@ -167,7 +127,7 @@ def _walk(folder: str, prefix: str = "", above: tuple[str, ...] = ()) -> Iterato
         # a link to itself is none; of what is no link the folder's own list says what it is
         if os.path.isdir(item.path) if item.is_symlink() else item.is_dir():
             yield from _walk(item.path, f"{prefix}{item.name}/", (*above, real))
-        elif _is_mesh((item.name,)) or item.name.lower().endswith(archives.SUFFIX):
+        elif _is_mesh((item.name,)) or item.name.lower().endswith(ARCHIVE):
             yield prefix + item.name
 
 

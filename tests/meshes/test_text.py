@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from zbuf_occlude import MeshError
-from zbuf_occlude.meshes.decimals import nearest_double
-from zbuf_occlude.meshes.text import Keywords, Lines
+from zbuf_occlude.meshes.text import Lines
 
 
 def read(*tokens: str) -> list[bytes]:
@@ -69,35 +68,9 @@ def test_odd_spellings() -> None:
     assert np.isnan(Lines(b"nan -NaN nan(ind) -nan(0x7f)").numbers()).all()
 
 
-def test_where_128_bits_do_not_decide_it_says_so() -> None:
-    bits, is_certain = nearest_double(np.uint64(5), -324)  # subnormal
-    assert not is_certain
-    bits, is_certain = nearest_double(np.uint64(12345678901234567), -5)
-    assert is_certain
-    assert struct.pack("<Q", bits) == struct.pack("<d", 12345678901234567e-5)
-
-
 @pytest.mark.parametrize(
     "token", ["1.2.3", "--1", "1e", "e5", ".", "-", "0x10", "1_000", "1,5", "1d3", "1e5.", "½", "1/2"]
 )
 def test_what_is_no_number_is_quoted(token: str) -> None:
     with pytest.raises(MeshError, match="must hold numbers here; it holds "):
         read("1", token, "2")
-
-
-def test_only_the_lines_asked_for_must_be_numbers() -> None:
-    lines = Lines(b"1 2\n3 # x\n\n x y\n", comment=b"#")
-    assert (lines.counts.tolist(), lines.first.tolist(), len(lines)) == ([2, 1, 2], [0, 2, 3], 3)
-    assert lines.numbers(2).tolist() == [1, 2, 3]
-    with pytest.raises(MeshError, match="it holds 'x'"):
-        lines.numbers()
-
-
-def test_lines_of_keywords() -> None:
-    keywords = Keywords((b"v", b"f"), (b"end",), with_slashes=b"f", lower_case=True)
-    lines = Lines(b"v 1 2/3\r\nvn 9 9\rF 7/1/3 8//2 9/x\n end\nendless 1\nf\nf \n", keywords=keywords)
-    assert lines.kinds.tolist() == [keywords.kind(word) for word in (b"v", b"f", b"end", b"f")]
-    assert lines.counts.tolist() == [2, 3, 0, 0]
-    assert lines.numbers(kind=keywords.kind(b"f"))[2:].tolist() == [7, 8, 9]
-    with pytest.raises(MeshError, match="it holds '2/3'"):
-        lines.numbers()

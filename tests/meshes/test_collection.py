@@ -1,27 +1,25 @@
-"""The layouts of published collections: keys, classes, splits and remarks; files of labels; archives read in place."""
+"""MeshCollection: keys, classes and splits of folders, archives, published collections; labels; who comes first."""
 
 import gzip
 import json
 import os
+import pickle
+import re
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from zbuf_occlude import MeshCollection, MeshError, OptionError, load_mesh
+from zbuf_occlude import ArgumentError, Mesh, MeshCollection, MeshError, OptionError, load_mesh
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.meshes.labels import read_labels
-from zbuf_occlude.meshes.layouts import LAYOUTS
-from zbuf_occlude.meshes.layouts.shapenet import NAMES
 
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
-FURNITURE = DATA / "furniture"
 TRIANGLES = {
     ".off": "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
     ".obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
-    ".stl": "",
-    ".glb": "",
 }
 UID = "0123456789abcdef0123456789abcd{:02x}"
 ABC = "00000050_80d90bfdd2e74e709956122a_trimesh_000"
@@ -32,7 +30,7 @@ def plant(root: Path, *names: str) -> Path:
     for name in names:
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(TRIANGLES[path.suffix.lower()])
+        path.write_text(TRIANGLES.get(path.suffix.lower(), ""))
     return root
 
 
@@ -147,33 +145,17 @@ def test_shapenet_has_y_up(tmp_path: Path) -> None:
     assert entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
-def test_the_published_classes_are_the_55_of_v2_and_two_of_v1() -> None:
-    assert len(NAMES) == 57
-    assert len(set(NAMES.values())) == 57
-    assert all(len(synset) == 8 and synset.isdecimal() for synset in NAMES)
-
-
-def test_3d_future(tmp_path: Path) -> None:
-    ids = ["0a5a346b-cc3b-4280-b358-ccd1c4d8a865", "0b2d1ffc-3c06-4f08-9e2e-e1b7b1c1a3b5"]
-    plant(tmp_path, *(f"{i}/{name}_model.obj" for i in ids for name in ("raw", "normalized")))
-    info = [{"model_id": ids[0], "super-category": "Sofa", "category": "Lazy Sofa"}]
-    (tmp_path / "model_info.json").write_text(json.dumps(info))
-    meshes = MeshCollection.from_paths(tmp_path)
-    assert facts(meshes) == [(ids[0], "Lazy Sofa", "train")]
-    assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
-    for word in ("layout 3D-FUTURE", "classes from model_info.json", "left out: 1", "it has no splits"):
-        assert word in meshes.remarks[0]
-
-
 def test_of_3d_future_what_has_no_category_is_left_out_and_counted(tmp_path: Path) -> None:
     """A super-category holds other categories: a class of its name beside theirs would be of the same things."""
-    plant(tmp_path, *(f"{i}/raw_model.obj" for i in "abcd"))
+    plant(tmp_path, *(f"{i}/{name}_model.obj" for i in "abcd" for name in ("raw", "normalized")))
     rows = [("a", "Wardrobe"), ("b", None), ("c", "Wardrobe"), ("d", "")]
     info = [{"model_id": i, "super-category": "Cabinets", "category": category} for i, category in rows]
     (tmp_path / "model_info.json").write_text(json.dumps(info))
     meshes = MeshCollection.from_paths(tmp_path)
     assert facts(meshes) == [("a", "Wardrobe", "train"), ("c", "Wardrobe", "train")]
-    assert "left out: 2" in meshes.remarks[0]
+    assert all(entry.path is not None and entry.path.name == "raw_model.obj" for entry in meshes)
+    for word in ("layout 3D-FUTURE", "classes from model_info.json", "left out: 2", "it has no splits"):
+        assert word in meshes.remarks[0]
     for row in info:
         row["category"] = None
     (tmp_path / "model_info.json").write_text(json.dumps(info))
@@ -200,40 +182,16 @@ def test_collections_without_classes_say_so(tmp_path: Path, layout: str, name: s
     assert f"layout {layout}; it has no classes; --labels FILE gives some" in meshes.remarks[0]
 
 
-def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path) -> None:
-    plant(tmp_path, *(f"glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
+@pytest.mark.parametrize("above", ["", "downloads/hf-objaverse-v1/"])
+def test_objaverse_takes_the_labels_of_lvis(tmp_path: Path, above: str) -> None:
+    plant(tmp_path, *(f"{above}glbs/000-000/{UID.format(i)}.glb" for i in range(3)))
     lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2), UID.format(99)]}).encode()
-    (tmp_path / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
+    (tmp_path / above / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
     for place in ("glbs", "glbs/000-000"):
-        assert len(MeshCollection.from_paths(tmp_path / place)) == 2
+        assert len(MeshCollection.from_paths(tmp_path / above / place)) == 2
     meshes = MeshCollection.from_paths(tmp_path)
     assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
     assert "classes from lvis-annotations.json.gz; 1 objects that it has not are left out" in meshes.remarks[0]
-
-
-@pytest.mark.parametrize("above", ["", "downloads/"])
-def test_objaverse_from_a_folder_above(tmp_path: Path, above: str) -> None:
-    """The package objaverse downloads into objaverse/hf-objaverse-v1; LVIS's list lies in there."""
-    root = f"{above}hf-objaverse-v1"
-    plant(tmp_path, *(f"{root}/glbs/000-00{i}/{UID.format(i)}.glb" for i in range(3)))
-    lvis = json.dumps({"chair": [UID.format(0)], "cup": [UID.format(2)]}).encode()
-    (tmp_path / root / "lvis-annotations.json.gz").write_bytes(gzip.compress(lvis))
-    meshes = MeshCollection.from_paths(tmp_path)
-    assert facts(meshes) == [(UID.format(0), "chair", "train"), (UID.format(2), "cup", "train")]
-
-
-@pytest.mark.skipif(not FURNITURE.is_dir(), reason=f"{FURNITURE} is not there; set ZBUF_OCCLUDE_DATA")
-def test_a_real_flat_folder_has_no_classes() -> None:
-    meshes = MeshCollection.from_paths(FURNITURE)
-    assert len(meshes) == 175
-    assert meshes.classes == ["furniture"]
-    assert meshes.remarks[0].endswith("it has no classes: its files lie in one folder; --labels FILE gives some")
-
-
-def test_every_layout_has_a_row_that_loads() -> None:
-    names = [layout.name for layout in LAYOUTS]
-    assert len(set(names)) == len(names)
-    assert names[-1] == "plain", "which takes every tree"
 
 
 PCN = [
@@ -285,7 +243,7 @@ def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) 
     (tmp_path / "labels").write_text(content)
     with pytest.raises(OptionError, match=message):
         MeshCollection.from_paths(tmp_path / "m", labels=tmp_path / "labels")
-    with pytest.raises(OptionError, match="labels must be a readable file"):
+    with pytest.raises(OptionError, match="a file must be readable"):
         read_labels(tmp_path / "nowhere.csv")
 
 
@@ -306,11 +264,6 @@ def test_archives_are_read_in_place(tmp_path: Path, prefix: str) -> None:
     assert meshes[0].load().vertices.tobytes() == MeshCollection.from_paths(root)[0].load().vertices.tobytes()
     assert load_mesh(packed / f"{prefix}chair/train/chair_0002.off").name == "chair_0002"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ModelNet40.zip", "unpacked"], "nothing was unpacked"
-
-
-def test_a_plain_archive_of_a_folder_of_its_name(tmp_path: Path) -> None:
-    packed = archive(tmp_path / "things.zip", plant(tmp_path / "m", "cup/a.off", "jar/b.off"), "things/")
-    assert facts(MeshCollection.from_paths(packed)) == [("cup/a.off", "cup", "train"), ("jar/b.off", "jar", "train")]
 
 
 def test_archives_that_cannot_be_used(tmp_path: Path) -> None:
@@ -349,12 +302,6 @@ def test_objaverse_and_shapenet_are_known_by_their_folders_too(tmp_path: Path) -
     assert facts(synsets) == [("02691156/one", "airplane", "train"), ("03001627/two", "chair", "train")]
 
 
-def test_labels_that_are_neither_a_list_nor_an_object(tmp_path: Path) -> None:
-    (tmp_path / "l.json").write_text('"chair"')
-    with pytest.raises(OptionError, match="it is JSON of another form"):
-        read_labels(tmp_path / "l.json")
-
-
 @pytest.mark.parametrize("content", [b"[" * 100_000, b"{}", b"\x1f\x8b damaged"])
 def test_lists_beside_the_meshes_that_cannot_be_read_are_as_if_not_there(tmp_path: Path, content: bytes) -> None:
     for place, listed in (
@@ -372,7 +319,7 @@ def test_lists_beside_the_meshes_that_cannot_be_read_are_as_if_not_there(tmp_pat
         with pytest.raises(OptionError, match=r"PCN\.json must be .*cannot be read"):
             MeshCollection.from_paths(tmp_path / "d")
     (tmp_path / "labels.json").write_bytes(content)
-    with pytest.raises(OptionError, match=r"must be JSON|must hold labels|must be a readable file"):
+    with pytest.raises(OptionError, match=r"must be JSON|must hold labels|must be readable"):
         read_labels(tmp_path / "labels.json")
 
 
@@ -385,3 +332,219 @@ def test_gzip_that_grows_without_bounds_is_refused_by_its_name(tmp_path: Path) -
     (tmp_path / "objaverse" / "lvis-annotations.json.gz").write_bytes(bomb)
     with pytest.raises(OptionError, match=r"objaverse/lvis-annotations\.json\.gz: .* must unpack to at most"):
         MeshCollection.from_paths(tmp_path / "objaverse")
+
+
+def entries(*facts: tuple[str, str, str]) -> MeshCollection:
+    triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    return MeshCollection(MeshEntry(key, label, split, lambda: triangle) for key, label, split in facts)
+
+
+MANY = (
+    "chair/train/chair_0010.off",
+    "chair/train/chair_0002.off",
+    "chair/test/chair_0890.off",
+    "bed/val/bed_1.off",
+)
+
+
+@pytest.mark.parametrize("given", ["chair", "chair/train", "chair/train/chair_0002.off"])
+def test_a_part_of_modelnet_has_the_keys_of_the_whole(tmp_path: Path, given: str) -> None:
+    plant(tmp_path / "ModelNet40", *MANY)
+    assert ("chair/train/chair_0002.off", "chair", "train") in facts(
+        MeshCollection.from_paths(tmp_path / "ModelNet40" / given)
+    )
+
+
+def test_keys_do_not_depend_on_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here, there = plant(tmp_path / "a", *MANY), plant(tmp_path / "deep" / "er", *MANY)
+    monkeypatch.chdir(there)
+    assert facts(MeshCollection.from_paths(here)) == facts(MeshCollection.from_paths("."))
+    monkeypatch.chdir(there / "chair" / "train")
+    assert facts(MeshCollection.from_paths("."))[0] == ("chair/train/chair_0002.off", "chair", "train")
+    assert facts(MeshCollection.from_paths(".."))[0] == ("chair/test/chair_0890.off", "chair", "test")
+    assert facts(MeshCollection.from_paths("chair_0002.off")) == [("chair/train/chair_0002.off", "chair", "train")]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["cup/b.obj", "cup/a.STL"], [("cup/a.STL", "cup", "train"), ("cup/b.obj", "cup", "train")]),
+        (["b.glb", "a.ply"], [("root/a.ply", "root", "train"), ("root/b.glb", "root", "train")]),
+        (
+            ["test/cup/a.off", "train/cup/a.off"],
+            [("test/cup/a.off", "cup", "test"), ("train/cup/a.off", "cup", "train")],
+        ),
+        (["test/a.off", "train/a.off"], [("root/test/a.off", "root", "test"), ("root/train/a.off", "root", "train")]),
+        (["cup/Valid/a.off"], [("cup/Valid/a.off", "cup", "val")]),
+        (["0123/id/models/a.obj"], [("0123/id/models/a.obj", "0123", "train")]),
+        (["a.off", "a.obj"], [("root/a.obj", "root", "train"), ("root/a.off", "root", "train")]),
+        (["cup/a.off", "b.off"], [("cup/a.off", "cup", "train"), ("root/b.off", "root", "train")]),
+    ],
+    ids=["classes", "flat", "split first", "only splits", "valid", "deep", "two endings", "mixed"],
+)
+def test_other_layouts(tmp_path: Path, names: list[str], expected: list[tuple[str, str, str]]) -> None:
+    meshes = MeshCollection.from_paths(plant(tmp_path / "root", *names))
+    assert facts(meshes) == expected
+    is_flat = all("/" not in name for name in names)
+    assert ("it has no classes: its files lie in one folder" in meshes.remarks[0]) == is_flat
+
+
+@pytest.mark.parametrize(
+    ("name", "label"), [("chair_0003.off", "chair"), ("bunny.ply", "bunny"), ("a b-12.obj", "a b"), ("7.stl", "7")]
+)
+def test_a_single_file_is_labelled_by_its_name(tmp_path: Path, name: str, label: str) -> None:
+    assert facts(MeshCollection.from_paths(plant(tmp_path, name) / name)) == [(name, label, "train")]
+
+
+def test_other_files_are_ignored(tmp_path: Path) -> None:
+    plant(tmp_path, "cup/a.off", "cup/README.txt", "cup/a.mtl", "cup/a.off.gz", "notes.md")
+    plant(tmp_path, "cup/._a.off", "__MACOSX/cup/a.off", ".hidden/a.off")
+    assert facts(MeshCollection.from_paths(tmp_path)) == [("cup/a.off", "cup", "train")]
+
+
+def test_several_paths_together(tmp_path: Path) -> None:
+    one, two = plant(tmp_path / "one", "cup/a.off", "cup/b.off"), plant(tmp_path / "two", "cup/a.off", "jug/a.off")
+    meshes = MeshCollection.from_paths([one, two, one / "cup" / "b.off", str(tmp_path / "one" / "cup" / ".." / "cup")])
+    assert [(entry.key, entry.path) for entry in meshes] == [
+        ("cup/a.off", one / "cup" / "a.off"),
+        ("cup/a.off~2", two / "cup" / "a.off"),
+        ("cup/b.off", one / "cup" / "b.off"),
+        ("jug/a.off", two / "jug" / "a.off"),
+    ]
+
+
+def test_linked_folders_are_followed_but_not_in_circles(tmp_path: Path) -> None:
+    plant(tmp_path, "root/cup/a.off", "elsewhere/b.off")
+    os.symlink(tmp_path / "elsewhere", tmp_path / "root" / "jug")
+    os.symlink(tmp_path / "root", tmp_path / "root" / "cup" / "round")
+    os.symlink(tmp_path / "root" / "self", tmp_path / "root" / "self")
+    keys = [entry.key for entry in MeshCollection.from_paths(tmp_path / "root")]
+    assert keys == ["cup/a.off", "jug/b.off"]
+
+
+def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
+    plant(tmp_path, "cup/a.off", "cup/b.off")
+    (tmp_path / "cup" / "b.off").write_text("rubbish")
+    good, bad = MeshCollection.from_paths(tmp_path)
+    mesh = good.load()
+    assert (mesh.name, len(mesh.faces)) == ("cup/a.off", 1)
+    with pytest.raises(MeshError, match=f"{tmp_path / 'cup' / 'b.off'}: an OFF file must begin with OFF"):
+        bad.load()
+
+
+def test_entries_travel_to_other_processes(tmp_path: Path) -> None:
+    meshes = MeshCollection.from_paths(plant(tmp_path, *MANY))
+    again = pickle.loads(pickle.dumps(meshes))
+    assert facts(again) == facts(meshes)
+    assert again[0].load().vertices.tobytes() == meshes[0].load().vertices.tobytes()
+
+
+def test_a_collection_is_a_sequence() -> None:
+    meshes = entries(("b", "x", "train"), ("a", "y", "test"))
+    assert len(meshes) == 2
+    assert [entry.key for entry in meshes] == ["b", "a"]  # as given
+    assert meshes[-1].key == "a"
+    assert isinstance(meshes[:1], MeshCollection)
+    assert meshes[0] in meshes
+    assert meshes.classes == ["x", "y"]
+    both = MeshCollection([*meshes, *entries(("c", "z", "val"))])
+    assert both.classes == ["x", "y", "z"]
+    assert len(MeshCollection([])) == 0
+
+
+@given(st.lists(st.text("ab~é😀_/ 0019٣", max_size=6), max_size=20, unique=True))
+def test_natural_order_is_that_of_words_and_numbers(names: list[str]) -> None:
+    """Words come before numbers, numbers are compared as such; and what is the same but for zeros, by its text."""
+
+    def spelled_out(name: str) -> tuple[list[tuple[int, int, str]], str]:
+        parts = [part for part in re.split(r"(\d+)", name) if part]
+        return [(1, int(part), "") if part.isdecimal() else (0, 0, part) for part in parts], name
+
+    assert entries(*((name, name, "train") for name in names)).classes == sorted(names, key=spelled_out)
+
+
+def test_numbers_of_any_length_have_an_order() -> None:
+    """A member of an archive may have a name of 65,535 digits; Python makes an int of 4,300."""
+    names = ["7" * 5000, "8" * 300, "0" * 5000 + "9"]
+    assert entries(*((name, name, "train") for name in names)).classes == [names[2], names[1], names[0]]
+
+
+def test_select_and_limit() -> None:
+    meshes = entries(("1", "x", "train"), ("2", "y", "test"), ("3", "x", "test"), ("4", "y", "train"))
+    assert [e.key for e in meshes.select(classes=["x"])] == ["1", "3"]
+    assert [e.key for e in meshes.select(splits="test")] == ["2", "3"]
+    assert [e.key for e in meshes.select(classes="y", splits=["train"])] == ["4"]
+    assert [e.key for e in meshes.limit(3)] == ["1", "2", "3"]
+    assert len(meshes.limit(99)) == 4
+    with pytest.raises(OptionError, match="class must be one of x, y; got 'z'"):
+        meshes.select(classes=["x", "z"])
+    with pytest.raises(OptionError, match="split must be one of train, test; got 'val'"):
+        meshes.select(splits="val")
+    with pytest.raises(OptionError, match="a limit must be at least 1; got 0"):
+        meshes.limit(0)
+
+
+@given(
+    facts_=st.lists(st.tuples(st.sampled_from("abcde"), st.sampled_from(["train", "val", "test"])), max_size=40),
+)
+@settings(max_examples=60, deadline=None)
+def test_interleaved_is_a_fair_reordering(facts_: list[tuple[str, str]]) -> None:
+    meshes = entries(*[(str(i), label, split) for i, (label, split) in enumerate(facts_)])
+    order = meshes.interleaved()
+    assert sorted(facts(order)) == sorted(facts(meshes))
+    assert {entry.label for entry in order[: len(meshes.classes)]} == set(meshes.classes)
+    for label in meshes.classes:
+        of_class = [entry for entry in order if entry.label == label]
+        splits = {entry.split for entry in of_class}
+        assert {entry.split for entry in of_class[: len(splits)]} == splits
+        for split in splits:
+            keys = [int(entry.key) for entry in of_class if entry.split == split]
+            assert keys == sorted(keys)
+
+
+def test_what_cannot_be_a_collection_says_so(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="keys of a collection must differ; two entries are 'a'"):
+        entries(("a", "x", "train"), ("a", "y", "test"))
+    with pytest.raises(ArgumentError, match="split must be one of train, val, test; got 'dev' for a"):
+        entries(("a", "x", "dev"))
+    plant(tmp_path, "empty/readme.txt")
+    for path, message in (
+        (tmp_path / "empty", r"a folder must have meshes in it \(.off, .obj, .ply, .stl, .glb, .gltf\); it has none"),
+        (tmp_path / "none", "there is no such file or folder"),
+        (tmp_path / ("x" * 300), "there is no such file or folder"),
+        (tmp_path / "empty" / "readme.txt", "a mesh file must end in one of"),
+    ):
+        with pytest.raises(MeshError, match=message) as caught:
+            MeshCollection.from_paths([path])
+        assert str(caught.value).startswith(f"{path}: ")
+    with pytest.raises(MeshError, match="at least one mesh file or folder must be given; got none"):
+        MeshCollection.from_paths([])
+    with pytest.raises(OptionError, match="up must be one of z, y; got 'x'"):
+        MeshCollection.from_paths(tmp_path, up="x")
+
+
+@pytest.mark.parametrize(
+    ("locked", "entry"),
+    [("chair/train", ("chair/train/*", "chair", "train")), ("bed", ("bed/*", "bed", "train"))],
+)
+def test_a_folder_that_cannot_be_read_is_an_entry_that_fails(
+    tmp_path: Path,
+    lock: Callable[[Path], None],
+    monkeypatch: pytest.MonkeyPatch,
+    locked: str,
+    entry: tuple[str, str, str],
+) -> None:
+    plant(tmp_path, *MANY)
+    lock(tmp_path / locked)
+    meshes = MeshCollection.from_paths(tmp_path)
+    hidden = [key for key in MANY if key.startswith(locked)]
+    assert {e.key for e in meshes} == {*MANY, entry[0]} - set(hidden)
+    assert entry in facts(meshes)
+    bad = next(e for e in meshes if e.key == entry[0])
+    with pytest.raises(MeshError, match=f"{locked}: a folder must be readable; it is not: Permission denied"):
+        bad.load()
+    with pytest.raises(MeshError, match="a folder must be readable; it is not: Permission denied"):
+        MeshCollection.from_paths(tmp_path / locked)
+    lock(tmp_path / "another")
+    with pytest.raises(MeshError, match="it was not when meshes were looked for"):
+        pickle.loads(pickle.dumps(bad.load))()

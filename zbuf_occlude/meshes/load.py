@@ -1,4 +1,4 @@
-"""load_mesh: a file of any of the formats read here becomes a clean Mesh, or one clear MeshError."""
+"""Files of meshes, of any of the formats read here, and files of points without faces."""
 
 import os
 import re
@@ -7,34 +7,36 @@ from pathlib import Path
 
 import numpy as np
 
-from zbuf_occlude.errors import ArgumentError, MeshError, check_word
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words
 from zbuf_occlude.geometry.colors import SurfaceColors
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.gltf import read_gltf_and_look
-from zbuf_occlude.meshes.looks import Look, Read
-from zbuf_occlude.meshes.mesh_files import MeshFiles
-from zbuf_occlude.meshes.obj import read_obj
-from zbuf_occlude.meshes.obj_colors import read_obj_look
+from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.looks import Look
+from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
+from zbuf_occlude.meshes.obj import read_obj, read_obj_look
 from zbuf_occlude.meshes.off import read_off
-from zbuf_occlude.meshes.ply import read_ply
-from zbuf_occlude.meshes.ply_colors import read_ply_look
+from zbuf_occlude.meshes.ply import read_ply, read_ply_look, read_ply_points
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.stl import read_stl
 from zbuf_occlude.provenance import Origin
 
-_READERS: dict[str, Callable[[bytes], Polygons]] = {
+READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".off": read_off,
     ".obj": read_obj,
     ".ply": read_ply,
     ".stl": read_stl,
 }
-_LOOKS: dict[str, Callable[[bytes, Polygons, Path, Read], Look]] = {".obj": read_obj_look, ".ply": read_ply_look}
+_LOOKS: dict[str, Callable[[bytes, Polygons, MeshFiles], Look]] = {".obj": read_obj_look, ".ply": read_ply_look}
 _GLTF = (".glb", ".gltf")
-SUFFIXES = (*_READERS, *_GLTF)
+SUFFIXES = (*READERS, *_GLTF)
 """Endings of the files that `load_mesh` reads, in lower case."""
 
+_CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
+"""Endings of the files that `load_cloud` reads, in lower case."""
+
 UP = ("z", "y")
-_BOM = b"\xef\xbb\xbf"
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BEGINNINGS = {
     ".glb": re.compile(rb"glTF"),
     ".ply": re.compile(rb"ply\s"),
@@ -67,7 +69,7 @@ def load_mesh(
     -------
     Mesh
         Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
-        polygons, before they were cut into triangles. `dropped` counts, besides what `Mesh.cleaned` dropped,
+        polygons, before they were cut into triangles. `dropped` counts, in addition to what `Mesh.cleaned` dropped,
         "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
         uses; all other vertices stay, in their order, used or not).
 
@@ -106,22 +108,50 @@ def load_mesh(
             )
         files = MeshFiles(path)
         data = files.read(path)
-        if suffix != ".stl" or data.startswith(_BOM + b"solid"):  # the head of a binary STL is anybody's
-            data = data.removeprefix(_BOM)
+        if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # a binary STL begins with any 80 bytes
+            data = data.removeprefix(_BYTE_ORDER_MARK)
         try:
             look: Look | None = None
             if suffix in _GLTF:
-                polygons, look = read_gltf_and_look(data, path.parent, files.read, colors=colors)
+                polygons, look = read_gltf(data, files, colors=colors)
             else:
-                polygons = _READERS[suffix](data)
+                polygons = READERS[suffix](data)
                 if colors and suffix in _LOOKS:
-                    look = _LOOKS[suffix](data, polygons, path.parent, files.read)
+                    look = _LOOKS[suffix](data, polygons, files)
             mesh_name = path.stem if name is None else name
             return _finished(polygons, look, mesh_name, up or default_up(path), files.origin, colors)
         except MeshError as error:
             raise MeshError(f"{error}{_hint(data, suffix)}") from None
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
+
+
+def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
+    """Load a point cloud: PLY without faces, .npy of (n, 3), or .csv with x, y, z in front.
+
+    Returns
+    -------
+    (n, 3) float64 or None
+        In the file's own coordinates. None when the file is of another kind: a mesh, perhaps.
+
+    Raises
+    ------
+    MeshError
+        No such file, damaged, or points that are not finite. The message names the file.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _CLOUD_SUFFIXES:
+        return None
+    try:
+        positions = read_ply_points(content_of(path)) if suffix == ".ply" else _table(path, suffix)
+        if positions is None:
+            return None
+        if not len(positions) or not np.isfinite(positions).all():
+            raise MeshError("a point cloud must have points with finite coordinates; this one has not. Clean it.")
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+    return positions
 
 
 def default_up(path: Path) -> str:
@@ -167,3 +197,19 @@ def _hint(data: bytes, suffix: str) -> str:
         if beginning.match(start):
             return "" if other == suffix else f" Its content looks like {other}: rename it?"
     return ""
+
+
+def _table(path: Path, suffix: str) -> FloatArray:
+    """Read x, y, z of each row of a .npy or .csv file; a first line of words is a heading."""
+    try:
+        if suffix == ".npy":
+            table = np.load(path, allow_pickle=False)
+        else:
+            with path.open(encoding="utf-8", errors="replace") as file:
+                heading = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
+            table = np.loadtxt(path, delimiter=",", skiprows=int(heading), ndmin=2)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"it must be readable as numbers; reading says: {in_words(error)}. Check it.") from None
+    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
+        raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
+    return np.asarray(table[:, :3], dtype=np.float64)
