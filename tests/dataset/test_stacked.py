@@ -7,7 +7,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import soup
-from zbuf_occlude.cli.summary import stacked
+from zbuf_occlude.cli.messages import stacked
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
 from zbuf_occlude.dataset.manifest import stacked_of
 from zbuf_occlude.dataset.pipeline import occlude

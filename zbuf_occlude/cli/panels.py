@@ -31,10 +31,10 @@ PANELS = {
 class Command(click.Command):
     """A command whose options come in panels, where they are many."""
 
-    def __init__(self, *arguments: Any, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
+    def __init__(self, name: str | None, *, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
         columns = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
         settings = {"terminal_width": columns, **(context_settings or {})}
-        super().__init__(*arguments, context_settings=settings, **options)
+        super().__init__(name, context_settings=settings, **options)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, panel by panel."""
