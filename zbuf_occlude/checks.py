@@ -2,9 +2,8 @@
 
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
+from numbers import Integral
 from typing import Any, Protocol, TypeVar
-
-import numpy as np
 
 from zbuf_occlude.errors import OptionError
 
@@ -47,7 +46,7 @@ def find_row(name: str, value: str, rows: Iterable[AnyRow]) -> AnyRow:
 
 def check_int(name: str, value: Any, least: int) -> None:
     """Raise OptionError unless a value is an int of at least 1 or 0."""
-    if not isinstance(value, (int, np.integer)) or value < least:
+    if not isinstance(value, Integral) or value < least:
         raise OptionError(f"{name} must be {'a positive int' if least else 'an int from 0'}; got {value!r}.")
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from tqdm.contrib.logging import logging_redirect_tqdm
 
 from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
 from zbuf_occlude.cli.panels import Command, Name
@@ -274,6 +273,8 @@ def generate_command(
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         with without_scipy():
             compile_ahead(plan.recipe)
+    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
+
     failed = False
     for one, folder in plans:
         mine = len(one.groups[share[0] :: share[1]])

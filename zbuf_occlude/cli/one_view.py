@@ -186,13 +186,13 @@ def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: st
       zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
     """
     from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
-    from zbuf_occlude.gl.depth_image import depth_image
+    from zbuf_occlude.gl.depth_image import render_depth
 
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     with Limits().watch():
         loaded = load_mesh(mesh, up=up)
     with GlContext.open() as gl:
-        depths = depth_image(gl, loaded, camera(loaded), size)
+        depths = render_depth(gl, loaded, camera(loaded), size)
         renderer = gl.renderer
     if suffix == ".npy":
         atomic.write(out, lambda file: np.save(file, depths.astype(np.float32)))
