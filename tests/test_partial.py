@@ -361,3 +361,9 @@ def test_without_torch_one_line_says_what_it_needs() -> None:
     assert said.startswith(
         "UnavailableError zbuf_occlude.dataset.torch needs the package torch; install it: pip install"
     )
+
+
+def test_a_mistyped_argument_names_the_class_that_was_called() -> None:
+    pytest.importorskip("torch")
+    with pytest.raises(TypeError, match=r"CloudDataset\.__init__\(\) got an unexpected keyword argument 'n_point'"):
+        zo.torch.CloudDataset("nowhere", n_point=3)

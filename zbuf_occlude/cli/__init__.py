@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Group
+from zbuf_occlude.cli.panels import CommandGroup
 from zbuf_occlude.cli.shell import check_surroundings
 from zbuf_occlude.workers.server import start_server
 
@@ -36,7 +36,7 @@ _MODULES = {
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
     "one_view": ("visible", "depth"),
-    "scans": ("scan",),
+    "one_scan": ("scan",),
     # commands that go on working, and say by what they are replaced
     "experiment": ("experiment",),
     "figure": ("figure",),
@@ -47,7 +47,7 @@ WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
 """Arguments by which `generate` starts no process on this machine."""
 
 
-class LazyGroup(Group):
+class LazyGroup(CommandGroup):
     """A group that lists its commands without importing them."""
 
     def list_commands(self, context: click.Context) -> list[str]:

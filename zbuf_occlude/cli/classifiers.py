@@ -42,7 +42,7 @@ HELD_OUT = 0.1
 @click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
 @click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Initial learning rate of Adam.")
 @click.option("--points", "n_points", type=click.IntRange(1), help="Points of each cloud.  [default: all]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.  [default: rotate]")
 @click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.  [default: rescale]")
 @click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.  [default: jitter]")

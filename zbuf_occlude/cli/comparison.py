@@ -92,7 +92,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     show_default=True,
     help="Timeout of a row.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @up_option
 @choice_options

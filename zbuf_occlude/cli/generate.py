@@ -117,7 +117,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     callback=use_format,
     help="Files of the dataset.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
     "--scale",

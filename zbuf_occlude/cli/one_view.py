@@ -49,7 +49,7 @@ from zbuf_occlude.visibility import find_method
     show_default=True,
     help="Points sampled.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @with_option("Attributes of the points: normals towards the camera, base colours.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy or .csv")

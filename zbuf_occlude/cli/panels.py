@@ -59,11 +59,11 @@ def _plain(names: str, text: str) -> tuple[str, str]:
     """Return an option's row without the names of Python's types and ranges."""
     for kind, letter in (("INTEGER RANGE", "N"), ("FLOAT RANGE", "X"), ("INTEGER", "N"), ("FLOAT", "X")):
         names = names.replace(kind, letter)
-    text = re.sub(r"(?:; |\[)[\d.]*<?=?x[<>]=?[\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
+    text = re.sub(r"(?:; |\[)[-\d.]*<?=?x[<>]=?[-\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
     return names, text.replace("  []", "").replace("[]", "")
 
 
-class Group(click.Group):
+class CommandGroup(click.Group):
     """A group that names the command that a mistyped one is nearest to."""
 
     def resolve_command(

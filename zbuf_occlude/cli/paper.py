@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, Group
+from zbuf_occlude.cli.panels import Command, CommandGroup
 from zbuf_occlude.cli.shared_options import given
 from zbuf_occlude.cli.shell import echo
 
@@ -38,7 +38,7 @@ _MAKERS = {
 """How names begin; module and function of this room that make the command, called with its name."""
 
 
-class PaperGroup(Group):
+class PaperGroup(CommandGroup):
     """The commands of the table, imported when one is called or asked for help."""
 
     def list_commands(self, context: click.Context) -> list[str]:

@@ -49,7 +49,7 @@ CASTING = [method.name for method in METHODS if not method.no_first_hits]
     help="Where no ground is.",
 )
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
@@ -97,8 +97,6 @@ def scan_command(
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
     if picture is not None:
-        from zbuf_occlude.cli.scans import draw_scan
-
         draw_scan(picture, found, setup.made_sensor)
 
 
