@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from zbuf_occlude.cli.summary import SOME_FAILED
+from zbuf_occlude.cli.shell import SOME_FAILED
 from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.compare.metrics import Standing, standings
 from zbuf_occlude.compare.run import ComparisonFolder

@@ -16,8 +16,8 @@ import trimesh
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, two_plates
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_image import depth_image
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.gl.depth_image import render_depth
+from zbuf_occlude.meshes.load import load_cloud
 
 PLATES = two_plates()
 """Unit squares at z = 0 and z = 0.5."""
@@ -287,7 +287,7 @@ def test_a_depth_image_is_the_depth_buffers(gl: GlContext) -> None:
     view = zo.views.for_mesh("chair.off", zo.views.from_angles(30, 20))
     ours, theirs = (
         zo.depth_image("chair.off", eye=view, resolution=64),
-        depth_image(gl, zo.load_mesh("chair.off"), view, 64),
+        render_depth(gl, zo.load_mesh("chair.off"), view, 64),
     )
     both = np.isfinite(ours) & np.isfinite(theirs)
     assert both.mean() > 0.95 * np.isfinite(theirs).mean() > 0.05
@@ -361,3 +361,9 @@ def test_without_torch_one_line_says_what_it_needs() -> None:
     assert said.startswith(
         "UnavailableError zbuf_occlude.dataset.torch needs the package torch; install it: pip install"
     )
+
+
+def test_a_mistyped_argument_names_the_class_that_was_called() -> None:
+    pytest.importorskip("torch")
+    with pytest.raises(TypeError, match=r"CloudDataset\.__init__\(\) got an unexpected keyword argument 'n_point'"):
+        zo.torch.CloudDataset("nowhere", n_point=3)

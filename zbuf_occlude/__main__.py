@@ -9,7 +9,7 @@ import click
 
 from zbuf_occlude import interrupts
 from zbuf_occlude.cli import group
-from zbuf_occlude.cli.echo import echo, one_line
+from zbuf_occlude.cli.shell import echo, one_line
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.extras import culprit, reason
 from zbuf_occlude.limits import memory_allowed

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.dataset import auto
 from zbuf_occlude.gl import nvidia
 from zbuf_occlude.shapes import solids
 
@@ -81,11 +80,6 @@ def test_on_the_fly_clouds_need_no_opengl() -> None:
     occlude = torch_dataset.OnTheFlyOcclusion(64)
     assert occlude.method == "exact"
     assert occlude(solids.icosphere(1)).shape == (64, 3)
-
-
-@pytest.mark.gl
-def test_where_opengl_opens_nothing_is_said(gl: object) -> None:
-    assert auto.by_default() == auto.Choice("depth_buffer", "")
 
 
 @pytest.mark.long

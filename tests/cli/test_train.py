@@ -113,15 +113,15 @@ def test_what_is_wrong_is_one_line(run: Run, modelnet: Path, tmp_path: Path) -> 
     assert "must have the classes of the model, ball, brick; they have ball, wall" in outcome.err
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate"])
+@pytest.mark.parametrize("command", ["train", "evaluate", "paper table3"])
 def test_without_torch_help_teaches_and_the_rest_names_the_extra(command: str) -> None:
     start = (
-        f"import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', '{command}', *ARGUMENTS]\n"
+        f"import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', *{command.split()}, *ARGUMENTS]\n"
         "from zbuf_occlude.__main__ import main\n"
     )
     helped = start.replace("*ARGUMENTS", "'--help'") + "main()"
     assert f"Usage: zbuf-occlude {command}" in run_program(helped)
-    asked = start.replace("*ARGUMENTS", "'a', 'b', '--out', 'c'") + (
+    asked = start.replace("*ARGUMENTS", "'--out', 'c'" if " " in command else "'a', 'b', '--out', 'c'") + (
         "sys.stderr = sys.stdout\n"
         "try:\n    main()\n"
         "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"

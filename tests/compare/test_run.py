@@ -23,6 +23,7 @@ from zbuf_occlude.compare.run import (
     compare_masks,
     measure,
     run,
+    timed,
 )
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -168,6 +169,20 @@ def test_a_subject_checks_its_options() -> None:
         Subject("occupancy_grid", {"cells": 64})
     with pytest.raises(OptionError, match="method must be one of"):
         Subject("crystal_ball")
+
+
+def test_the_first_call_of_a_size_is_no_measurement() -> None:
+    class WarmingUp:
+        calls = 0
+
+        def visible(self, points: Any, eyes: Any) -> Any:
+            self.calls += 1
+            time.sleep(0.2 if self.calls == 1 else 0.001)
+            return np.ones((1, 1), dtype=bool)
+
+    _, wall, cpu = timed(WarmingUp(), None, None, budget=0.3)  # type: ignore[arg-type]
+    assert len(wall) == len(cpu) > 1
+    assert max(wall) < 0.15
 
 
 # ---- the folder -----------------------------------------------------------------------------------------------------

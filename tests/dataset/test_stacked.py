@@ -7,10 +7,10 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import soup
-from zbuf_occlude.cli.summary import stacked
+from zbuf_occlude.cli.messages import stacked
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
 from zbuf_occlude.dataset.manifest import stacked_of
-from zbuf_occlude.dataset.pipeline import occlude
+from zbuf_occlude.dataset.pipeline import sampled_views
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.dataset.stacked import count_stacked
 from zbuf_occlude.visibility.interface import CONTACT
@@ -58,7 +58,7 @@ def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
     mesh = two_sheets(5e-5)
     for method, options in (("depth_buffer", {}), ("depth_buffer", {"tolerance": 4e-5}), ("exact", {})):
         recipe = Recipe(method=method, method_options=options, views="ring:2@40", n_points=2000, sample_size=16)
-        (sampling,) = occlude(mesh, recipe, recipe.make_views(), "two", gl, 100)
+        (sampling,) = sampled_views(mesh, recipe, recipe.make_views(), "two", gl, 100)
         found = stacked_of(sampling.counts)
         if method == "exact":
             assert found is None

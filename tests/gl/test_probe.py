@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from zbuf_occlude.cli.doctor import describe
+from zbuf_occlude.cli.lists import backend_lines
 from zbuf_occlude.gl import devices
 from zbuf_occlude.gl import probe as module
 from zbuf_occlude.gl.context import FIXES, egl_fix
@@ -64,7 +64,7 @@ def test_a_hidden_nvidia_gpu_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     egl, osmesa = probe_all()
     assert egl.works
     assert (egl.reason, egl.fix) == ("it is hidden.", "show it")
-    assert describe(egl)[-2:] == ["    it is hidden.", "    fix: show it"]
+    assert backend_lines(egl)[-2:] == ["    it is hidden.", "    fix: show it"]
     assert osmesa.reason == "it is not there"
 
 

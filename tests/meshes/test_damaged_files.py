@@ -15,7 +15,7 @@ from zbuf_occlude import Mesh, MeshError, load_mesh
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from mutations import mutated, sound_files
+from mutated_files import mutated, sound_files
 
 SOUND = {f"{number}{suffix}": data for suffix, files in sound_files().items() for number, data in enumerate(files)}
 

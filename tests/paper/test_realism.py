@@ -15,7 +15,7 @@ from tests.paper import light  # noqa: E402
 from tests.paper.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.paper.hand_made import TINY, confusion, result  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
-from zbuf_occlude.cli.experiment import command  # noqa: E402
+from zbuf_occlude.cli.experiment import experiment_command  # noqa: E402
 from zbuf_occlude.learn.evaluation import Confusion  # noqa: E402
 from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM  # noqa: E402
 from zbuf_occlude.paper.experiments import Realism, in_both_counts  # noqa: E402
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", SMALL)
-    done = CliRunner().invoke(command, ["realism", "--quick", "--out", str(folder)])
+    done = CliRunner().invoke(experiment_command, ["realism", "--quick", "--out", str(folder)])
     assert done.exit_code == 0, done.output
     assert "Tested on scans in streets, trained on uniform clouds, scans of single objects, scans in" in done.output
     assert "0 classifiers trained or tested now" in done.output

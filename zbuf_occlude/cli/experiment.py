@@ -5,11 +5,10 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.echo import echo, progress_bar
-from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
-from zbuf_occlude.cli.summary import SOME_FAILED, counted
+from zbuf_occlude.cli.shared_options import OutFolder
+from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
 from zbuf_occlude.paper.real_scans import UPS
@@ -120,7 +119,7 @@ TEXT = """
     metavar="N",
     help="Epochs at most; under --budget clouds of the classifier with the fewest clouds.",
 )
-def command(name: str, **options: Any) -> None:
+def experiment_command(name: str, **options: Any) -> None:
     """Repeat the paper's experiments with classifiers; now `zbuf-occlude paper NAME` (`table3` for `all`).
 
     `zbuf-occlude paper NAME --help` says what an experiment does and writes.
@@ -131,10 +130,10 @@ def command(name: str, **options: Any) -> None:
     run_experiment(new, **options)
 
 
-def paper_command(name: str) -> click.Command:
+def experiment_named(name: str) -> click.Command:
     """Return the command of an experiment."""
-    options = {str(parameter.name) for parameter in command.params} - {"name"} - UNUSED[name]
-    return derived(command, name, options, run_experiment, TEXTS[name] + TEXT)
+    options = {str(parameter.name) for parameter in experiment_command.params} - {"name"} - UNUSED[name]
+    return derived(experiment_command, name, options, run_experiment, TEXTS[name] + TEXT)
 
 
 def run_experiment(

@@ -7,12 +7,11 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.dry_run import check_folder, costs, intended
-from zbuf_occlude.cli.echo import echo, progress_bar
-from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
-from zbuf_occlude.cli.options import (
+from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
+from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
     OutFolder,
@@ -22,16 +21,17 @@ from zbuf_occlude.cli.options import (
     chosen_method,
     collect,
     distance_option,
+    engine_options,
     given,
     method_options,
     parse_settings,
+    pop_engine,
+    shard_option,
+    share_of,
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.overview import overview
-from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
-from zbuf_occlude.cli.summary import SOME_FAILED, summary
+from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
@@ -117,7 +117,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     callback=use_format,
     help="Files of the dataset.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
     "--scale",
@@ -144,7 +144,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")
 @click.option("--dry-run", is_flag=True, help="Report what would be made, with the disk space and time it would take.")
 @click.pass_context
-def command(
+def generate_command(
     context: click.Context,
     /,
     meshes: tuple[Path, ...],
@@ -273,16 +273,23 @@ def command(
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         with without_scipy():
             compile_ahead(plan.recipe)
+    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
+
     failed = False
     for one, folder in plans:
         mine = len(one.groups[share[0] :: share[1]])
         total = sum(map(len, one.groups[share[0] :: share[1]])) * one.clouds_per_mesh
         bar = progress_bar(total, "clouds", "generate")
+
+        def begun(*work: Any, bar: Any = bar) -> None:
+            bar.refresh()
+            run(*work)
+
         with bar, logging_redirect_tqdm():
             document = generate(
                 one,
                 folder,
-                run=run,
+                run=begun,
                 overwrite=overwrite,
                 share=share,
                 limits=limits,
@@ -290,7 +297,7 @@ def command(
                 written=files_beside(bar),
             )
         if document:
-            echo(summary(document, folder))
+            echo(what_was_made(document, folder))
             failed |= bool(document["failures"])
         else:
             done = progress_of(one, folder)["groups_done"]

@@ -31,9 +31,10 @@ PANELS = {
 class Command(click.Command):
     """A command whose options come in panels, where they are many."""
 
-    def __init__(self, name: str | None, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
+    def __init__(self, name: str | None, *, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
         columns = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
-        super().__init__(name, {"terminal_width": columns, **(context_settings or {})}, **options)
+        settings = {"terminal_width": columns, **(context_settings or {})}
+        super().__init__(name, context_settings=settings, **options)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, panel by panel."""
@@ -58,11 +59,11 @@ def _plain(names: str, text: str) -> tuple[str, str]:
     """Return an option's row without the names of Python's types and ranges."""
     for kind, letter in (("INTEGER RANGE", "N"), ("FLOAT RANGE", "X"), ("INTEGER", "N"), ("FLOAT", "X")):
         names = names.replace(kind, letter)
-    text = re.sub(r"(?:; |\[)[\d.]*<?=?x[<>]=?[\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
+    text = re.sub(r"(?:; |\[)[-\d.]*<?=?x[<>]=?[-\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
     return names, text.replace("  []", "").replace("[]", "")
 
 
-class Group(click.Group):
+class CommandGroup(click.Group):
     """A group that names the command that a mistyped one is nearest to."""
 
     def resolve_command(

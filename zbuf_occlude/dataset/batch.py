@@ -26,7 +26,7 @@ from zbuf_occlude.dataset.counts import Counts
 from zbuf_occlude.dataset.folder import WORK, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.formats.packed import Archive, archive_name
-from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, occlude
+from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, sampled_views
 from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.scans import scan
@@ -159,7 +159,7 @@ def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterable[Samplin
     entry = plan.meshes[mesh_id]
     if plan.recipe.setup is not None:
         return scan(mesh, entry.label, plan, entry.key)
-    return occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
+    return sampled_views(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
 
 
 def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> tuple[Counts, str, Origin]:

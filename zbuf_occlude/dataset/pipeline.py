@@ -51,7 +51,7 @@ class Sampling(NamedTuple):
     renderer: str
 
 
-def occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
+def sampled_views(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
     """Yield the samplings of one mesh, variation by variation; `zbuf_occlude.dataset.scans` does it for sensors.
 
     Parameters

@@ -50,7 +50,7 @@ def scan(mesh: Mesh, label: str, plan: Plan, key: str) -> Iterator[Sampling]:
     """
     recipe, setup = plan.recipe, plan.recipe.setup
     if setup is None:
-        raise ArgumentError("a recipe of scans must have `scanning`; this has none. Use pipeline.occlude.")
+        raise ArgumentError("a recipe of scans must have `scanning`; this has none. Use pipeline.sampled_views.")
     standing, size = in_metres(mesh, label, setup)
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):

@@ -35,11 +35,17 @@ class Cloud:
         found = {"points": self.points, "normals": self.normals, "colors": self.colors}
         return {name: values for name, values in found.items() if values is not None}
 
-    def table(self) -> NDArray[Any]:
-        """Return a structured array with a row per point: the columns of the other files."""
+    def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
+        """Return a structured array with a row per point: the columns of the other files.
+
+        Parameters
+        ----------
+        keep_clean : bool
+            Of a scan: its ranges without noise too.
+        """
         return columns_of(self.points, self.normals, self.colors)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
         """Write the cloud to a file, as its ending says.
 
         Parameters
@@ -48,6 +54,8 @@ class Cloud:
             ``.ply`` (binary) and ``.csv``: a column for each coordinate, component of the normal, and what else a point
             has. ``.npy``: the same as a structured array. ``.npz``: `arrays`, by name. ``.pcd``: positions, normals and
             colours, float32.
+        keep_clean : bool
+            As `table` takes it.
 
         Raises
         ------
@@ -67,11 +75,11 @@ class Cloud:
         elif suffix == ".pcd":
             point_files.write_pcd_columns(path, self.points, self.normals, self.colors)
         elif suffix == ".ply":
-            point_files.write_table(path, self.table())
+            point_files.write_table(path, self.table(keep_clean=keep_clean))
         elif suffix == ".npy":
-            atomic.write(path, lambda file: np.save(file, self.table()))
+            atomic.write(path, lambda file: np.save(file, self.table(keep_clean=keep_clean)))
         else:
-            point_files.write_csv(path, self.table())
+            point_files.write_csv(path, self.table(keep_clean=keep_clean))
 
     def to_open3d(self) -> Any:
         """Return an ``open3d.geometry.PointCloud`` with points, normals and colours.

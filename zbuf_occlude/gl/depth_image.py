@@ -13,7 +13,7 @@ from zbuf_occlude.gl.tiles import TILE, arrange_tiles, reversed_depth
 from zbuf_occlude.views import Views
 
 
-def depth_image(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
+def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
     """Render a mesh's depth as one camera sees it.
 
     Parameters

@@ -1,16 +1,19 @@
-"""`zbuf-occlude train`: a classifier from a dataset that `generate` wrote."""
+"""`zbuf-occlude train` and `zbuf-occlude evaluate`: classifiers from datasets that `generate` wrote."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zbuf_occlude.cli.echo import echo, progress_bar
-from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.shared_options import OutFolder
+from zbuf_occlude.cli.shell import echo, progress_bar
 from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.learn.models import MODELS, require_torch
+from zbuf_occlude.meshes.collection import SPLITS
 
 HELD_OUT = 0.1
 """Of the objects, where a dataset has no clouds to validate with."""
@@ -39,7 +42,7 @@ HELD_OUT = 0.1
 @click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
 @click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Initial learning rate of Adam.")
 @click.option("--points", "n_points", type=click.IntRange(1), help="Points of each cloud.  [default: all]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.  [default: rotate]")
 @click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.  [default: rescale]")
 @click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.  [default: jitter]")
@@ -49,7 +52,7 @@ HELD_OUT = 0.1
     default=True,
     help="On CUDA, half precision where it is safe.  [default: mixed]",
 )
-def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
+def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
 
     Clouds of the split train are learnt from; those of val say which epoch is best and when to stop. Without a split
@@ -73,9 +76,9 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
     config = TrainConfig(**options)
     config.find_device()  # before anything is read
-    training = load(folders, "train")
+    training = load_split(folders, "train")
     if all("val" in open_dataset(folder).order for folder in folders):
-        validation = load(folders, "val")
+        validation = load_split(folders, "val")
     else:
         training, validation = hold_out(training, HELD_OUT, config.seed)
     echo(f"{len(training)} clouds to train on, {len(validation)} to validate with", err=True)
@@ -100,7 +103,7 @@ def command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     )
 
 
-def load(folders: tuple[Path, ...], split: str) -> CloudSet:
+def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
     """Return the clouds of a split of all datasets.
 
     Raises
@@ -112,3 +115,59 @@ def load(folders: tuple[Path, ...], split: str) -> CloudSet:
     for folder in folders[1:]:
         clouds = CloudSet.joined(clouds, load_clouds(folder, split))
     return clouds
+
+
+@click.command(cls=Command)
+@click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
+@click.option("--split", type=Name(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
+@click.option("--out", type=OutFolder(), help="Folder of the figures.  [default: MODEL]")
+@click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
+def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
+    """Test the classifier that `train` left in the folder MODEL on the clouds of DIR, datasets of `generate`.
+
+    DIR must have the classes that the classifier was trained on. As many points of each cloud are looked at as in
+    training.
+
+    \b
+    Writes into --out:
+      evaluation.json   accuracy; precision, recall and F1 of each class; confusion matrix
+      evaluation.png    the confusion matrix
+
+    \b
+    Example:
+      zbuf-occlude evaluate pointnet clouds --split test
+    """
+    require_torch()
+    from zbuf_occlude.learn.evaluation import evaluate  # late: these need torch
+    from zbuf_occlude.learn.training import load_trained
+
+    trained = load_trained(model, device)
+    test = load_split(folders, split)
+    n_points = trained.config.n_points
+    if n_points is not None and n_points > test.n_points:
+        raise DatasetError(
+            f"the datasets must have clouds of the {n_points} points that the model was trained with, at least; "
+            f"theirs have {test.n_points}. Generate them with --sample-size {n_points}."
+        )
+    if n_points is not None:
+        test = test.select_points(n_points, trained.config.seed)
+    if test.classes != trained.classes:
+        raise DatasetError(
+            f"the datasets must have the classes of the model, {', '.join(trained.classes)}; "
+            f"they have {', '.join(test.classes)}. Choose another model, or train one on them."
+        )
+    evaluation = evaluate(trained.model, test)
+    out = model if out is None else out
+    evaluation.write(out)
+    n_clouds_of = evaluation.counts.sum(axis=1)
+    columns = zip(evaluation.precision, evaluation.recall, evaluation.f1, strict=True)
+    width = max(len("class"), *map(len, test.classes))
+    echo(f"{'class':{width}}  clouds  precision  recall      F1")
+    for label, n_clouds, figures in zip(test.classes, n_clouds_of, columns, strict=True):
+        precision, recall, f1 = (f"{value:.1%}" if math.isfinite(value) else "-" for value in figures)
+        echo(f"{label:{width}}  {n_clouds:6}  {precision:>9}  {recall:>6}  {f1:>6}")
+    echo(
+        f"accuracy {evaluation.accuracy:.1%} of {evaluation.n_clouds} clouds\n"
+        f"figures  {out / 'evaluation.json'}\npicture  {out / 'evaluation.png'}"
+    )

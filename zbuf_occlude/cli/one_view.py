@@ -1,4 +1,4 @@
-"""`zbuf-occlude visible`: the occluded cloud that one camera sees of one mesh."""
+"""What one camera has of one mesh: `zbuf-occlude visible`, a cloud, and `zbuf-occlude depth`, a depth buffer."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.cli.echo import echo, on
-from zbuf_occlude.cli.options import (
+from zbuf_occlude.cli.panels import Command
+from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
+from zbuf_occlude.cli.shared_options import (
     MeshPlace,
     Settings,
     camera_options,
@@ -23,8 +24,7 @@ from zbuf_occlude.cli.options import (
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.panels import Command
-from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
+from zbuf_occlude.cli.shell import echo, on
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_ply
@@ -53,14 +53,14 @@ MESHES = (".obj", ".off")
     show_default=True,
     help="Points sampled.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @with_option("Attributes of the points: normals towards the camera, base colours.")
 @up_option
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
 )
 @click.pass_context
-def command(
+def visible_command(
     context: click.Context,
     /,
     mesh: Path,
@@ -123,7 +123,7 @@ def command(
         cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
         renderer = occluder.renderer
     normals = cloud.normals_towards(eyes[0]) if positions is None else None
-    write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
+    _write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
     if isinstance(asked, Mesh) and asked.colors is not None and not asked.colors.is_whole:
         lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
         echo(f"warning: {mesh} {lacking}", err=True)
@@ -172,7 +172,7 @@ def write_scan(
     view = camera(mesh)
     warn_inside(mesh, view.eyes)
     found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=seed, method=caster)
-    write_cloud(out, found.positions, found.normals)
+    _write_cloud(out, found.positions, found.normals)
     echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
 
 
@@ -182,7 +182,7 @@ def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
         echo("warning: the camera is inside the mesh's bounding box. Raise --distance?", err=True)
 
 
-def write_cloud(
+def _write_cloud(
     out: Path,
     positions: FloatArray,
     normals: FloatArray | None,
@@ -201,3 +201,59 @@ def write_cloud(
     else:
         header = ",".join(names for _, names in chosen)
         atomic.write(out, lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.9g"))
+
+
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
+@camera_options
+@click.option("--size", type=click.IntRange(1, 8192), default=512, show_default=True, help="Pixels along a side.")
+@up_option
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
+def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | None, out: Path) -> None:
+    """Write the depth buffer that one camera has of MESH.
+
+    .npy and .exr (channel Z) hold eye depth, the distance along the camera's axis in the mesh's own units, infinite
+    where nothing is; the first row is the highest. .png is to look at: 16 bits, the nearest white, the farthest dark
+    grey, nothing black.
+
+    \b
+    Example:
+      zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
+    """
+    from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
+    from zbuf_occlude.gl.depth_image import render_depth
+
+    suffix = suffix_of(out, (".png", ".npy", ".exr"))
+    with Limits().watch():
+        loaded = load_mesh(mesh, up=up)
+    with GlContext.open() as gl:
+        depths = render_depth(gl, loaded, camera(loaded), size)
+        renderer = gl.renderer
+    if suffix == ".npy":
+        atomic.write(out, lambda file: np.save(file, depths.astype(np.float32)))
+    else:
+        (write_png if suffix == ".png" else write_exr)(out, depths)
+    seen = np.isfinite(depths)
+    span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
+    echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
+
+
+def write_png(path: Path, depths: FloatArray) -> None:
+    """Write 16-bit grey: near is white, far dark grey, nothing black."""
+    from PIL import Image
+
+    seen = np.isfinite(depths)
+    grey = np.zeros(depths.shape, dtype=np.uint16)
+    if seen.any():
+        near, far = depths[seen].min(), depths[seen].max()
+        grey[seen] = 65535 - 50000 * ((depths[seen] - near) / max(far - near, np.finfo(np.float64).tiny))
+    atomic.write(path, lambda file: Image.fromarray(grey).save(file, format="PNG"))
+
+
+def write_exr(path: Path, depths: FloatArray) -> None:
+    """Write one float channel, Z, as compositing programs expect depth."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"Z": depths.astype(np.float32)}) as file:
+        file.write(str(path))

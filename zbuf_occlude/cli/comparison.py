@@ -1,12 +1,13 @@
-"""`zbuf-occlude compare`: how wrong, how fast, when to use which; rows.jsonl and a report."""
+"""`zbuf-occlude compare`: how wrong, how fast, when to use which; and `zbuf-occlude report`, its report again."""
 
 from pathlib import Path
 from typing import Any
 
 import click
 
-from zbuf_occlude.cli.echo import echo, progress_bar
-from zbuf_occlude.cli.options import (
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.paper import derived, replaced
+from zbuf_occlude.cli.shared_options import (
     AUTO_ELSEWHERE,
     VIEWS,
     MeshPlace,
@@ -19,16 +20,16 @@ from zbuf_occlude.cli.options import (
     parse_settings,
     up_option,
 )
-from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.paper import derived, replaced
-from zbuf_occlude.cli.report import write_and_summarise
-from zbuf_occlude.cli.summary import SOME_FAILED
+from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
 from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, of_meshes, scaling
-from zbuf_occlude.compare.run import ROW_SECONDS, run
+from zbuf_occlude.compare.comparison_report import write_report
+from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
+from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.paper.tables import CASES
+from zbuf_occlude.paper.tables import CASES, paper_tables
+from zbuf_occlude.visibility.interface import EYES_INSIDE
 
 BUILT_IN_MESHES = 8
 DEFAULT_SECONDS = 3.0
@@ -91,12 +92,12 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     show_default=True,
     help="Timeout of a row.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @up_option
 @choice_options
 @click.pass_context
-def command(
+def compare_command(
     context: click.Context,
     /,
     meshes: tuple[Path, ...],
@@ -149,7 +150,7 @@ def command(
     run_cases(cases, out, judge_points, seconds, row_seconds)
 
 
-def paper_command(name: str) -> click.Command:
+def table1_command(name: str) -> click.Command:
     """Return the command that repeats Table 1A or 1B."""
 
     def repeat(name: str, modelnet: Path | None, seed: int, seconds: float | None, **options: Any) -> None:
@@ -160,7 +161,7 @@ def paper_command(name: str) -> click.Command:
         f"Repeat the paper's Table {name[5:].upper()}: rows.jsonl, and a report with the table; as `compare` does.\n\n"
         "The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed."
     )
-    return derived(command, name, options, repeat, text)
+    return derived(compare_command, name, options, repeat, text)
 
 
 def run_cases(
@@ -217,3 +218,32 @@ def parse_subject(text: str) -> Subject:
         raise OptionError(f"--method must be NAME or NAME:KEY=VALUE,...; got {text!r}.")
     pairs = [Setting().convert(each, None, None) for each in settings.split(",") if settings]
     return Subject(name, parse_settings(name, tuple(pairs)))
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
+def report_command(folder: Path) -> None:
+    """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
+    echo(f"report: {write_and_summarise(folder)}")
+
+
+def write_and_summarise(folder: Path) -> Path:
+    """Write the report, print its first screen, and return its page."""
+    written = write_report(folder, paper_tables)
+    echo(first_screen(folder))
+    return written[0]
+
+
+def first_screen(folder: Path) -> str:
+    """Return the first screen's table as text; empty when the rows have no meshes."""
+    rows = [row for row in ComparisonFolder(folder).rows().values() if row["suite"] == "meshes"]
+    ranking = standings(rows)
+    if not ranking:
+        return "no meshes were compared; the report has the presets' tables"
+    lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
+    for one in representatives(ranking):
+        time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
+        lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>11}")
+    if n := sum(EYES_INSIDE in row.get("timed", {}).get("warnings", ()) for row in rows):
+        lines.append(f"warning: cameras inside the mesh's bounding box in {counted(n, 'row')}. Raise --distance?")
+    return "\n".join(lines)

@@ -1,26 +1,31 @@
-"""Options that several commands share: meshes, method, camera; and how key=value becomes Python."""
+"""Options that several commands share: meshes, method, camera, engine; and how key=value becomes Python."""
 
 import ast
 import functools
 import math
 import os
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 from click.core import ParameterSource
 
-from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.panels import Name
+from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
-from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
+from zbuf_occlude.extras import missing
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.views import Views
+from zbuf_occlude.views import Views, from_angles
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import METHODS, find_method
+from zbuf_occlude.workers import Run, from_environment, parse_shard
+from zbuf_occlude.workers.local import run_local
+from zbuf_occlude.workers.ray import run_ray
 
 VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
 
@@ -196,8 +201,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
             view = views.select([index])
         else:
-            angles = np.radians([azimuth or 0.0, elevation or 0.0, roll])
-            view = Views(angles[:1], angles[1:2], np.array([distance]), roll=angles[2:])
+            view = from_angles(azimuth or 0.0, elevation or 0.0, distance, roll)
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)
@@ -401,3 +405,62 @@ def check_place(path: Path, option: str = "--out") -> None:
 def _each(value: Any) -> list[str | Path]:
     """Return what of a parameter's value may be a path."""
     return [each for each in (value if isinstance(value, tuple) else (value,)) if isinstance(each, str | Path) and each]
+
+
+ENGINE = ("engine", "workers", "ray_address", "ray_gpus")
+"""Names of the parameters that `engine_options` adds, and `pop_engine` takes."""
+
+
+def engine_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """--workers, --engine, --ray-address, --ray-gpus."""
+    for option in reversed(
+        (
+            click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
+            click.option(
+                "--engine",
+                type=Name(["local", "ray"]),
+                default="local",
+                show_default=True,
+                help="Processes here, or a Ray cluster.",
+            ),
+            click.option(
+                "--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new one here]"
+            ),
+            click.option(
+                "--ray-gpus",
+                type=click.FloatRange(0),
+                default=0.0,
+                help="GPUs of each Ray worker; with 0.25 four share one.",
+            ),
+        )
+    ):
+        function = option(function)
+    return function
+
+
+def shard_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """--shard; `what` says whereof."""
+    return click.option("--shard", metavar="I/N", help=what)
+
+
+def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
+    """Take the options of `engine_options` out of a command's, and return the engine that they choose.
+
+    Raises
+    ------
+    UsageError
+        An option of an engine that was not chosen.
+    """
+    engine, workers, address, gpus = (options.pop(name) for name in ENGINE)
+    if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
+        raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")
+    if engine == "ray":
+        if lacking := missing("ray"):
+            raise UnavailableError(f"--engine ray {lacking}")
+        return partial(run_ray, n_workers=workers, limits=limits, address=address, gpus_per_worker=gpus)
+    return partial(run_local, n_workers=workers or os.cpu_count() or 1, limits=limits)
+
+
+def share_of(shard: str | None) -> tuple[int, int]:
+    """Return this machine's share, (i, n), as it was given, or as SLURM says."""
+    return parse_shard(shard) if shard is not None else from_environment(os.environ)
