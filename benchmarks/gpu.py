@@ -27,8 +27,7 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_pass import ExactPass
-from zbuf_occlude.gl.exact_shapes import Shape, Shapes, best_shape
+from zbuf_occlude.gl.exact_pass import ExactPass, Shape, Shapes, best_shape
 from zbuf_occlude.gl.shaders import compile_program
 from zbuf_occlude.shapes.benchmark import benchmark_mesh
 from zbuf_occlude.visibility import oracle
@@ -145,8 +144,7 @@ def run_method(
 
 
 def exact_pass(gl: GlContext, mesh: zo.Mesh, shapes: Shapes | None, counting: bool = False) -> ExactPass:
-    contact = CONTACT * mesh.diagonal
-    return ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, shapes=shapes, counting=counting)
+    return ExactPass(gl, mesh, CONTACT * mesh.diagonal, shapes=shapes, counting=counting)
 
 
 class TimedProgram:

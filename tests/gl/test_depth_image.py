@@ -5,7 +5,7 @@ import pytest
 
 from zbuf_occlude import ArgumentError, Mesh, Views
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_image import depth_image
+from zbuf_occlude.gl.depth_pass import depth_image
 
 # a large plate through the origin, tilted: z = x / 2
 TILTED = Mesh(

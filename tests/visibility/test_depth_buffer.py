@@ -9,9 +9,9 @@ from tests.visibility.witness_twin import witness_test
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, shapes, views
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.geometry.camera import Frusta
-from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.depth_pass import Atlas
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.visibility import depth_buffer
 from zbuf_occlude.visibility.depth_test import depth_test, project

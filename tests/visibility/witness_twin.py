@@ -7,7 +7,7 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.point_data import MOST_HIDDEN
+from zbuf_occlude.gl.point_pass import MOST_HIDDEN
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.visibility.depth_test import project
 

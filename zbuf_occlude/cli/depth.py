@@ -32,7 +32,7 @@ def command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | No
       zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
     """
     from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
-    from zbuf_occlude.gl.depth_image import depth_image
+    from zbuf_occlude.gl.depth_pass import depth_image
 
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     with Limits().watch():
