@@ -23,7 +23,7 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "oracle",
-        "exact CPU judge, float64, brute force over all faces: slow, simple, the definition",
+        "exact CPU reference, float64, brute force over all faces: slow, simple, the definition",
         "zbuf_occlude.visibility.oracle:prepare",
         exact=True,
     ),
@@ -48,7 +48,7 @@ METHODS: tuple[Method, ...] = (
         "zbuf_occlude.visibility.pyrender:prepare",
         extra="pyrender",
         requires="pyrender",
-        check="zbuf_occlude.visibility.pyrender:missing",
+        libraries=("libEGL.so.1",),
         no_first_hits="its pixels lie where its camera has them, not where the rays go",
     ),
     Method(
@@ -83,7 +83,7 @@ METHODS: tuple[Method, ...] = (
         needs_faces=False,
         extra="open3d",
         requires="open3d",
-        check="zbuf_occlude.visibility.hidden_point_removal:missing",
+        libraries=("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1"),
         no_first_hits="it knows points and no faces",
     ),
 )
