@@ -16,7 +16,7 @@ import trimesh
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, two_plates
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_image import render_depth
+from zbuf_occlude.gl.depth_pass import render_depth
 from zbuf_occlude.meshes.load import load_cloud
 
 PLATES = two_plates()

@@ -5,7 +5,7 @@ import pytest
 
 from zbuf_occlude import ArgumentError, Mesh, Views
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_image import render_depth
+from zbuf_occlude.gl.depth_pass import render_depth
 
 # a large plate through the origin, tilted: z = x / 2
 TILTED = Mesh(

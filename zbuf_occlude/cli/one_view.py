@@ -221,7 +221,7 @@ def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: st
       zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
     """
     from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
-    from zbuf_occlude.gl.depth_image import render_depth
+    from zbuf_occlude.gl.depth_pass import render_depth
 
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     with Limits().watch():

@@ -58,7 +58,7 @@ def by_default() -> Choice:
 def remark_on_renderer(method: str) -> str:
     """Say that a method would render in software beside an NVIDIA GPU; "" where it would not."""
     from zbuf_occlude.gl.context import GlContext  # late, as above
-    from zbuf_occlude.gl.nvidia import NVIDIA, fallen_to_software
+    from zbuf_occlude.gl.devices import NVIDIA, fallen_to_software
 
     if method == AUTO or not find_method(method).needs_gl or not NVIDIA.exists():
         return ""

@@ -16,7 +16,7 @@ from zbuf_occlude.dataset.packing import STEPS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.sheet import write_contact_sheet
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.gl.nvidia import fallen_to_software
+from zbuf_occlude.gl.devices import fallen_to_software
 from zbuf_occlude.provenance import versions
 
 SHOWN = 16

@@ -31,7 +31,7 @@ METHODS = Methods(
         ),
         Method(
             "oracle",
-            "exact CPU judge, float64, brute force over all faces: slow, simple, the definition",
+            "exact CPU reference, float64, brute force over all faces: slow, simple, the definition",
             "zbuf_occlude.visibility.oracle:prepare",
             exact=True,
         ),
@@ -56,7 +56,7 @@ METHODS = Methods(
             "zbuf_occlude.visibility.pyrender:prepare",
             extra="pyrender",
             requires="pyrender",
-            check="zbuf_occlude.visibility.pyrender:missing",
+            libraries=("libEGL.so.1",),
             no_first_hits="its pixels lie where its camera has them, not where the rays go",
         ),
         Method(
@@ -91,7 +91,7 @@ METHODS = Methods(
             needs_faces=False,
             extra="open3d",
             requires="open3d",
-            check="zbuf_occlude.visibility.hidden_point_removal:missing",
+            libraries=("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1"),
             no_first_hits="it knows points and no faces",
         ),
     )

@@ -1,20 +1,15 @@
 """`hidden_point_removal`: Katz et al. 2007 through Open3D, what many users do today. It never looks at the faces."""
 
-import sys
-from ctypes import CDLL
 from importlib import import_module
 
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.extras import DEBIAN, importing
+from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
-
-LIBRARIES = {name: DEBIAN[name] for name in ("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1")}
-"""What Open3D's wheel links to and does not bring on Linux, and Debian's packages of them."""
 
 GROWTH = 200.0
 """Radius by default, per squared distance of the farthest point, all in diagonals. What one point hides behind it
@@ -49,16 +44,6 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     if radius is not None and not (np.isfinite(radius) and radius > 0.0):
         raise OptionError(f"radius must be positive and finite, in diagonals of the mesh; got {radius}.")
     return HiddenPointRemoval(mesh, radius)
-
-
-def missing() -> str:
-    """Say in words what Open3D needs and this machine lacks, "" for nothing; does not import it."""
-    for library, package in LIBRARIES.items() if sys.platform == "linux" else ():
-        try:
-            CDLL(library)
-        except OSError:
-            return f"needs {library} for open3d; on Debian: apt install {package}"
-    return ""
 
 
 class HiddenPointRemoval(Occluder):

@@ -23,17 +23,15 @@ from zbuf_occlude.views import Views
 
 CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
+
 _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int, float, np.integer, np.floating)}
 """Of options' values; a bool is an int too, and so comes first."""
-
 
 FARTHEST = 1e15
 """Diagonals of the mesh that points and eyes may be away from it."""
 
-
 FAR = 1000.0
 """Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
-
 
 EYES_INSIDE = (
     "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
@@ -231,8 +229,8 @@ class Method:
     extra : str
         The optional dependency it needs, "" for none; `requires` is the package to import.
     requires : str
-    check : str
-        ``"package.module:function"``, light to import; the function says in words what else the method lacks here.
+    libraries : tuple of str
+        What the package links to on Linux and does not bring.
     no_first_hits : str
         In words, why it cannot answer `Occluder.first_hits`; "" for a method that can.
     """
@@ -245,7 +243,7 @@ class Method:
     needs_faces: bool = True
     extra: str = ""
     requires: str = ""
-    check: str = ""
+    libraries: tuple[str, ...] = ()
     no_first_hits: str = ""
 
     def missing(self) -> str:
@@ -253,8 +251,7 @@ class Method:
 
         Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
-        lacking = missing(self.requires) if self.requires else ""
-        return lacking or (str(_imported(self.check)()) if self.check else "")
+        return missing(self.requires, *self.libraries) if self.requires else ""
 
     def load(self) -> Callable[..., Occluder]:
         """Import the method's module and return its prepare function.
@@ -268,7 +265,8 @@ class Method:
         if reason:
             raise UnavailableError(f"method {self.name!r} {reason}")
         with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
-            prepare: Callable[..., Occluder] = _imported(self.factory)
+            module, name = self.factory.split(":")
+            prepare: Callable[..., Occluder] = getattr(import_module(module), name)
         return prepare
 
     def options(self) -> dict[str, Any]:
@@ -304,22 +302,8 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
 
 
 def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
-    """Let rays that begin far away begin where they come near the mesh, for what must be exact.
+    """Let rays that begin far away begin where they come near the mesh; return origins, and how far they moved.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    origins : (n, 3) or (1, 3) float64, world space
-    directions : (n, 3) float64
-
-    Returns
-    -------
-    origins : (n, 3) or (1, 3) float64
-    skipped : (n,) float64 or 0.0
-        How far away they now begin, world units.
-
-    Notes
-    -----
     R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
     than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
     """
@@ -337,9 +321,3 @@ def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tupl
 def _kind(value: Any) -> str:
     """Say what kind of thing an option's value is; "" for what none can be."""
     return next((kind for kind, types in _KINDS.items() if isinstance(value, types)), "")
-
-
-def _imported(name: str) -> Any:
-    """Return what ``"package.module:attribute"`` names."""
-    module, attribute = name.split(":")
-    return getattr(import_module(module), attribute)
