@@ -14,10 +14,10 @@ import trimesh
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
+from zbuf_occlude.dataset.gallery import upright
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.sheet import upright
+from zbuf_occlude.dataset.records import record_type
 from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes import MeshCollection

@@ -9,8 +9,9 @@ from tqdm import tqdm
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.engine import ENGINE, engine_options
 from zbuf_occlude.cli.options import OutFolder, given
-from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.formats import FORMATS, find_format
+from zbuf_occlude.dataset.source import open_dataset
 
 
 @click.command()

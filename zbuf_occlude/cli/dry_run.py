@@ -7,9 +7,9 @@ from pathlib import Path
 
 from zbuf_occlude.cli.options import nearest
 from zbuf_occlude.cli.summary import counted
-from zbuf_occlude.dataset.estimate import estimate
-from zbuf_occlude.dataset.folder import State, look_for, removable
+from zbuf_occlude.dataset.folder import MANIFEST, holds, removable
 from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.rehearsal import estimate
 
 MEGABYTE, HOUR = 1e6, 3600.0
 
@@ -26,7 +26,7 @@ def check_place(plan: Plan, out: Path, *, overwrite: bool) -> None:
     """
     if overwrite:
         removable(out)
-    elif look_for(plan, out) is State.FINISHED:
+    elif holds(plan, out) and (out / MANIFEST).exists():
         return
     if out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))

@@ -8,10 +8,9 @@ from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.summary import picture
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, read_finished
-from zbuf_occlude.dataset.gallery import write_gallery
-from zbuf_occlude.dataset.sheet import write_contact_sheet
+from zbuf_occlude.dataset.gallery import write_contact_sheet, write_gallery
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.paper.table2 import table_2
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from zbuf_occlude.cli.echo import on
-from zbuf_occlude.dataset.confidence import CONFIDENCE
+from zbuf_occlude.dataset.counts import CONFIDENCE
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.collection import SPLITS

@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from zbuf_occlude.cli.echo import echo
 from zbuf_occlude.cli.options import OutFolder
-from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.learn.models import MODELS, require_torch
 

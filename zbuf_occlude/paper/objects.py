@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude import shapes
-from zbuf_occlude.dataset.clouds import draw, fit
 from zbuf_occlude.dataset.folder import MANIFEST
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import MODELNET8
+from zbuf_occlude.dataset.records import draw, fit
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import sample_surface

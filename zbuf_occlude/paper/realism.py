@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import MANIFEST
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import seventy_five_each
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection

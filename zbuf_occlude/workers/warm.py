@@ -15,12 +15,12 @@ with without_scipy():
     from numba import njit
 
     from zbuf_occlude.dataset.plan import Recipe
-    from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
+    from zbuf_occlude.dataset.rehearsal import compile_ahead, was_rehearsed
     from zbuf_occlude.jit.pool import alone
     from zbuf_occlude.workers import worker
 
     common = Recipe(method="exact")  # most of what it has compiled every other method's workers need too
-    if is_compiled(common):
+    if was_rehearsed(common):
         with alone():
             compile_ahead(common)
     else:
