@@ -35,8 +35,8 @@ from tqdm import tqdm
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.dataset.formats.packed import archive_name
 from zbuf_occlude.dataset.generate import Making, generate
+from zbuf_occlude.dataset.packed import archive_name
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes

@@ -24,7 +24,7 @@ STAGES = (
     ("gather", "zbuf_occlude.dataset.batch:Clouds.keep"),
     ("write", "zbuf_occlude.dataset.batch:Clouds.pieces"),
     ("files", "zbuf_occlude.dataset.generate:write_file"),
-    ("files", "zbuf_occlude.dataset.manifest:finish"),
+    ("files", "zbuf_occlude.dataset.generate:finish"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 

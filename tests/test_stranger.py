@@ -14,12 +14,11 @@ import zbuf_occlude.views.positions as specs
 import zbuf_occlude.visibility as visibility
 from tests.scenes import box
 from zbuf_occlude import Mesh
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, open_dataset, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.catalog import SensorRow

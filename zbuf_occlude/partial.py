@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers
-from zbuf_occlude.dataset.clouds import draw
+from zbuf_occlude.dataset.records import draw
 from zbuf_occlude.errors import ArgumentError, MeshError, check_int, check_word
 from zbuf_occlude.geometry.camera import picture_frusta
 from zbuf_occlude.geometry.cloud import Cloud

@@ -191,7 +191,7 @@ def test_shares_made_one_by_one_are_the_same_dataset(
 
 
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.estimate.SECONDS", 60.0)
+    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 60.0)
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out

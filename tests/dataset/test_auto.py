@@ -8,7 +8,7 @@ import pytest
 
 from zbuf_occlude import Mesh, MeshCollection, OptionError, shapes
 from zbuf_occlude.dataset import auto
-from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
+from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose_exact, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.gl import devices
 from zbuf_occlude.gl.context import GlContext
@@ -27,7 +27,7 @@ from zbuf_occlude.gl.context import GlContext
     ],
 )
 def test_choices(n_faces: int, n_points: int, gain: float, embree: bool, method: str) -> None:
-    choice = choose(n_faces, n_points, gain=gain, embree=embree)
+    choice = choose_exact(n_faces, n_points, gain=gain, embree=embree)
     assert choice.method == method
     assert ("GPU here" in choice.reason) == (gain > 0.0)
     if gain:

@@ -13,12 +13,13 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import DatasetError, Mesh, OptionError
-from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.export.names import names_of
+from zbuf_occlude.dataset.export import convert
+from zbuf_occlude.dataset.export.shared import names_of
 from zbuf_occlude.dataset.folder import sorted_out
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 

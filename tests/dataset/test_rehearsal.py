@@ -10,7 +10,7 @@ import gc, sys, tempfile
 from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from zbuf_occlude.dataset.batch import make_batch, read_batch
+from zbuf_occlude.dataset.batch import batch_path, make_batch, read_outcome
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.rehearsal import compile_ahead
 from zbuf_occlude.gl.context import GlContext
@@ -32,7 +32,7 @@ ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() as gl:
     plan = Plan(shapes.collection().interleaved().limit(2), recipe)
     make_batch(plan, 0, Path(out), gl)
-    batch, _ = read_batch(plan, Path(out), 0)
+    batch, _ = read_outcome(plan, batch_path(Path(out), 0))
 assert not batch.failures, batch.failures
 print(sorted(compiled() - ahead))
 """

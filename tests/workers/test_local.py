@@ -14,10 +14,10 @@ from tests.dataset.test_generate import files
 from tests.processes import ended
 from tests.workers.loads import bad, ball, hang, suicide, swell, tell
 from zbuf_occlude import DatasetError
-from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.folder import claim
+from zbuf_occlude.dataset.folder import occupy
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.workers import local, pool
@@ -101,7 +101,7 @@ def test_a_mesh_that_cannot_be_made_is_a_failure(
 def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:
     """A folder where a file belongs: writing it fails as it does on a full disk."""
     plan = plan_of(ball, ball, ball)
-    claim(plan, out)
+    occupy(plan, out)
     (out / "ply_data_train0.h5").mkdir()
     with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
         run(plan, out)

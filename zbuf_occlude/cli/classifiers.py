@@ -9,7 +9,7 @@ import click
 from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.shared_options import OutFolder
 from zbuf_occlude.cli.shell import echo, progress_bar
-from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet, load_clouds
 from zbuf_occlude.learn.models import MODELS, require_torch

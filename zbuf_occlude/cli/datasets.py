@@ -21,12 +21,12 @@ from zbuf_occlude.cli.shared_options import (
     up_option,
 )
 from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
-from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, datasets_in, read_finished, read_manifest, read_plan
 from zbuf_occlude.dataset.formats import FORMATS, find_format
-from zbuf_occlude.dataset.gallery import write_gallery
+from zbuf_occlude.dataset.gallery import write_contact_sheet, write_gallery
 from zbuf_occlude.dataset.generate import merge, progress_of
-from zbuf_occlude.dataset.sheet import write_contact_sheet
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection

@@ -38,7 +38,7 @@ from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, progress_of
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, rehearse, was_rehearsed
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.limits import Limits
@@ -269,7 +269,7 @@ def generate_command(
     if not is_plain(plan.recipe):
         with without_scipy():
             rehearse(plan.recipe, require_gpu)
-    if not is_compiled(plan.recipe):
+    if not was_rehearsed(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         with without_scipy():
             compile_ahead(plan.recipe)

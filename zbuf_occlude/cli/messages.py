@@ -10,12 +10,12 @@ from typing import Any
 
 from zbuf_occlude.cli.shared_options import nearest
 from zbuf_occlude.cli.shell import counted, on
-from zbuf_occlude.dataset.confidence import CONFIDENCE
-from zbuf_occlude.dataset.estimate import estimate
-from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, State, look_for, removable
+from zbuf_occlude.dataset.counts import CONFIDENCE
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, holds, removable
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.presets import Preset
+from zbuf_occlude.dataset.rehearsal import estimate
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
 
@@ -194,7 +194,7 @@ def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
     """
     if overwrite:
         removable(out)
-    elif look_for(plan, out) is State.FINISHED:
+    elif holds(plan, out) and (out / MANIFEST).exists():
         return
     if out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))

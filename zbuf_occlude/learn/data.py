@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import shape_and_dtype
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.ragged import filled
+from zbuf_occlude.dataset.records import resized
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import ArgumentError, DatasetError
 
 _CLOUDS_AT_ONCE = 2048
@@ -150,7 +150,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         rows = slice(start, start + _CLOUDS_AT_ONCE)
         records = source.take(numbers[rows])
         if size is None:
-            positions[rows] = [filled(points, positions.shape[1]) for points in records["data"]]
+            positions[rows] = [resized(points, positions.shape[1]) for points in records["data"]]
         else:
             positions[rows] = records["data"][:, : positions.shape[1]]
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]

@@ -17,11 +17,11 @@ from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import MANIFEST
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.presets import MODELNET8, plan_of_originals, seventy_five_each, two_hundred
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import DatasetError, GlError, MeshError, OptionError, UnavailableError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import sample_surface

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.dataset.clouds import draw, fit
+from zbuf_occlude.dataset.records import draw, fit
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.extras import importing

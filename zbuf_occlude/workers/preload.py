@@ -13,12 +13,12 @@ signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 gc.disable()  # 10 % of the time
 with without_scipy():
     from zbuf_occlude.dataset.plan import Recipe
-    from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled
+    from zbuf_occlude.dataset.rehearsal import compile_ahead, was_rehearsed
     from zbuf_occlude.jit.threads import alone
     from zbuf_occlude.workers import local
 
     common = Recipe(method="exact")  # most of what it has compiled the workers of all other methods need too
-    if is_compiled(common):
+    if was_rehearsed(common):
         with alone():
             compile_ahead(common)
 gc.enable()

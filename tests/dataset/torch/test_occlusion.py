@@ -151,7 +151,7 @@ def test_in_forked_workers() -> None:
 
 
 def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    from zbuf_occlude.dataset.torch import occlusion
+    from zbuf_occlude.dataset.torch import on_the_fly
 
     prepared: list[int] = []
 
@@ -159,7 +159,7 @@ def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.
         prepared.append(len(mesh.faces))
         return prepare(mesh, *arguments, **options)
 
-    monkeypatch.setattr(occlusion, "prepare", counting)
+    monkeypatch.setattr(on_the_fly, "prepare", counting)
     occlude = OnTheFlyOcclusion(16, cache_megabytes=0.5)
     small, other, large = sphere(6), sphere(7), sphere(16)  # 120, 168 and 960 faces
     for mesh in (small, other, small, sphere(6), other):
