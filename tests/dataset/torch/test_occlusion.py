@@ -205,7 +205,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
         ({"distance": "far"}, "distance must be a positive number; got 'far'"),
         ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
-        ({"scale": "sphere"}, "scale must be one of cloud, object, mesh; got 'sphere'"),
+        ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
     ],
 )
 def test_errors(options: dict[str, Any], message: str) -> None:
