@@ -200,6 +200,20 @@ def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
     assert len(np.unique([np.load(root / f"data_occlusion_{i}.npy")[0, 0, 0] for i in (1, 2, 3)])) == 3
 
 
+def test_modelnet40_c_is_twice_as_large_with_normals_of_length_one(tmp_path: Path) -> None:
+    """Its longest side is 2: `factor` and `centre` of its further file lead back to the slab, whose normals are axes."""
+    generate(plan("modelnet40-c", attributes=("normals",), scale="object"), tmp_path)
+    rows = np.load(tmp_path / "clouds_test.npy")
+    assert np.linalg.norm(rows["normal"], axis=-1) == pytest.approx(1.0, abs=1e-6)
+    for view, row in enumerate(rows):
+        x, y, z = np.load(tmp_path / f"data_occlusion_{view + 1}.npy")[0].T.astype(float)
+        back = np.stack([-x, z, y], axis=1) / row["factor"] + row["centre"]
+        faces = np.abs(back - slab().centre) / (slab().bounds[1] - slab().centre)
+        assert faces.max(axis=1) == pytest.approx(1.0, abs=1e-5)
+        sides = np.abs(np.stack([-row["normal"][:, 0], row["normal"][:, 2], row["normal"][:, 1]], axis=1))
+        assert (sides.argmax(axis=1) == faces.argmax(axis=1)).mean() > 0.99
+
+
 def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:
     for name, n in (("training", 6), ("test", 3), ("val", 3)):
         with h5py.File(made("scanobjectnn") / f"{name}_objectdataset_augmentedrot_scale75.h5") as h5:

@@ -85,7 +85,13 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     meshes = [entry for folder in folders for entry in open_dataset(folder).plan.meshes]
     tested = {"val": validation.labelled, "test": sorted({e.label for e in meshes if e.split == "test"})}
     for split, labels in tested.items():
-        if unknown := [label for label in labels if label not in training.labelled]:
+        unknown = [label for label in labels if label not in training.labelled]
+        if unknown and len(unknown) == len(labels):
+            raise DatasetError(
+                f"train and {split} must share a class; train has {', '.join(training.labelled)}, {split} "
+                f"{', '.join(labels)}. Generate more objects, with a larger --limit or none."
+            )
+        if unknown:
             echo(f"warning: {split} has classes that are not trained on: {', '.join(unknown)}", err=True)
     with progress_bar(config.epochs, "epochs", "train") as bar:
 

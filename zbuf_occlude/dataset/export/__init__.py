@@ -116,6 +116,7 @@ def frame_in_words(plan: Plan) -> dict[str, Any]:
 def as_theirs(source: Source, plan: Plan) -> Source:
     """Return the clouds of a layout's classes, with its labels, positions and normals in its frame."""
     row, axes = find_format(plan.format), find_format(plan.format).to_frame(plan.recipe).T
+    longest_side = np.linalg.norm(axes[0])
     number_of = {name: number for number, name in enumerate(plan.classes)}
     label_of = np.array([number_of.get(entry.label, -1) for entry in plan.meshes])
     order = source.order
@@ -125,9 +126,11 @@ def as_theirs(source: Source, plan: Plan) -> Source:
 
     def turned(records: Records) -> Records:
         records["label"] = label_of[records["mesh_id"]][..., None]
-        for name in {"data", "normal"}.intersection(records.dtype.names or ()):
-            if not records.dtype[name].hasobject:  # layouts that hold clouds of unequal size turn nothing
-                records[name] = records[name] @ axes
+        if not records.dtype["data"].hasobject:  # layouts that hold clouds of unequal size turn nothing
+            records["data"] = records["data"] @ axes
+            records["factor"] *= longest_side
+            if "normal" in (records.dtype.names or ()):
+                records["normal"] = records["normal"] @ (axes / longest_side)
         return records
 
     whole = source.complete
