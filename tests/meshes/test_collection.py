@@ -247,6 +247,32 @@ def test_labels_that_cannot_be_used(tmp_path: Path, content: str, message: str) 
         read_labels(tmp_path / "nowhere.csv")
 
 
+def test_more_labels_than_any_collection_has_are_refused(tmp_path: Path) -> None:
+    """15 kB of gzip that say eight million."""
+    path = tmp_path / "labels.json.gz"
+    path.write_bytes(gzip.compress(b'{"a": [' + b"1," * 8_000_000 + b"1]}"))
+    with pytest.raises(OptionError, match=r"labels\.json\.gz must hold at most 1,000,000 labels"):
+        read_labels(path)
+
+
+def test_labels_from_a_pipe_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "labels.csv")
+    with pytest.raises(OptionError, match="it must be a file, and is a device or a pipe"):
+        read_labels(tmp_path / "labels.csv")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("content", "said"), [(b"", "it is empty"), (b"x" * 49_000_000, "at most 48,000,000 bytes")])
+def test_a_list_of_splits_that_cannot_be_read_is_not_taken_for_none(
+    tmp_path: Path, content: bytes, said: str, packed: bool
+) -> None:
+    root = plant(tmp_path / "ShapeNetCore", "02691156/one/model.obj", "02691156/two/model.obj")
+    (root / "all.csv").write_bytes(content)
+    place = archive(tmp_path / "ShapeNetCore.zip", root) if packed else root
+    with pytest.raises(MeshError, match=rf"all\.csv: .*{said}"):
+        MeshCollection.from_paths(place)
+
+
 def archive(path: Path, root: Path, prefix: str = "") -> Path:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as opened:
         for file in sorted(root.rglob("*")):

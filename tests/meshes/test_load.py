@@ -125,7 +125,7 @@ def fifo(folder: Path) -> Path:
         (lambda folder: folder / "a\0.off", "there is no such file"),
         (lambda folder: folder, "must end in one of .off, .obj, .ply, .stl, .glb, .gltf; this ends in ''"),
         (lambda folder: write(folder, "a.dae", TRIANGLE), "must end in one of .*; this ends in '.dae'. Convert it"),
-        (lambda folder: write(folder, "empty.obj", ""), "must hold a mesh; it is empty, 0 bytes"),
+        (lambda folder: write(folder, "empty.obj", ""), "must hold something; it is empty, 0 bytes"),
         (fifo, "it is a device or a pipe"),
         (
             lambda folder: write(folder, "flat.off", TRIANGLE.replace("0 1 0\n3", "2 0 0\n3")),

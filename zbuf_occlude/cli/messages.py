@@ -71,7 +71,8 @@ def inside(document: dict[str, Any]) -> list[str]:
     n = document["counts"].get("views_inside_the_bounding_box", 0)
     if not n:
         return []
-    return [f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. Raise --distance or --range?"]
+    cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
+    return [f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"]
 
 
 def picture(path: Path) -> str:

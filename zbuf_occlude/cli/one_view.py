@@ -179,7 +179,8 @@ def write_scan(
 def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
     """Warn of a camera inside the bounding box."""
     if mesh.in_box(eyes).any():
-        echo("warning: the camera is inside the mesh's bounding box. Raise --distance?", err=True)
+        cure = "Raise --distance, or place the cameras of --cameras in its unit."
+        echo(f"warning: the camera is inside the mesh's bounding box. {cure}", err=True)
 
 
 def _write_cloud(

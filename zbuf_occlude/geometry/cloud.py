@@ -91,8 +91,9 @@ class Cloud:
         """
         with importing("open3d", f"{type(self).__name__}.to_open3d"):
             import open3d
-        vectors = open3d.utility.Vector3dVector
-        cloud = open3d.geometry.PointCloud(vectors(np.array(self.points)))
+
+            vectors, new = open3d.utility.Vector3dVector, open3d.geometry.PointCloud
+        cloud = new(vectors(np.array(self.points)))
         cloud.normals = vectors(np.array(self.normals))
         if self.colors is not None:
             cloud.colors = vectors(self.colors / 255.0)

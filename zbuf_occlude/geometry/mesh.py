@@ -152,8 +152,9 @@ class Mesh:
         """
         with importing("open3d", "Mesh.to_open3d"):
             import open3d
-        copied = open3d.utility.Vector3dVector(np.array(self.vertices))
-        return open3d.geometry.TriangleMesh(copied, open3d.utility.Vector3iVector(np.array(self.faces)))
+
+            floats, integers = open3d.utility.Vector3dVector, open3d.utility.Vector3iVector
+        return open3d.geometry.TriangleMesh(floats(np.array(self.vertices)), integers(np.array(self.faces)))
 
     @cached_property
     def corners(self) -> FloatArray:

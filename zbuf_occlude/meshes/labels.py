@@ -4,12 +4,13 @@ import gzip
 import io
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePath, PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from zbuf_occlude.documents import MOST_BYTES, parse_document, read_limited
+from zbuf_occlude.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
@@ -73,7 +74,7 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
     key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
     if not key or not (label or split):
         raise OptionError(f"{printable(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
-    keys = columns[key]
+    keys, lines = columns[key], columns.lines
     own, synsets, words = (columns.get(column, [""] * len(keys)) for column in (label, "synsetid", split))
     return [
         Label(
@@ -81,7 +82,7 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
             own or None if label != "synsetid" else None,
             _split(word or None, f"{name}, line {line}"),
         )
-        for line, (key, own, synset, word) in enumerate(zip(keys, own, synsets, words, strict=True), 2)
+        for line, key, own, synset, word in zip(lines, keys, own, synsets, words, strict=True)
         if key
     ]
 
@@ -90,18 +91,25 @@ def parse_json(data: bytes, name: str) -> list[Label]:
     """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
     document = parse_document("JSON", data, name)
     try:
-        if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
-            return [Label(_word(key), label) for label, keys in document.items() for key in keys]
-        if isinstance(document, dict):
-            return [Label(key, _word(label)) for key, label in document.items()]
-        return [
-            Label(f"{_word(row['taxonomy_id'])}/{_word(key)}", _word(row["taxonomy_name"]), split)
-            for row in document
-            for split in ("train", "val", "test")
-            for key in row.get(split, [])
-        ]
+        labels = list(islice(_labels_in(document), MOST_ROWS + 1))
     except (LookupError, TypeError, AttributeError):  # it may be anything
         raise OptionError(f"{printable(name)} must be {FORMS}; it is JSON of another form.") from None
+    if len(labels) > MOST_ROWS:
+        raise OptionError(f"{printable(name)} must hold at most {MOST_ROWS:,} labels; it holds more. Split it.")
+    return labels
+
+
+def _labels_in(document: Any) -> Iterator[Label]:
+    if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
+        return (Label(_word(key), label) for label, keys in document.items() for key in keys)
+    if isinstance(document, dict):
+        return (Label(key, _word(label)) for key, label in document.items())
+    return (
+        Label(f"{_word(row['taxonomy_id'])}/{_word(key)}", _word(row["taxonomy_name"]), split)
+        for row in document
+        for split in ("train", "val", "test")
+        for key in row.get(split, [])
+    )
 
 
 def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tuple[_Item, Label]], int]:

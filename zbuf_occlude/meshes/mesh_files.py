@@ -104,6 +104,17 @@ def members(archive: Path) -> list[PurePosixPath]:
     return [name for name in names if not name.is_absolute() and ".." not in name.parts]
 
 
+def n_bytes_of(path: Path) -> int | None:
+    """Return how many bytes a file has, None where there is none; raise MeshError of an archive that cannot be read."""
+    if (place := archive_of(path)) is not None:
+        archive, name = place
+        return _opened(archive).getinfo(name).file_size if name in _opened(archive).NameToInfo else None
+    try:
+        return path.stat().st_size
+    except (OSError, ValueError):
+        return None
+
+
 def content_of(path: Path) -> bytes:
     """Return the content of a file; raise MeshError if it is missing, no file, not readable, or empty."""
     if (place := archive_of(path)) is not None:
@@ -120,7 +131,7 @@ def content_of(path: Path) -> bytes:
         except OSError as error:
             raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
     if not data:
-        raise MeshError("it must hold a mesh; it is empty, 0 bytes. Copy it again.")
+        raise MeshError("it must hold something; it is empty, 0 bytes. Copy it again.")
     return data
 
 

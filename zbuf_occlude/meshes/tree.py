@@ -6,10 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
+from zbuf_occlude.documents import MOST_BYTES
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.load import SUFFIXES
-from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members
+from zbuf_occlude.meshes.mesh_files import ARCHIVE, archive_of, content_of, members, n_bytes_of
 
+MOST = max(MOST_BYTES.values())
+"""Bytes of a small file next to meshes."""
 ALL = "*"
 """Stands for the meshes of a folder that cannot be read."""
 _SYNSET = re.compile(r"\d{8}")
@@ -39,12 +42,24 @@ class Tree:
         return self.base / file
 
     def read(self, path: PurePosixPath) -> bytes | None:
-        """Return the content of a file by its absolute name, None where there is none."""
+        """Return the content of a small file by its absolute name, None where there is none.
+
+        Raises
+        ------
+        MeshError
+            It is there, and cannot be read or is larger than documents may be.
+        """
         inside = path.is_relative_to(self.root)
+        place = self.path_of(path.relative_to(self.root)) if inside else Path(path)
         try:
-            return content_of(self.path_of(path.relative_to(self.root)) if inside else Path(path))
-        except MeshError:
-            return None
+            size = n_bytes_of(place)
+            if size is None:
+                return None
+            if size > MOST:
+                raise MeshError(f"it must have at most {MOST:,} bytes; it has {size:,}. Is it the file of that name?")
+            return content_of(place)
+        except MeshError as error:
+            raise MeshError(f"{path}: {error}") from None
 
     def named(self, file: PurePosixPath) -> PurePosixPath:
         """Return the absolute name of one of the files."""

@@ -15,7 +15,11 @@ from zbuf_occlude.sensors.sensor import KINDS, Imperfections, Sensor, numbers_of
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
-_ANGLE, _LENGTH = Number(-3600.0, 3600.0, "degrees", ((-1,),)), Number(shapes=((-1,),))
+_COLUMNS = {
+    "azimuth": Number(-3600.0, 3600.0, "degrees", ((-1,),)),
+    "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
+    **dict.fromkeys(VECTORS, Number(shapes=((-1,),))),
+}
 
 
 class SensorRow(NamedTuple):
@@ -115,8 +119,7 @@ def _of_csv(path: Path, data: bytes) -> SensorRow:
     if wanted is None:
         found = ", ".join(columns)
         raise OptionError(f"{where} must have the columns azimuth,elevation or x,y,z[,ring]; found: {found:.200}.")
-    kind = _ANGLE if wanted is ANGLES else _LENGTH
-    table = np.array([kind.read(f"{name} in {where}", columns[name]) for name in wanted])
+    table = np.array([_COLUMNS[name].read(f"{name} in {where}", columns[name]) for name in wanted])
     if wanted is ANGLES:
         azimuth, elevation = np.radians(table)
         flat = np.cos(elevation)

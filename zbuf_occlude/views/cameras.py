@@ -139,6 +139,8 @@ def from_colmap(path: Path) -> Views:
     """
     beside = path.with_name(f"cameras{path.suffix}")
     models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
+    if beside.exists() and not models:
+        raise OptionError(f"{printable(str(beside))} must hold cameras; it holds none. Copy it again.")
     return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
 
 
@@ -182,13 +184,19 @@ def _camera_of_row(row: Mapping[str, str]) -> _Camera:
 def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
     intrinsics = None
     if "K" in item:
-        (fx, _, cx), (_, fy, cy), _ = _K.read("K", item["K"])
+        (fx, skew, cx), (zero, fy, cy), last = _K.read("K", item["K"])
+        if skew or zero or last != [0.0, 0.0, 1.0]:
+            raise ValueError("K must be fx 0 cx, 0 fy cy, 0 0 1, a pinhole without skew, and is not")
         intrinsics = [fx, fy, cx, cy, item.get("width", 2 * cx), item.get("height", 2 * cy)]
     return _camera(item["R"], item["t"], intrinsics)
 
 
 def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
-    to_world = np.array(_TO_WORLD.read("transform_matrix", frame["transform_matrix"]))[:3]
+    to_world = np.array(_TO_WORLD.read("transform_matrix", frame["transform_matrix"]))
+    if to_world[3:].tolist() not in ([], [[0.0, 0.0, 0.0, 1.0]]):
+        raise ValueError("the last row of transform_matrix must be 0 0 0 1, and is not")
+    if (model := frame.get("camera_model", "PINHOLE")) not in (*_FOCALS, "PERSPECTIVE") or frame.get("is_fisheye"):
+        raise ValueError(f"its camera_model {printable(str(model))} is no pinhole; undistort the images first")
     given = {name: kind.read(name, frame[name]) for name, kind in _OF_FRAMES.items() if frame.get(name) is not None}
     if bent := [name for name in _DISTORTION if given.get(name)]:
         raise ValueError(f"{bent[0]} is {given[bent[0]]}, a distortion; undistort the images first")
@@ -200,8 +208,8 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     if focal is not None and width and height:
         centre = given.get("cx", width / 2), given.get("cy", height / 2)
         intrinsics = [focal, given.get("fl_y", focal), *centre, width, height]
-    rotation = np.array(_ROTATION.read("transform_matrix", to_world[:, :3])) @ _TO_GL
-    return _camera(rotation.T, -rotation.T @ to_world[:, 3], intrinsics)
+    rotation = np.array(_ROTATION.read("transform_matrix", to_world[:3, :3])) @ _TO_GL
+    return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics)
 
 
 def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
@@ -219,6 +227,9 @@ def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) ->
     if models:
         _, model, width, height, *words = models[f"camera {row[8]}"]
         parameters = [float(word) for word in words]
+        if len(parameters) != dict(_COLMAP_MODELS).get(model, len(parameters)):
+            wanted = dict(_COLMAP_MODELS)[model]
+            raise ValueError(f"camera {row[8]} must have the {wanted} parameters of a {model}; it has {len(words)}")
         n_focals = _FOCALS.get(model, 0)
         if not n_focals or any(parameters[n_focals + 2 :]):
             raise ValueError(f"camera {row[8]} is a {model} with distortion; undistort the images first")
@@ -265,5 +276,7 @@ def _binary_images(data: mmap.mmap) -> list[list[Any]]:
     for _ in range(n):
         rows.append(list(struct.unpack_from("<I7dI", data, place)))
         end = data.find(b"\0", place + 64)  # of the picture's name, which points follow
-        place = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data)
+        place = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data) + 1
+    if place > len(data):
+        raise struct.error
     return rows

@@ -70,6 +70,7 @@ class HiddenPointRemoval(Occluder):
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
         with importing("open3d", "method 'hidden_point_removal'"):  # late: the table must be listed without it
             self._open3d = import_module("open3d")
+            _ = self._open3d.geometry  # an empty package is imported too
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)

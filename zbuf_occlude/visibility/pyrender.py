@@ -365,7 +365,9 @@ def _serve(pipe: Connection) -> None:
     try:
         # trimesh, which pyrender imports, can do without scipy: two fifths of the time to start
         with importing("pyrender", "method 'pyrender'"), without_scipy():
-            import pyrender  # noqa: F401
+            import pyrender
+
+            _ = pyrender.OffscreenRenderer  # an empty package is imported too
         renderer = _Renderer(*pipe.recv())
         pipe.send(renderer.name)
         advice = "Try again."

@@ -50,7 +50,8 @@ def run_ray(
     """
     with importing("ray", "the Ray engine"):
         import ray
-    owned = not ray.is_initialized()
+
+        owned = not ray.is_initialized()
     if owned:
         try:
             _knock(address or os.environ.get("RAY_ADDRESS", ""))
