@@ -201,7 +201,7 @@ def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
 
 
 def test_modelnet40_c_is_twice_as_large_with_normals_of_length_one(tmp_path: Path) -> None:
-    """Its longest side is 2: `factor` and `centre` of its further file lead back to the slab, whose normals are axes."""
+    """`factor` and `centre` of its further file lead back to the slab, whose normals are axes."""
     generate(plan("modelnet40-c", attributes=("normals",), scale="object"), tmp_path)
     rows = np.load(tmp_path / "clouds_test.npy")
     assert np.linalg.norm(rows["normal"], axis=-1) == pytest.approx(1.0, abs=1e-6)
