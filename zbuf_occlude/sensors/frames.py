@@ -207,46 +207,53 @@ def _frames(
     occluder: Occluder | None,
     options: dict[str, Any],
 ) -> Iterator[Frame]:
-    mesh, rays, last = scene.mesh, np.empty((0, 3)), None
-    with prepare(mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
+    with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
         for matrix, pose, eye in zip(intrinsics, views.poses, views.eyes, strict=True):
-            if last is None or (matrix != last).any():
-                rays, last = pixel_rays(matrix, size), matrix
-                depth_of = 1.0 / np.linalg.norm(rays, axis=1)
-            directions = rays @ (TO_OPENCV @ pose[:3, :3])
-            hits = opened.first_hits(eye[None], directions)
-            depth = hits.distances * depth_of
-            met = np.flatnonzero(hits.face_ids >= 0)
-            face_ids = hits.face_ids[met]
-            facing, colors = mesh.face_normals[face_ids], None
-            lengths = np.sqrt(np.einsum("ij,ij->i", facing, facing))  # not 0: a face without area is never met
-            away = np.einsum("ij,ij->i", facing, directions[met]) > 0
-            facing = facing / np.where(away, -lengths, lengths)[:, None]
-            instances, normals = np.full(len(rays), -1, np.int32), np.zeros((len(rays), 3), np.float32)
-            instances[met], normals[met] = scene.instances[face_ids], facing
-            if mesh.colors is not None:
-                colors = np.zeros((*size, 3), np.uint8)
-                places = eye + directions[met] * depth[met, None]
-                colors.reshape(-1, 3)[met] = mesh.colors.at(face_ids, barycentric(mesh.corners[face_ids], places))
-            yield Frame(
-                depth.astype(np.float32).reshape(size),
-                hits.face_ids.reshape(size),
-                instances.reshape(size),
-                normals.reshape(*size, 3),
-                colors,
-                matrix,
-                pose,
-            )
+            yield _frame(scene, opened, matrix, pose, eye, size)
 
 
-def pixel_rays(intrinsics: FloatArray, size: tuple[int, int]) -> FloatArray:
-    """Return the rays (h w, 3) through the pixels' centres, OpenCV's camera space, at depth 1, row by row."""
-    height, width = size
-    (fx, _, cx), (_, fy, cy), _ = intrinsics
-    rays = np.ones((height, width, 3))
-    rays[..., 0] = (np.arange(width) + 0.5 - cx) / fx
-    rays[..., 1] = ((np.arange(height) + 0.5 - cy) / fy)[:, None]
-    return rays.reshape(-1, 3)
+def _frame(
+    scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, eye: FloatArray, size: tuple[int, int]
+) -> Frame:
+    """Cast a ray through each pixel that may show the mesh."""
+    mesh, colors = scene.mesh, None
+    depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)
+    face_ids, instances = np.full((2, *size), -1, np.int32)
+    if mesh.colors is not None:
+        colors = np.zeros((*size, 3), np.uint8)
+    part = _around(mesh.bounds, matrix, pose, size)
+    (fx, _, cx), (_, fy, cy), _ = matrix
+    y, x = (
+        (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
+    )
+    if len(x) and len(y):
+        right, down, forward = TO_OPENCV @ pose[:3, :3]
+        directions = y[:, None, None] * down + (x[:, None] * right + forward)  # of depth 1
+        hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
+        depths = hits.distances.reshape(len(y), len(x)) / np.sqrt(1.0 + y[:, None] ** 2 + x**2)
+        depth[part], face_ids[part] = depths, hits.face_ids.reshape(depths.shape)
+        met = np.nonzero(face_ids[part] >= 0)
+        faces, directions = face_ids[part][met], directions[met]
+        facing = mesh.face_normals[faces]
+        lengths = np.sqrt(np.einsum("ij,ij->i", facing, facing))  # not 0: a face without area is never met
+        lengths[np.einsum("ij,ij->i", facing, directions) > 0] *= -1.0
+        normals[part][met], instances[part][met] = facing / lengths[:, None], scene.instances[faces]
+        if mesh.colors is not None and colors is not None:
+            places = eye + directions * depths[met][:, None]
+            colors[part][met] = mesh.colors.at(faces, barycentric(mesh.corners[faces], places))
+    return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
+
+
+def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns outside which no pixel shows anything of a box; all where the eye may be within."""
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
+    if not (corners[:, 2] < -1e-6 * np.abs(corners).max()).all():
+        return slice(0, size[0]), slice(0, size[1])
+    pixels = corners @ TO_OPENCV @ matrix.T
+    places = np.nan_to_num(pixels[:, 1::-1] / pixels[:, 2:])
+    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, size).astype(int).tolist()
+    last = np.clip(np.ceil(places.max(axis=0)) + 1, first, size).astype(int).tolist()
+    return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float | None) -> FloatArray:
