@@ -32,7 +32,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.meshes.load import load_mesh
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.sensors import scan
+    from zbuf_occlude.sensors import Frame, frames, scan, write_frames
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
     from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
@@ -43,6 +43,7 @@ __all__ = [
     "METHODS",
     "ArgumentError",
     "DatasetError",
+    "Frame",
     "GlError",
     "Mesh",
     "MeshCollection",
@@ -56,6 +57,7 @@ __all__ = [
     "Views",
     "coverage",
     "depth_image",
+    "frames",
     "load_mesh",
     "occlude",
     "prepare",
@@ -67,6 +69,7 @@ __all__ = [
     "visible_faces",
     "visible_mesh",
     "visible_vertices",
+    "write_frames",
 ]
 
 _HOMES = {
@@ -85,7 +88,7 @@ _HOMES = {
     "partial": ("PartialCloud", "depth_image", "occlude"),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
-    "sensors": ("scan",),
+    "sensors": ("Frame", "frames", "scan", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
     "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),

@@ -58,7 +58,7 @@ SENSOR = ("--sensor", "vlp-16", "--size", 4.0)
         (("--classes", ""), "it must have a word, or several between commas; got ''"),
         (("--splits", " , "), "it must have a word, or several between commas"),
         (("--sensor", "vlp-16", "--size", "chiar=0.9"), "--size must be of classes that there are, tetrahedron"),
-        ((*SENSOR, "--views", "cameras.json"), "--views must be places about the object for a sensor"),
+        ((*SENSOR, "--range", 9, "--views", "cameras.json"), "--range must go without cameras of a file"),
     ],
 )
 def test_what_nothing_would_look_at_is_a_usage_error(

@@ -239,8 +239,8 @@ def generate_command(
     )
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
-    if setup is not None and plan.views.rotations is not None:
-        raise click.UsageError("--views must be places about the object for a sensor; these are cameras of a file.")
+    if setup is not None and setup.range is not None and plan.views.rotations is not None:
+        raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")

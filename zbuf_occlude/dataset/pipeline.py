@@ -184,7 +184,11 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
-        places = sensor_places(plan.views_of(key), size, floor, setup, seeds)
+        views = plan.views_of(key)
+        if views.rotations is not None:  # cameras of a file, which stand where the mesh is
+            eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
+            views = Views.of_cameras(eyes, views.rotations, views.windows)
+        places = sensor_places(views, size, floor, setup, seeds)
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)

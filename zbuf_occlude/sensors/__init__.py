@@ -7,10 +7,23 @@ sensor.rays()                            directions in the sensor's frame: x for
 """
 
 from zbuf_occlude.sensors.catalog import SENSORS, make
+from zbuf_occlude.sensors.frames import Frame, frames, write_frames
 from zbuf_occlude.sensors.scanning import Scan, look_at, scan
 from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
 
-__all__ = ["SENSORS", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
+__all__ = [
+    "SENSORS",
+    "Frame",
+    "Imperfections",
+    "Rays",
+    "Scan",
+    "Sensor",
+    "frames",
+    "look_at",
+    "make",
+    "scan",
+    "write_frames",
+]
 
 
 def __dir__() -> list[str]:

@@ -71,9 +71,12 @@ def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
 def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
     """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
-    Where there is a ground, at the height `floor`, only the views' azimuths count. Of a range that begins within the
+    Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
+    count. Of a range that begins within the
     target, what lies outside it is taken.
     """
+    if views.rotations is not None:
+        return views
     lengths = views.distance * size
     if setup.range is not None:
         low, high = setup.range
@@ -112,7 +115,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, seeds, number)
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
@@ -126,7 +129,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             with prepare(scene.mesh, setup.method) as occluder:
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, seeds, number)
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
@@ -137,12 +140,13 @@ def _captured(
     mesh: Mesh,
     alone: Occluder,
     setup: Setup,
+    places: Views,
     seeds: Seeds,
     view: int,
 ) -> Capture:
     found = scan(
         scene,
-        setup.made_sensor,
+        setup.sensor_of(places, view),
         pose,
         seed=seeds("scan", view),
         occluder=occluder,

@@ -98,13 +98,14 @@ def pinhole(
     height: int,
     fov: float | None = None,
     f: float | None = None,
+    fy: float | None = None,
     cx: float | None = None,
     cy: float | None = None,
 ) -> Rays:
     """Return the rays of a camera without distortion, through its pixels' centres, row by row.
 
-    `fov` is horizontal, degrees; or `f` is the focal length, pixels. `cx` and `cy` are where the axis meets the
-    picture, pixels from its upper left corner; its middle by default.
+    `fov` is horizontal, degrees; or `f` is the focal length, pixels, and `fy` that of the rows, by default the same.
+    `cx` and `cy` are where the axis meets the picture, pixels from its upper left corner; its middle by default.
     """
     _not_too_many(width * height)
     if (fov is None) == (f is None):
@@ -112,7 +113,7 @@ def pinhole(
     focal = f or width / 2.0 / np.tan(np.radians(fov or 0.0) / 2.0)
     rows, columns = np.divmod(np.arange(width * height), width)
     right = (columns + 0.5 - (width / 2.0 if cx is None else cx)) / focal
-    down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / focal
+    down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / (fy or focal)
     return Rays(np.stack([np.ones_like(right), -right, -down], axis=1), rows, columns)
 
 
@@ -198,7 +199,7 @@ NUMBERS: dict[str, Number] = {
     # of rays
     **dict.fromkeys(("width", "height", "columns"), Number(1, MOST_RAYS, whole=True)),
     "fov": Number(1e-3, 179.9, "degrees"),
-    "f": Number(1e-3, 1e9, "pixels"),
+    **dict.fromkeys(("f", "fy"), Number(1e-3, 1e9, "pixels")),
     **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),
     "lasers": Number(-360.0, 360.0, "degrees", ((-1, 2),)),
     "azimuths": Number(-360.0, 360.0, "degrees", ((2,),)),
@@ -374,13 +375,17 @@ class Sensor:
         return KINDS[self.kind](**self.pattern)
 
     @cached_property
+    def intrinsics(self) -> FloatArray:
+        """K (3, 3) of a pinhole, pixels, the corner of the upper left pixel at (0, 0)."""
+        given, (width, height) = self.pattern, (self.pattern["width"], self.pattern["height"])
+        f = given.get("f") or width / 2.0 / np.tan(np.radians(given["fov"]) / 2.0)
+        centre = given.get("cx", width / 2.0), given.get("cy", height / 2.0)
+        return np.array([[f, 0.0, centre[0]], [0.0, given.get("fy", f), centre[1]], [0.0, 0.0, 1.0]])
+
+    @property
     def pixels(self) -> float:
         """Pixels per unit of the picture at depth 1, of a pinhole; 0 of others."""
-        if self.kind != "pinhole":
-            return 0.0
-        if (f := self.pattern.get("f")) is not None:
-            return float(f)
-        return float(self.pattern["width"] / 2.0 / np.tan(np.radians(self.pattern["fov"]) / 2.0))
+        return float(self.intrinsics[0, 0]) if self.kind == "pinhole" else 0.0
 
     def with_numbers(self, **numbers: Any) -> "Sensor":
         """Return the sensor with some numbers changed, of the rays or the imperfections.

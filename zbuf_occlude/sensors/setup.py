@@ -13,6 +13,7 @@ from zbuf_occlude.errors import OptionError, check_word, find_row
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes
 from zbuf_occlude.sensors.sensor import Sensor
+from zbuf_occlude.views import Views
 
 SURFACE = "surface"
 """The word for no sensor: points sampled uniformly over the visible surface."""
@@ -97,6 +98,14 @@ class Setup:
     def made_sensor(self) -> Sensor:
         """The sensor."""
         return Sensor.from_document(self.sensor)
+
+    def sensor_of(self, views: Views, view: int) -> Sensor:
+        """Return the sensor of a view: a pinhole has the picture that cameras of a file have (`Views.windows`)."""
+        sensor = self.made_sensor
+        if views.windows is None or sensor.kind != "pinhole":
+            return sensor
+        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(sensor.pattern["width"], sensor.pattern["height"])[0]
+        return sensor.with_numbers(f=fx, fy=fy, cx=cx, cy=cy)
 
     @cached_property
     def box(self) -> dict[str, Any] | None:

@@ -140,6 +140,19 @@ class Views:
             row[:] = (z < 0) & (x >= left * -z) & (x <= right * -z) & (y >= bottom * -z) & (y <= top * -z)
         return inside
 
+    def intrinsics(self, width: int, height: int) -> FloatArray:
+        """Return K (k, 3, 3) of pictures of `windows`, pixels, y down, the upper left pixel's corner at (0, 0).
+
+        Raises ArgumentError where there are no windows.
+        """
+        if self.windows is None:
+            raise ArgumentError("views must have pictures; these have none. Give a field of view: views.looking.")
+        left, right, bottom, top = self.windows.T
+        found = np.zeros((len(self), 3, 3))
+        found[:, 0, 0], found[:, 1, 1], found[:, 2, 2] = width / (right - left), height / (top - bottom), 1.0
+        found[:, 0, 2], found[:, 1, 2] = -left * found[:, 0, 0], top * found[:, 1, 1]
+        return found
+
     def select(self, which: ArrayLike) -> "Views":
         """Return the views that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)

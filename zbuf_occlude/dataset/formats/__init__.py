@@ -171,6 +171,20 @@ FORMATS: tuple[Format, ...] = (
     Format("webdataset", "tar shards for streaming", ragged=True),
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
     Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True, module="point_files"),
+    Format(
+        "frames",
+        "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
+        "hdf5",
+        ragged=True,
+        options={
+            "sensor": "pinhole:width=640,height=480,fov=32",
+            "size": "file",
+            "keep": "all",
+            "sample_size": "all",
+            "scale": "mesh",
+            "attributes": "normals",
+        },
+    ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
     Format(
         "scanobjectnn",
