@@ -35,11 +35,10 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.albedos import ALBEDOS, draw_albedos
-from zbuf_occlude.scenes.parts import box, pole
+from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
+from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.imperfections import detection
-from zbuf_occlude.sensors.scan import default_caster
+from zbuf_occlude.sensors.scanning import default_caster, detection
 from zbuf_occlude.shapes import solids
 
 MOUNTS = ((1.35, 0.0, 1.64, False), (1.35, 0.0, 1.53, True))
@@ -155,9 +154,9 @@ def placed(given: Box, number: int) -> Placed:
     elif given.category == "PEDESTRIAN":
         mesh, turn = FIGURE, 0.0
     elif given.category in ("BOLLARD", "CONSTRUCTION_CONE", "SIGN"):
-        mesh, turn = pole(0.5, 1.0), 0.0
+        mesh, turn = pole_mesh(0.5, 1.0), 0.0
     else:
-        mesh, turn = box(1.0, 1.0, 1.0), 0.0
+        mesh, turn = box_mesh(1.0, 1.0, 1.0), 0.0
     upright = moved(yaw=turn, to=(0, 0, 0))
     turned = mesh.rotated(upright[:3, :3])
     scale = given.sides / np.ptp(turned.bounds, axis=0)

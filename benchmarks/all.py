@@ -63,9 +63,10 @@ def measured(part: Part, *, cheap: bool) -> bool:
     """Run a part and write what it came to; say whether it did."""
     command = part.cheap if cheap else part.command
     print(f"{part.name}: {command}" + ("" if cheap else f" (about {part.minutes} min)"), flush=True)
-    if part.needs and part.needs in command and not (ROOT / local(part.needs)).exists():
-        print(f"  left out: {local(part.needs)} is not here")
-        return False
+    for word in map(local, (word for word in command.split() if word.startswith(DATA))):
+        if not glob.glob(word, root_dir=ROOT):
+            print(f"  left out: {word} is not here")
+            return False
     out = ROOT / "build" / "figures" / (f"{part.name}-cheap" if cheap else part.name)
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()

@@ -5,7 +5,7 @@
 For the built-in shapes and the meshes of folders, and for each the same as surfaces of voxels: how much of the surface
 is level or upright (within 10 degrees), and the areas of Fig. 12 that the visible part projects, in percent of an
 object's own largest over all elevations, means over the objects (`areas_seen` of
-`zbuf_occlude.paper.elevation`).
+`zbuf_occlude.paper.experiments`).
 """
 
 import argparse
@@ -16,8 +16,7 @@ import numpy as np
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.paper.elevation import areas_seen
-from zbuf_occlude.paper.objects import as_voxels
+from zbuf_occlude.paper.experiments import areas_seen, as_voxels
 
 NEAR = np.sin(np.radians(10.0))
 

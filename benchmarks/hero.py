@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.drawing.marks import project
+from zbuf_occlude.drawing.marks import project_to_picture
 from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.sensors import look_at, make
 
@@ -49,9 +49,9 @@ def frustum(eye: FloatArray, target: FloatArray, depth: float = 0.9, half: float
 def draw_camera(panel: Axes) -> None:
     """Draw the camera's frustum over what the panel shows."""
     for line in frustum(CAMERA, np.zeros(3)):
-        x, y, _ = project(line, eye=VIEWER, target=MIDDLE).T
+        x, y, _ = project_to_picture(line, eye=VIEWER, target=MIDDLE).T
         panel.plot(x, y, color=CAMERAS, linewidth=1.4, solid_capstyle="round")
-    x, y, _ = project(CAMERA[None], eye=VIEWER, target=MIDDLE)[0]
+    x, y, _ = project_to_picture(CAMERA[None], eye=VIEWER, target=MIDDLE)[0]
     panel.plot([x], [y], "o", color=CAMERAS, markersize=5)
 
 

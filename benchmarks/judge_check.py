@@ -16,7 +16,7 @@ import numpy as np
 
 import zbuf_occlude as zo
 from tests.rational import sees
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.visibility import oracle
 
 MOST_DISPUTES = 300

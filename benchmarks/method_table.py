@@ -10,10 +10,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from zbuf_occlude.cli.summary import SOME_FAILED
+from zbuf_occlude.cli.shell import SOME_FAILED
 from zbuf_occlude.compare.cases import Subject
+from zbuf_occlude.compare.metrics import Standing, standings
 from zbuf_occlude.compare.run import ComparisonFolder
-from zbuf_occlude.compare.summary import Standing, standings
 
 RESOLUTIONS = (256, 512, 1024)
 ROWS: tuple[tuple[str, tuple[Subject, ...], str], ...] = (

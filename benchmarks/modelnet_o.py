@@ -24,7 +24,7 @@ def main() -> None:
     n_workers = int(sys.argv[2]) if len(sys.argv) > 2 else os.cpu_count() or 1
     collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
     recipe = Recipe(method="exact", views="fibonacci:20", subset="fps")
-    run = partial(local.run_jobs, n_workers=n_workers, limits=Limits())
+    run = partial(local.run_local, n_workers=n_workers, limits=Limits())
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         manifest = generate(Plan(collection, recipe, "modelnet-o"), Path(folder) / "out", run=run)

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude.jit.pool import use_threads
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.jit.threads import use_threads
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.shapes import benchmark_mesh
 from zbuf_occlude.visibility.interface import Occluder
 

@@ -14,7 +14,7 @@ import torch
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.jit.pool import use_threads
+from zbuf_occlude.jit.threads import use_threads
 
 
 class Occluded(torch.utils.data.Dataset):

@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import published_classifiers as classifiers
 import published_readers as readers
 import trimesh
 from numpy.typing import NDArray
@@ -58,55 +57,26 @@ CHECKED = 4
 
 @dataclass(frozen=True)
 class Loader:
-    """A row of the table.
+    """A row of the table."""
 
-    Parameters
-    ----------
-    repository, name : str
-        On GitHub; the class or function of it that reads.
-    layout : str
-        `--format`.
-    read : callable
-        Yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`.
-    links : dict of str to str
-        Names in the working folder, as the loader's own configuration has them, to places in the dataset.
-    meshes : str
-        In whose folders the meshes lie.
-    up : str
-        The layout's up axis.
-    n_views : int
-    options : tuple of str
-        Of `generate`.
-    packages, stubs : tuple of str
-        That the loader imports: what it needs; what has nothing to do with data.
-    fitted : bool
-        Whether each item has been centred and scaled by itself, by the layout or the loader.
-    mirrored : bool
-        Whether the loader mirrors horizontal axes at random.
-    half_turn : bool
-        Whether the layout is turned by half a turn about the vertical.
-    stretched : bool
-        Whether the loader stretches and moves each cloud of train at random, along each axis.
-    longest : float
-        Longest side of an object in the layout.
-    """
-
-    repository: str
-    name: str
-    layout: str
-    read: Any
-    links: dict[str, str] = field(default_factory=dict)
-    meshes: str = "shapenet"
-    up: str = "y"
+    repository: str  # on GitHub
+    name: str  # the class or function of it that reads
+    layout: str  # `--format`
+    read: Any  # yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`
+    links: dict[str, str] = field(
+        default_factory=dict
+    )  # names as the loader's configuration has them, to the dataset's
+    meshes: str = "shapenet"  # in whose folders the meshes lie
+    up: str = "y"  # the layout's up axis
     n_views: int = 8
-    options: tuple[str, ...] = ()
-    packages: tuple[str, ...] = ()
-    stubs: tuple[str, ...] = ()
-    fitted: bool = False
-    mirrored: bool = False
-    half_turn: bool = False
-    stretched: bool = False
-    longest: float = 1.0
+    options: tuple[str, ...] = ()  # of `generate`
+    packages: tuple[str, ...] = ()  # that the loader needs
+    stubs: tuple[str, ...] = ()  # that it imports, and that have nothing to do with data
+    fitted: bool = False  # whether each item has been centred and scaled by itself, by the layout or the loader
+    mirrored: bool = False  # whether the loader mirrors horizontal axes at random
+    half_turn: bool = False  # whether the layout is turned by half a turn about the vertical
+    stretched: bool = False  # whether the loader stretches and moves each cloud of train at random, along each axis
+    longest: float = 1.0  # side of an object in the layout
 
 
 _POINTR = ("transforms3d", "easydict", "yaml", "h5py", "open3d", "torch")
@@ -152,32 +122,32 @@ LOADERS = (
         n_views=1, packages=("h5py", "pandas", "six", "transforms3d"), stubs=("vis",),
     ),
     Loader(
-        "jiachens/ModelNet40-C", "ModelNet40C", "modelnet40-c", classifiers.modelnet40_c, _C, "modelnet", n_views=5,
+        "jiachens/ModelNet40-C", "ModelNet40C", "modelnet40-c", readers.modelnet40_c, _C, "modelnet", n_views=5,
         packages=("torch",), stubs=_C_STUBS, fitted=True, half_turn=True, longest=2.0,
     ),
     Loader(
-        "jiachens/ModelNet40-C", "ModelNet40C (lidar)", "modelnet40-c", classifiers.modelnet40_c_lidar, _C, "modelnet",
+        "jiachens/ModelNet40-C", "ModelNet40C (lidar)", "modelnet40-c", readers.modelnet40_c_lidar, _C, "modelnet",
         n_views=5, options=("--sensor", "modelnet40-c-lidar", "--size", "1", "--scale", "object"),
         packages=("torch",), stubs=_C_STUBS, half_turn=True, longest=2.0,
     ),
     Loader(
-        "fanglaosi/ModelNet-O_PointMLS", "ModelNet_O", "modelnet-o", classifiers.pointmls_modelnet_o,
+        "fanglaosi/ModelNet-O_PointMLS", "ModelNet_O", "modelnet-o", readers.pointmls_modelnet_o,
         {"data/ModelNet_O": "."}, "modelnet", "z", packages=("torch",),
     ),
     Loader(
-        "fanglaosi/ModelNet-O_PointMLS", "ModelNet40", "hdf5", classifiers.pointmls_modelnet40,
+        "fanglaosi/ModelNet-O_PointMLS", "ModelNet40", "hdf5", readers.pointmls_modelnet40,
         {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", packages=("torch",), fitted=True, stretched=True,
     ),
     Loader(
-        "fanglaosi/ModelNet-O_PointMLS", "ScanObjectNN", "scanobjectnn", classifiers.pointmls_scanobjectnn,
+        "fanglaosi/ModelNet-O_PointMLS", "ScanObjectNN", "scanobjectnn", readers.pointmls_scanobjectnn,
         {"data/h5_files/main_split": "."}, "modelnet", packages=("torch",), fitted=True, stretched=True,
     ),
     Loader(
-        "guochengqian/openpoints", "ScanObjectNNHardest", "scanobjectnn", classifiers.openpoints_scanobjectnn, {},
+        "guochengqian/openpoints", "ScanObjectNNHardest", "scanobjectnn", readers.openpoints_scanobjectnn, {},
         "modelnet", packages=("torch", "easydict"), stubs=_OPENPOINTS, fitted=True,
     ),
     Loader(
-        "hkust-vgd/scanobjectnn", "convert_to_binary_mask", "scanobjectnn", classifiers.scanobjectnn_masks, {},
+        "hkust-vgd/scanobjectnn", "convert_to_binary_mask", "scanobjectnn", readers.scanobjectnn_masks, {},
         "modelnet", n_views=0, stubs=("pc_util", "plyfile", "scipy.misc"),
         options=(
             "--sensor", "pinhole:width=320,height=240,fov=40", "--scene", "ground", "--keep", "box", "--size", "1",
@@ -185,17 +155,17 @@ LOADERS = (
         ),
     ),
     Loader(
-        "guochengqian/openpoints", "ModelNet", "modelnet40-normal", classifiers.openpoints_modelnet,
+        "guochengqian/openpoints", "ModelNet", "modelnet40-normal", readers.openpoints_modelnet,
         {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch", "easydict"), stubs=_OPENPOINTS,
         options=("--with", "normals"), fitted=True, half_turn=True,
     ),
     Loader(
-        "yanx27/Pointnet_Pointnet2_pytorch", "ModelNetDataLoader", "modelnet40-normal", classifiers.pointnet2_modelnet,
+        "yanx27/Pointnet_Pointnet2_pytorch", "ModelNetDataLoader", "modelnet40-normal", readers.pointnet2_modelnet,
         {"data/modelnet40_normal_resampled": "."}, "modelnet", packages=("torch",), options=("--with", "normals"),
         fitted=True, half_turn=True,
     ),
     Loader(
-        "charlesq34/pointnet", "provider", "hdf5", classifiers.pointnet_provider,
+        "charlesq34/pointnet", "provider", "hdf5", readers.pointnet_provider,
         {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", fitted=True,
     ),
 )  # fmt: skip

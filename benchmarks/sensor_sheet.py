@@ -14,11 +14,11 @@ import zbuf_occlude as zo
 from zbuf_occlude import shapes
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.drawing.pictures import draw_cloud, new_figure
-from zbuf_occlude.scenes.pool import Pool
+from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Scan, make
-from zbuf_occlude.sensors.capture import captures, sensor_places, stand
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
 
 AZIMUTH = np.radians(-140.0)
 FIXED = 9.0 * np.array([np.cos(AZIMUTH + 0.5), np.sin(AZIMUTH + 0.5), 0.35])
@@ -32,7 +32,7 @@ def seeds(what: str, view: int, *, seed: int) -> np.random.SeedSequence:
 
 def scanned(mesh: zo.Mesh, sensor: str, distance: float, scene: str, seed: int = 0, **given: object) -> Scan:
     """Scan a car that stands as `stand` puts it."""
-    setup = Setup(document_of(make(sensor)), range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
+    setup = Setup(make(sensor).document, range=(distance,) * 2, scene=scene, method=default_caster(), **given)  # type: ignore[arg-type]
     drawn, floor = partial(seeds, seed=seed), float(mesh.bounds[0, 2])
     views = zo.Views(np.array([AZIMUTH]), np.array([0.15]), np.array([2.0]))
     pool = Pool(shapes.collection(n_members=3), {}, scene, np.random.SeedSequence(1))
@@ -46,8 +46,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("docs/sensors.png"))
     given = parser.parse_args()
-    plain = Setup(document_of(make("hdl-64e")))
-    mesh, _ = stand(shapes.make("car", 1), "car", plain)
+    plain = Setup(make("hdl-64e").document)
+    mesh, _ = in_metres(shapes.make("car", 1), "car", plain)
     eye = 10.0 * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.1])
     points = zo.sample_surface(mesh, n_points=12_000, seed=0)
     with zo.prepare(mesh, "exact") as occluder:

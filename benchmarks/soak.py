@@ -35,15 +35,14 @@ from tqdm import tqdm
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
-from zbuf_occlude.dataset.formats.packed import archive_name
 from zbuf_occlude.dataset.generate import Making, generate
+from zbuf_occlude.dataset.packed import archive_name
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.limits import Limits, resident_gigabytes
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.workers import local
-from zbuf_occlude.workers.task import run_here
+from zbuf_occlude.workers import local, run_here
 
 VIEWS = 100
 WARM_UP, FLAT = 0.1, 0.05
@@ -125,7 +124,7 @@ def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
                 for process in multiprocessing.active_children():
                     lives[f"plan {number}, worker {process.pid}"].append(resident_gigabytes(process.pid))
 
-            generate(plan, out, run=partial(local.run_jobs, n_workers=n_workers, limits=Limits()), progress=look)
+            generate(plan, out, run=partial(local.run_local, n_workers=n_workers, limits=Limits()), progress=look)
         batches = range(len(plan.batches))
         some = sorted({*batches[:COMPARED], *batches[-COMPARED:]})
         again.mkdir()

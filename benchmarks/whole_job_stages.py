@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 STAGES = (
-    ("load", "zbuf_occlude.meshes.files:load_mesh"),
+    ("load", "zbuf_occlude.meshes.load:load_mesh"),
     ("clean", "zbuf_occlude.geometry.mesh:Mesh.cleaned"),
     ("sample", "zbuf_occlude.dataset.pipeline:sample"),
     ("prepare", "zbuf_occlude.visibility:prepare"),
@@ -24,7 +24,7 @@ STAGES = (
     ("gather", "zbuf_occlude.dataset.batch:Clouds.keep"),
     ("write", "zbuf_occlude.dataset.batch:Clouds.pieces"),
     ("files", "zbuf_occlude.dataset.generate:write_file"),
-    ("files", "zbuf_occlude.dataset.manifest:finish"),
+    ("files", "zbuf_occlude.dataset.generate:finish"),
 )
 """A function that is called inside another stage belongs to that, but `clean`, which has a row of its own."""
 

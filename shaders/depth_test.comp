@@ -1,5 +1,5 @@
 // The plain depth test: a point is hidden that lies behind its pixel's depth by more than the tolerance and its slope.
-// One invocation answers for 4 points and up to 8 eyes. Twin: visibility/depth_test.py.
+// One invocation answers for 4 points and up to 8 eyes. Twin: visibility/pyrender.py, depth_test.
 #version 430
 layout(local_size_x = 64) in;
 

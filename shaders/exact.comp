@@ -89,7 +89,7 @@ float unordered(uint key)
 }
 
 // Whether a line of sight passes beside a face's box. What `blocks64` says of such a face is rounding: the line lies in
-// its plane to the last digit. The box is widened as image_space/search/decide.py has it.
+// its plane to the last digit. as exact/ widens it.
 bool passes_beside(dvec3 e, dvec3 p, dvec3 a, dvec3 b, dvec3 c)
 {
     dvec3 d = e - p, away = max(abs(d), abs(a - p)), at = abs(p);

@@ -14,7 +14,7 @@ from hypothesis import settings
 from tests.compiling import one_at_a_time
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import ENVIRONMENT, GlContext
-from zbuf_occlude.versions import n_cores
+from zbuf_occlude.provenance import n_cores
 
 GL = pytest.StashKey[GlContext]()
 
@@ -36,8 +36,8 @@ settings.load_profile("unhurried")
 
 FIRST = (
     "visibility/test_contract.py", "paper/test_study.py", "workers/test_local.py", "examples/test_examples.py",
-    "visibility/test_pyrender.py", "learn/test_train.py", "visibility/test_first_hits.py",
-    "dataset/test_generate.py", "cli/test_scans_in_pairs.py", "compare/test_report.py",
+    "visibility/test_pyrender.py", "learn/test_training.py", "visibility/test_first_hits.py",
+    "dataset/test_generate.py", "cli/test_scans_in_pairs.py", "compare/test_comparison_report.py",
     "sensors/test_scenes.py", "paper/test_realism.py", "cli/test_experiment.py", "paper/test_figures.py",
     "dataset/test_export.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "jit/test_compiler.py",
     "dataset/test_attributes.py",

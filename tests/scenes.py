@@ -18,7 +18,7 @@ HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 
 def chair() -> zo.Mesh:
     """The paper's "Chair (3)" of Table 1A: 2,628 faces, three vertices each."""
-    from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.meshes.load import load_mesh
 
     return load_mesh(CHAIR).normalized()
 

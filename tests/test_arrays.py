@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from zbuf_occlude.arrays import as_indices, as_vectors, describe, frozen, sealed
+from zbuf_occlude.arrays import as_indices, as_vectors, frozen, sealed
 from zbuf_occlude.errors import ArgumentError
 
 
@@ -88,7 +88,3 @@ def test_frozen_is_a_copy_and_sealed_is_not() -> None:
     assert sealed(mine) is mine
     with pytest.raises(ValueError, match="read-only"):
         mine[0] = 2.0
-
-
-def test_describe() -> None:
-    assert describe(np.zeros((3, 100), np.float32)) == "(3, 100) float32"

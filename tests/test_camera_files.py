@@ -126,14 +126,22 @@ def test_a_camera_may_stand_at_the_worlds_origin_and_at_the_objects_centre(tmp_p
         ("a.json", '[{"R": [[1,0,0],[0,1,0],[0,0,-1]], "t": [0,0,1]}]', "R must be a rotation, and is none"),
         ("images.txt", "1 1 0 0 0 0 0 1 9 x.png\n\n", "must hold cameras"),
         ("images.txt", "1 1 0 0\n", "must hold cameras"),
+        ("images.txt", "1 1 0 0 0 0 0 1 2 x.png\n\n", "camera 2 must have the 8 parameters of a OPENCV; it has 4"),
     ],
 )
 def test_bad_cameras(tmp_path: Path, name: str, content: str, message: str) -> None:
     (tmp_path / name).write_text(content)
-    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n2 OPENCV 640 480 500 500 320 240\n")
     with pytest.raises(OptionError, match=re.escape(message)) as caught:
         views.parse(str(tmp_path / name))
     assert str(tmp_path / name) in str(caught.value)
+
+
+def test_a_list_of_cameras_without_one_is_refused(tmp_path: Path) -> None:
+    path = write_cameras(tmp_path, "colmap")
+    (tmp_path / "cameras.txt").write_text("# cameras\n")
+    with pytest.raises(OptionError, match=r"cameras\.txt must hold cameras"):
+        views.parse(path)
 
 
 def test_distortion_is_refused(tmp_path: Path) -> None:

@@ -14,12 +14,11 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
-from zbuf_occlude.documents import MOST_BYTES, Number, flag, line, parse
+from zbuf_occlude.documents import MOST_BYTES, Number, flag, line, parse_document
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.meshes.labels import read_labels
-from zbuf_occlude.scenes.files import read_scene
-from zbuf_occlude.sensors.model import NUMBERS, Sensor
-from zbuf_occlude.sensors.rays import numbers_of
+from zbuf_occlude.scenes.contents import read_scene
+from zbuf_occlude.sensors.sensor import NUMBERS, Sensor, numbers_of
 
 LIDAR = "kind: spinning\nlasers: [-2, 0, 2]\ncolumns: 90\n"
 WALL = zo.Mesh([[5, -9, -9], [5, 9, -9], [5, 9, 9], [5, -9, 9]], [[0, 1, 2], [0, 2, 3]])
@@ -70,6 +69,10 @@ def scene(**changed: Any) -> str:
     [
         ("sensor.csv", "azimuth,elevation\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
         ("labels.csv", "key,class\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
+        ("sensor.csv", "azimuth,elevation\n1,1000\n", r"elevation .* from -90 to 90 degrees; got 1000"),
+        ("sensor.csv", "x,y,z,X\n1,2,3,4\n", "x is there 2 times"),
+        ("sensor.csv", "x,y,z" + ",a" * 1_000 + "\n1,2,3\n", "at most 1,000 columns"),
+        ("sensor.yaml", LIDAR + "columns: 9\n", "columns is there 2 times"),
         ("sensor.csv", '"a\nerror: b",c\n1,2\n', r"found: a\\nerror: b, c"),
         ("sensor.csv", "x,y,z\n1,2\n", "z in .* must be numbers, finite; got ''"),
         ("sensor.csv", "azimuth,elevation\n1e300,1\n", r"azimuth .* degrees; got 1e\+300"),
@@ -106,11 +109,21 @@ def scene(**changed: Any) -> str:
         ("cameras.json", camera(R=[[MANY, 0, 0]] * 3), "number 0 .*R must be 3 x 3 numbers"),
         ("cameras.json", camera(t=[MANY, 0, 0]), "number 0 .*t must be 3 numbers, finite"),
         ("cameras.json", camera(K=[[MANY, 0, 0]] * 3), "number 0 .*K must be 3 x 3 numbers"),
+        ("cameras.json", camera(K=[[50, 9, 50], [0, 50, 50], [0, 0, 1]]), "K must be .* without skew"),
+        ("cameras.json", camera(K=[[50, 0, 50], [0, 50, 50], [0, 0, 2]]), "K must be fx 0 cx"),
+        ("cameras.json", camera()[:-2] + ', "t": [0, 0, 6]}]', "t is there 2 times"),
         ("cameras.json", camera(width=MANY), "number 0 .*width must be a number, .* pixels"),
         ("cameras.json", camera(R=[[1e200, 0, 0], [0, 1, 0], [0, 0, 1]]), "R must be 3 x 3 numbers, from -2 to 2"),
         ("transforms.json", nerf(w=MANY), "number 0 .*w must be a number"),
         ("transforms.json", nerf(fl_x=None, camera_angle_x=MANY), "camera_angle_x must be a number"),
         ("transforms.json", nerf(fl_x=None, camera_angle_x=0), "camera_angle_x must be .* radians; got 0"),
+        ("transforms.json", nerf(camera_model="OPENCV_FISHEYE"), "camera_model OPENCV_FISHEYE is no pinhole"),
+        ("transforms.json", nerf(is_fisheye=True), "is no pinhole"),
+        (
+            "transforms.json",
+            nerf(frames=[{"transform_matrix": [*np.eye(4)[:3].tolist(), [0, 0, 0, 0]]}]),
+            "last row of transform_matrix must be 0 0 0 1",
+        ),
         ("transforms.json", nerf(k1="no"), "k1 must be a number"),
         ("views.csv", "azimuth,elevation\n1e300,1\n", r"azimuth in .* degrees; got 1e\+300"),
         ("views.csv", "azimuth,elevation,roll\n1,1,1e300\n", r"roll in .* degrees; got 1e\+300"),
@@ -118,6 +131,8 @@ def scene(**changed: Any) -> str:
         ("images.txt", "1 nan 0 0 0 0 0 1 1 x.png\n\n", "the quaternion must be 4 numbers"),
         ("images.txt", "1 1e400 1 0 0 0 0 1 1 x.png\n\n", "the quaternion must be 4 numbers"),
         ("labels.json", '{"one": {"a": 1}}', "it is JSON of another form"),
+        ("labels.json", '{"one": ["a"], "one": ["b"]}', "one is there 2 times"),
+        ("labels.csv", "key,class,split\n\n\na,b,best\n", r"line 4 must name the splits .* 'best'"),
         ("labels.json", '{"one": true}', "it is JSON of another form"),
     ],
 )
@@ -169,7 +184,7 @@ def test_a_quaternion_of_any_size_is_the_same_rotation(tmp_path: Path) -> None:
         assert np.allclose(made.rotations[0], np.diag([1, -1, -1]) @ expected), size
 
 
-def images_bin(n: int = 1, points: int = 2, name: bytes = b"x.png\0") -> bytes:
+def images_bin(n: int = 1, points: int = 0, name: bytes = b"x.png\0") -> bytes:
     return struct.pack("<Q", n) + struct.pack("<I7dI", 1, 1, 0, 0, 0, 0, 0, 5, 1) + name + struct.pack("<Q", points)
 
 
@@ -181,6 +196,8 @@ def images_bin(n: int = 1, points: int = 2, name: bytes = b"x.png\0") -> bytes:
         (images_bin(n=2**63), None, "it ends too early"),
         (images_bin(n=2, points=2**62), None, "must be readable"),
         (images_bin(n=2, name=b"x.png"), None, "it ends too early"),
+        (images_bin(points=2), None, "it ends too early"),
+        (images_bin(name=b"x.png")[: 8 + 64 + 3], None, "it ends too early"),
         (images_bin(), struct.pack("<QiiQQ", 1, 1, 77, 9, 9), "model 77"),
         (images_bin(), struct.pack("<QiiQQ4d", 1, 1, 2, 9, 9, 5, 4, 4, 0.1), "SIMPLE_RADIAL with distortion"),
         (images_bin(), struct.pack("<QiiQQ4d", 1, 2, 1, 9, 9, 5, 5, 4, 4), "no 'camera 1'"),
@@ -198,12 +215,14 @@ def test_damaged_binary_files_of_colmap(tmp_path: Path, images: bytes, cameras: 
     [
         ("JSON", b"[" + b"[]," * 9_000_000 + b"[]]"),
         ("CSV", b"a\n" + b"1\n" * 1_000_001),
+        ("CSV", b",".join(b"c%d" % i for i in range(900)) + b"\n" + b"2,2\n" * 10_000),
+        ("CSV", b"," * 20_000_000 + b"\n1\n"),
         ("YAML", b"[" + b"1," * 100_001 + b"]"),
     ],
 )
 def test_documents_too_large_to_be_any_are_refused(form: str, data: bytes) -> None:
     with pytest.raises(OptionError, match=f"a.file must be {form}.*(at most|below it)"):
-        parse(form, data, "a.file")
+        parse_document(form, data, "a.file")
     assert len(data) < 2e8
     assert set(MOST_BYTES) == {"JSON", "CSV", "YAML"}
 

@@ -87,8 +87,30 @@ def test_doctor_tries_packages(broken: dict[str, str]) -> None:
 @pytest.mark.parametrize(
     ("package", "program"),
     [
+        ("open3d", f"zo.prepare({MESH}, 'hidden_point_removal')"),
+        ("open3d", f"{MESH}.to_open3d()"),
+        ("open3d", f"zo.occlude({MESH}, azimuth=9, elevation=9, n_points=9).to_open3d()"),
+        ("embreex", f"zo.prepare({MESH}, 'embree')"),
+        ("pyrender", f"zo.prepare({MESH}, 'pyrender')"),
+        ("ray", "from zbuf_occlude.workers.ray import run_ray; run_ray(0, [], 0, n_workers=1, limits=0)"),
+        ("torch", "zo.torch"),
+        ("torch", "from zbuf_occlude.learn.models import require_torch; require_torch()"),
+    ],
+)
+def test_an_empty_package(package: str, program: str, tmp_path: Path) -> None:
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").touch()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(zo.__file__).parents[1])])}
+    last = run(environment, "-c", f"import zbuf_occlude as zo; {program}").stderr.splitlines()[-1]
+    assert "UnavailableError" in last
+    assert f"needs the package {package}; it is installed, and its import fails" in last
+
+
+@pytest.mark.parametrize(
+    ("package", "program"),
+    [
         ("torch", "import zbuf_occlude.dataset.torch"),
-        ("ray", "from zbuf_occlude.workers.ray import run_jobs; run_jobs(0, [], 0, n_workers=1, limits=0)"),
+        ("ray", "from zbuf_occlude.workers.ray import run_ray; run_ray(0, [], 0, n_workers=1, limits=0)"),
     ],
 )
 def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, program: str) -> None:

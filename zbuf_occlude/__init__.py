@@ -1,5 +1,8 @@
 """zbuf_occlude: complete triangle meshes in, occluded point clouds out.
 
+    cloud = zo.occlude("chair.off", azimuth=30, elevation=20, n_points=2048)
+    cloud.save("partial.ply")
+
     mesh -> surface points -> views -> visibility mask -> occluded cloud -> dataset
 
 Importing this package touches no GPU and imports no dependency at all: each name is loaded when it is first used.
@@ -26,11 +29,13 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.geometry.mesh import Mesh
     from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
     from zbuf_occlude.meshes.collection import MeshCollection
-    from zbuf_occlude.meshes.files import load_mesh
+    from zbuf_occlude.meshes.load import load_mesh
+    from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.sensors import scan
+    from zbuf_occlude.sensors import Frame, frames, scan, write_frames
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
+    from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
 
 __version__ = "0.1.0"
 
@@ -38,23 +43,33 @@ __all__ = [
     "METHODS",
     "ArgumentError",
     "DatasetError",
+    "Frame",
     "GlError",
     "Mesh",
     "MeshCollection",
     "MeshError",
     "OccludeError",
     "OptionError",
+    "PartialCloud",
     "Scene",
     "SurfacePoints",
     "UnavailableError",
     "Views",
+    "coverage",
+    "depth_image",
+    "frames",
     "load_mesh",
+    "occlude",
     "prepare",
     "sample_surface",
     "scan",
     "scenes",
     "sensors",
     "views",
+    "visible_faces",
+    "visible_mesh",
+    "visible_vertices",
+    "write_frames",
 ]
 
 _HOMES = {
@@ -69,18 +84,22 @@ _HOMES = {
     ),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
-    "meshes.files": ("load_mesh",),
+    "meshes.load": ("load_mesh",),
+    "partial": ("PartialCloud", "depth_image", "occlude"),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
-    "sensors": ("scan",),
+    "sensors": ("Frame", "frames", "scan", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
+    "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
 }
 """Module to the names that it gives; modules of `__all__` give themselves."""
 
 
 def __getattr__(name: str) -> typing.Any:
     """Load a public name when it is first asked for."""
+    if name == "torch":  # not in `__all__`: it needs an extra
+        return importlib.import_module(f"{__name__}.dataset.torch")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = next((module for module, names in _HOMES.items() if name in names), None)
@@ -92,4 +111,4 @@ def __getattr__(name: str) -> typing.Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__", "torch"])

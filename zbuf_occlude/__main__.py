@@ -9,7 +9,7 @@ import click
 
 from zbuf_occlude import interrupts
 from zbuf_occlude.cli import group
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.shell import echo, one_line
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.extras import culprit, reason
 from zbuf_occlude.limits import memory_allowed
@@ -35,7 +35,7 @@ def main() -> None:
         interrupts.heard()
         code = group.main(prog_name="zbuf-occlude", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        echo(f"error: {one_line(error)}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
         echo("error: interrupted; what was finished is kept, and the same command resumes.", err=True)

@@ -21,18 +21,21 @@ IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
 
-def describe(values: Any) -> str:
-    """Shape and dtype of an array in the words of the error messages, e.g. ``(3, 100) float32``."""
-    array = np.asarray(values)
+def shape_and_dtype(values: Any) -> str:
+    """Describe what should be an array, e.g. ``(3, 100) float32``."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        return "rows of unequal length"
     return f"{array.shape} {array.dtype}"
 
 
-def as_array(values: ArrayLike, name: str, want: str) -> NDArray[Any]:
+def as_array(values: ArrayLike, name: str, want: str, remedy: str = "Pass one array.") -> NDArray[Any]:
     """Return values as an array of whatever shape and type; raise ArgumentError for rows of unequal length."""
     try:
         return np.asarray(values)
     except ValueError:
-        raise ArgumentError(f"{name} must be {want}; got rows of unequal length. Pass one array.") from None
+        raise ArgumentError(f"{name} must be {want}; got rows of unequal length. {remedy}") from None
 
 
 def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str = "") -> FloatArray:
@@ -42,16 +45,8 @@ def as_numbers(values: ArrayLike, name: str, shape: tuple[int, ...], hint: str =
     except (TypeError, ValueError):
         array = None
     if array is None or array.shape != shape:
-        raise ArgumentError(f"{name} must be {shape or 'a number'}; got {_say(values)}.{hint}")
+        raise ArgumentError(f"{name} must be {shape or 'a number'}; got {shape_and_dtype(values)}.{hint}")
     return array
-
-
-def _say(values: Any) -> str:
-    """Shape and dtype of what may be an array."""
-    try:
-        return describe(values)
-    except ValueError:
-        return "rows of unequal length"
 
 
 def as_vectors(values: ArrayLike, name: str) -> FloatArray:
@@ -81,17 +76,17 @@ def as_vectors(values: ArrayLike, name: str) -> FloatArray:
 
 
 def as_triples(values: ArrayLike, name: str) -> FloatArray:
-    """Return values as `as_vectors` does, without a look at the numbers themselves."""
+    """Check the shape and type as `as_vectors` does, but not the numbers."""
     array = as_array(values, name, "(n, 3) float")
     if array.dtype.kind not in "fiu":
-        raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}. Convert it to numbers.")
+        raise ArgumentError(f"{name} must be (n, 3) float; got {shape_and_dtype(array)}. Convert it to numbers.")
     if array.ndim != 2 or array.shape[1] != 3:
         hint = ""
         if array.shape == (3,):
             hint = " Add a leading axis: values[None]."
         elif array.ndim == 2 and array.shape[0] == 3:
             hint = " Transpose it?"
-        raise ArgumentError(f"{name} must be (n, 3) float; got {describe(array)}.{hint}")
+        raise ArgumentError(f"{name} must be (n, 3) float; got {shape_and_dtype(array)}.{hint}")
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
@@ -163,9 +158,9 @@ def as_indices(values: ArrayLike, name: str, *, columns: int | None, upper: int,
     if array.size == 0 and right_shape:
         return np.ascontiguousarray(array, dtype=np.int32)
     if array.dtype.kind not in "iu":
-        raise ArgumentError(f"{name} must be {want} int; got {describe(array)}. Convert it with astype(int).")
+        raise ArgumentError(f"{name} must be {want} int; got {shape_and_dtype(array)}. Convert it with astype(int).")
     if not right_shape:
-        raise ArgumentError(f"{name} must be {want} int; got {describe(array)}.")
+        raise ArgumentError(f"{name} must be {want} int; got {shape_and_dtype(array)}.")
     low, high = int(array.min()), int(array.max())
     if low < lowest or high >= upper:
         raise ArgumentError(f"{name} must lie in [{lowest}, {upper}); got values from {low} to {high}.")

@@ -4,7 +4,8 @@ import csv
 import io
 import json
 import reprlib
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -15,10 +16,17 @@ import numpy as np
 from zbuf_occlude.arrays import LARGEST, FloatArray
 from zbuf_occlude.errors import OptionError, in_words, printable
 
-MOST_BYTES, MOST_ROWS = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}, 1_000_000
+MOST_BYTES = {"JSON": 25_000_000, "YAML": 200_000, "CSV": 48_000_000}
+MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 1_000_000, 1_000, 8_000_000
 """Of a document. More would take a gigabyte or, of YAML, seconds."""
 LONGEST_LINE = 1000
 """Characters of a name, a source, a path."""
+
+
+class Columns(dict[str, list[str]]):
+    """Columns of a CSV by name, and the line of the file, from 1, in which each row ends."""
+
+    lines: list[int]
 
 
 @dataclass(frozen=True)
@@ -90,10 +98,12 @@ def flag(name: str, value: Any) -> bool:
     return found
 
 
-def read_bytes(path: Path) -> bytes:
+def read_limited(path: Path) -> bytes:
     """Return the content of a document; raise OptionError where there is none, or too much."""
     most = max(MOST_BYTES.values())
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe may never end
+            raise ValueError("it must be a file, and is a device or a pipe; copy it into a file")
         with path.open("rb") as file:
             data = file.read(most + 1)
     except (OSError, ValueError) as error:
@@ -103,7 +113,7 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def parse(form: str, data: bytes, name: str | Path) -> Any:
+def parse_document(form: str, data: bytes, name: str | Path) -> Any:
     """Return what a document says.
 
     Parameters
@@ -119,14 +129,15 @@ def parse(form: str, data: bytes, name: str | Path) -> Any:
     OptionError
         It is not of this form, or too large.
     """
-    parsers: dict[str, Callable[[bytes], Any]] = {"JSON": json.loads, "YAML": _yaml, "CSV": _csv}
+    parsers: dict[str, Callable[[bytes], Any]] = {"JSON": _json, "YAML": _yaml, "CSV": _csv}
     said = f"{printable(str(name))} must be {form}"
     if len(data) > MOST_BYTES[form]:
         raise OptionError(f"{said} of at most {MOST_BYTES[form]:,} bytes; it has more. Split it.")
     try:
         return parsers[form](data)
     except Exception as error:  # what parsers raise on damaged text is not ours to list
-        raise OptionError(f"{said}; it cannot be read: {' '.join(str(error).split()):.200}.") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise OptionError(f"{said}; it cannot be read: {reason:.200}.") from None
 
 
 def _yaml(data: bytes) -> Any:
@@ -135,16 +146,49 @@ def _yaml(data: bytes) -> Any:
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data, loader)):
         raise ValueError("aliases (*name) are not read, for they multiply; write out what they stand for")
-    return yaml.load(data, loader)
+
+    def construct_mapping(self: Any, node: Any, deep: bool = False) -> Any:
+        _check_distinct([key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)])
+        return loader.construct_mapping(self, node, deep)
+
+    return yaml.load(data, type("Loader", (loader,), {"construct_mapping": construct_mapping}))
 
 
-def _csv(data: bytes) -> dict[str, list[str]]:
+def _json(data: bytes) -> Any:
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            _check_distinct([name for name, _ in pairs])
+        return found
+
+    return json.loads(data, object_pairs_hook=distinct)
+
+
+def _csv(data: bytes) -> Columns:
     text = io.StringIO(data.decode("utf-8-sig"), newline=None)
-    rows = list(islice(filter(None, csv.reader(text, skipinitialspace=True)), MOST_ROWS + 2))
-    if not 1 < len(rows) < MOST_ROWS + 2:
-        raise ValueError(f"it must have a row of names and 1 to {MOST_ROWS:,} below it")
-    columns = islice(zip_longest(*rows, fillvalue=""), len(rows[0]))
-    return {printable(name.strip().lower()): words for name, *words in columns}
+    if next(filter(str.strip, text), "").count(",") >= MOST_COLUMNS:  # before the words are told apart
+        raise ValueError(f"it must have at most {MOST_COLUMNS:,} columns")
+    text.seek(0)
+    reader = csv.reader(text, skipinitialspace=True)
+    names = [printable(name.strip().lower()) for name in next(filter(None, reader), [])]
+    _check_distinct(list(filter(None, names)))
+    most = min(MOST_ROWS, MOST_CELLS // max(len(names), 1))
+    rows, lines = list[list[str]](), list[int]()
+    for row in islice(filter(None, reader), most + 1):
+        rows.append(row[: len(names)])
+        lines.append(reader.line_num)
+    if not 0 < len(rows) <= most:
+        raise ValueError(f"it must have a row of names and 1 to {most:,} below it")
+    found = Columns({name: words for name, *words in zip_longest(names, *rows, fillvalue="")})
+    found.lines = lines
+    return found
+
+
+def _check_distinct(names: Sequence[str]) -> None:
+    """Raise ValueError where a name is there twice: one of its values would be lost."""
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise ValueError(f"{printable(name):.80} is there {times} times; leave one")
 
 
 class _NoNumberError(ValueError):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from ctypes import CDLL
 from importlib.util import find_spec
 from traceback import walk_tb
 
@@ -27,7 +28,7 @@ EXTRAS = {
 """Package to the extra that brings it."""
 
 DEBIAN = {
-    "libEGL.so.1": "libegl1",
+    "libEGL.so.1": "libegl1 libgl1-mesa-dri",
     "libGL.so.1": "libgl1",
     "libX11.so.6": "libx11-6",
     "libgomp.so.1": "libgomp1",
@@ -39,11 +40,16 @@ _NO_LIBRARY = re.compile(r"(lib[^\s:/]*\.so[.\d]*): cannot open shared object fi
 _PATIENCE = 120.0  # seconds
 
 
-def missing(package: str) -> str:
-    """Say in words that a package is not installed; "" where it is. Imports nothing."""
-    if find_spec(package) is not None:
-        return ""
-    return f"needs the package {package}; install it: pip install 'zbuf-occlude[{EXTRAS[package]}]'"
+def missing(package: str, *libraries: str) -> str:
+    """Return a message that a package, or on Linux a library that it needs, is not installed; "" where all are."""
+    if find_spec(package) is None:
+        return f"needs the package {package}; install it: pip install 'zbuf-occlude[{EXTRAS[package]}]'"
+    for library in libraries if sys.platform == "linux" else ():
+        try:
+            CDLL(library)
+        except OSError:
+            return f"needs {library} for {package}; on Debian: apt install {DEBIAN[library]}"
+    return ""
 
 
 @contextmanager
@@ -72,7 +78,7 @@ def importing(package: str, what: str) -> Iterator[None]:
 
 
 def reason(package: str, error: Exception) -> str:
-    """Say in words why a package could not be imported, and what helps."""
+    """Return a message: why a package could not be imported, and what helps."""
     if lacking := missing(package):
         return lacking
     from importlib.metadata import packages_distributions  # late: it takes a while, and is seldom asked
@@ -95,7 +101,7 @@ def culprit(error: ImportError) -> str:
 
 
 def tried(package: str, module: str) -> str:
-    """Say in words why a package, or the module of ours that needs it, cannot be imported; "" where both can.
+    """Return a message: why a package, or the module of ours that needs it, cannot be imported; "" where both can.
 
     They are imported in a process of its own.
     """

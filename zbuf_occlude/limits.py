@@ -48,7 +48,7 @@ class Limits:
         return self.seconds > others.seconds or self.gigabytes > others.gigabytes
 
     def excess(self, seconds: float, gigabytes: float) -> str:
-        """Say which limit a mesh has exceeded that has taken this much; empty when none."""
+        """Return which limit a mesh exceeds that has taken this much; "" for none."""
         if seconds > self.seconds:
             return f"mesh timed out after {self.seconds:g} s"
         if gigabytes > self.gigabytes:
@@ -106,7 +106,7 @@ def address_space() -> int | None:
 
 
 def memory_allowed() -> str:
-    """Say how much memory there is for this process, and who says so."""
+    """Return how much memory there is for this process, and what limits it."""
     if (allowed := address_space()) is not None:
         return f"the {allowed / 1e9:.1f} GB that this process may address (ulimit -v)"
     return "this machine's memory"

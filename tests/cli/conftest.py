@@ -47,8 +47,8 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
 @pytest.fixture(autouse=True)
 def brief_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
     """`--dry-run` makes one mesh, not meshes for three seconds; tests/dataset/test_estimate.py asks for all of it."""
-    monkeypatch.setattr("zbuf_occlude.dataset.estimate.LEAST_MESHES", 1)
-    monkeypatch.setattr("zbuf_occlude.dataset.estimate.SECONDS", 0.0)
+    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.LEAST_MESHES", 1)
+    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 0.0)
 
 
 def write_off(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:

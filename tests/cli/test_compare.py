@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
-from zbuf_occlude.paper.table1 import CASES
+from zbuf_occlude.paper.tables import CASES
 
 QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
 
@@ -54,63 +54,6 @@ def test_a_broken_mesh_is_a_row_and_exit_code_3(run: Run, folder: Path, tmp_path
     assert outcome.code == 3
     assert "2 rows made, 0 found, 2 failed" in outcome.out
     assert "broken.off" in (tmp_path / "out" / "report.md").read_text()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--method", "crystal_ball"), "method must be one of"),
-        (("--method", "occupancy_grid:"), "--method must be NAME or NAME:KEY=VALUE"),
-        (("--method", "occupancy_grid:cells=3"), "got 'cells'"),
-        (("--method", "occupancy_grid:n"), "KEY=VALUE; got 'n'"),
-        (("--method", "oracle", "--views", "nowhere"), "views must be"),
-    ],
-)
-def test_what_is_refused(run: Run, folder: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
-    outcome = run("compare", folder, "--out", tmp_path / "out", *arguments)
-    assert outcome.code == 2
-    assert outcome.err.startswith("error: ")
-    assert message in outcome.err
-    assert not (tmp_path / "out").exists()
-
-
-def test_report_of_an_empty_folder(run: Run, tmp_path: Path) -> None:
-    outcome = run("report", tmp_path)
-    assert outcome.code == 1
-    assert "must hold a comparison's rows.jsonl" in outcome.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--preset", "table1a", "--method", "exact"), "--method must go with MESH_OR_DIR; table1a alone has"),
-        (("--preset", "scaling", "--points", "9", "--views", "ring:3@0", "--limit", "2"), "--views, --points, --limit"),
-        (("--modelnet", "."), "--modelnet must go with --preset table1a or table1b"),
-        (("--preset", "scaling", "--modelnet", "."), "--modelnet must go with --preset table1a or table1b"),
-    ],
-)
-def test_options_that_nothing_would_look_at_are_refused(
-    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    outcome = run("compare", "--out", tmp_path / "out", *arguments)
-    assert (outcome.code, message in outcome.err) == (2, True), outcome
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("fig4", "--method", "embree"), "fig4 does not use --method. Leave it out."),
-        (("fig9", "thing.off", "--set", "a=1"), "fig9 does not use"),
-        (("fig10", "--sydney", "."), "fig10 does not use --sydney."),
-        (("fig10", "--up", "y"), "a built-in shape does not use --up."),
-    ],
-)
-def test_figures_refuse_what_they_do_not_use(
-    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    outcome = run("figure", *arguments, "--out", tmp_path / "a.png")
-    assert (outcome.code, message in outcome.err) == (2, True), outcome
 
 
 def test_figure(run: Run, folder: Path, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ def test_the_first_run_says_that_it_compiles(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, job: tuple[str, ...]
 ) -> None:
     noted: set[str] = set()
-    monkeypatch.setattr("zbuf_occlude.jit.compiler.is_compiled", noted.__contains__)
+    monkeypatch.setattr("zbuf_occlude.jit.compiler.compiled_before", noted.__contains__)
     monkeypatch.setattr("zbuf_occlude.jit.compiler.note_compiled", noted.add)
     first = run("generate", *job, *SMALL, "--out", tmp_path / "first")
     assert first.code == 0, first.err

@@ -8,7 +8,6 @@ import pytest
 
 from tests.cli.conftest import Run
 from tests.paper.hand_made import TINY
-from tests.test_light_import import run as run_program
 from zbuf_occlude import Mesh, shapes
 from zbuf_occlude.dataset.presets import two_hundred
 from zbuf_occlude.errors import MeshError
@@ -22,9 +21,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     from tests.paper.light import put_in_place
 
     put_in_place(monkeypatch)
-    monkeypatch.setattr("zbuf_occlude.paper.trials.n_cores", lambda: 1)
+    monkeypatch.setattr("zbuf_occlude.paper.study.n_cores", lambda: 1)
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", TINY)
-    monkeypatch.setattr("zbuf_occlude.paper.elevation.AREA_OBJECTS", 2)
+    monkeypatch.setattr("zbuf_occlude.paper.experiments.AREA_OBJECTS", 2)
 
 
 @pytest.mark.usefixtures("tiny")
@@ -126,23 +125,3 @@ def test_the_old_name_works_and_says_by_what_it_is_replaced(run: Run, tmp_path: 
         assert first.startswith(f"note: `zbuf-occlude experiment {arguments[0]}` is now `zbuf-occlude {new}`")
         assert message in last
     assert "Missing argument '{elevation|augmentation|realism|all}'" in run("experiment", "--out", out).err
-
-
-def test_without_torch_help_teaches_and_the_rest_names_the_extra() -> None:
-    start = (
-        "import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', 'paper', *ARGUMENTS]\n"
-        "from zbuf_occlude.__main__ import main\n"
-    )
-    helped = run_program(start.replace("*ARGUMENTS", "'table3', '--help'") + "main()")
-    for words in ("Table 3A and 3B", "--sydney", "Examples:", "The same command again does only what is missing"):
-        assert words in helped
-    asked = start.replace("*ARGUMENTS", "'table3', '--out', 'nowhere'") + (
-        "sys.stderr = sys.stdout\n"
-        "try:\n    main()\n"
-        "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"
-    )
-    answer = run_program(asked)
-    assert "the package torch; install it: pip install 'zbuf-occlude[learn]'" in answer
-    assert answer.endswith("exit 1")
-    assert len(answer.splitlines()) == 2
-    assert not Path("nowhere").exists()

@@ -190,47 +190,13 @@ def test_shares_made_one_by_one_are_the_same_dataset(
     assert (verified.code, "clouds read" in verified.out) == (0, True), verified.out + verified.err
 
 
-@pytest.mark.parametrize("text", ["3", "2/2", "-1/2", "a/b", "0/0"])
-def test_shard_must_be_i_of_n(run: Run, modelnet: Path, tmp_path: Path, text: str) -> None:
-    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, f"--shard={text}")
-    assert outcome.code == 2
-    assert f"--shard must be I/N with 0 <= I < N; got {text!r}" in outcome.err
-
-
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zbuf_occlude.dataset.estimate.SECONDS", 60.0)
+    monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 60.0)
     outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
     assert outcome.code == 0
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
-    assert re.search(r"about \d+ MB; while working at most \d+ MB\n", outcome.out)
-    assert re.search(r"about \S+ processor-hours, give or take \S+: 8 meshes made here took \S+ s each\n", outcome.out)
+    assert re.search(r"give or take .*: 8 meshes made here took \S+ s each\n", outcome.out)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--views", "spiral"), "error: views must be paper100, modelnet8, ring:N@EL"),
-        (("--set", "resolution"), "error: --set must be given KEY=VALUE; got 'resolution'"),
-        (("--set", "colour=red"), "error: method 'oracle' must be given one of its options contact; got 'colour'"),
-        (("--set", "contact=5"), "error: contact must lie in [0, 1)"),
-        (("--density", "-1"), "error: density must be positive; got -1"),
-        (("--points", "7", "--density", "2"), "exclude each other"),
-        (("--method", "magic"), "is not one of"),
-    ],
-)
-def test_usage_errors(run: Run, modelnet: Path, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
-    small = [a for a in SMALL if not ("--density" in arguments and a in ("--points", 600))]
-    outcome = run("generate", modelnet, "--out", tmp_path / "out", *small, *arguments)
-    assert outcome.code == 2, outcome
-    assert message in outcome.err.replace("Error:", "error:")
-    assert "Traceback" not in outcome.err
-
-
-def test_no_such_mesh(run: Run, tmp_path: Path) -> None:
-    outcome = run("generate", tmp_path / "nowhere", "--out", tmp_path / "out", *SMALL)
-    assert outcome.code == 1
-    assert "there is no such file or folder" in outcome.err
 
 
 def test_auto_says_what_it_took_and_why(run: Run, modelnet: Path, tmp_path: Path) -> None:

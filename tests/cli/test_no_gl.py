@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.dataset import auto
-from zbuf_occlude.gl import nvidia
+from zbuf_occlude.gl import devices
 from zbuf_occlude.shapes import solids
 
 TRIANGLE = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
@@ -83,11 +82,6 @@ def test_on_the_fly_clouds_need_no_opengl() -> None:
     assert occlude(solids.icosphere(1)).shape == (64, 3)
 
 
-@pytest.mark.gl
-def test_where_opengl_opens_nothing_is_said(gl: object) -> None:
-    assert auto.by_default() == auto.Choice("depth_buffer", "")
-
-
 @pytest.mark.long
 def test_both_commands_of_the_readme_with_all_libraries_masked(mesh: Path, tmp_path: Path) -> None:
     unshare = ["unshare", "--mount", "bash", "-c", MASKED, "masked"]
@@ -110,8 +104,8 @@ def test_a_run_that_fell_to_software_says_so_first_and_in_the_manifest(
     run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "nvidiactl").touch()
-    monkeypatch.setattr(nvidia, "NVIDIA", tmp_path / "nvidiactl")
-    monkeypatch.setattr(nvidia, "hindrance", lambda: nvidia.Hindrance("it is hidden.", "show it"))
+    monkeypatch.setattr(devices, "NVIDIA", tmp_path / "nvidiactl")
+    monkeypatch.setattr(devices, "hindrance", lambda: devices.Hindrance("it is hidden.", "show it"))
     out = tmp_path / "out"
     result = run("generate", "--limit", 1, "--views", "ring:2@30", "--points", 200, "--workers", 1, "--out", out)
     assert result.code == 0, result.err

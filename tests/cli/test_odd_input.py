@@ -14,12 +14,9 @@ import trimesh
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.sheet import upright
-from zbuf_occlude.errors import GlError, OptionError
-from zbuf_occlude.limits import Limits
+from zbuf_occlude.errors import GlError
 from zbuf_occlude.meshes import MeshCollection
 from zbuf_occlude.visibility import find_method
 
@@ -61,7 +58,7 @@ SENSOR = ("--sensor", "vlp-16", "--size", 4.0)
         (("--classes", ""), "it must have a word, or several between commas; got ''"),
         (("--splits", " , "), "it must have a word, or several between commas"),
         (("--sensor", "vlp-16", "--size", "chiar=0.9"), "--size must be of classes that there are, tetrahedron"),
-        ((*SENSOR, "--views", "cameras.json"), "--views must be places about the object for a sensor"),
+        ((*SENSOR, "--range", 9, "--views", "cameras.json"), "--range must go without cameras of a file"),
     ],
 )
 def test_what_nothing_would_look_at_is_a_usage_error(
@@ -204,12 +201,6 @@ def test_a_dry_run_into_a_folder_that_is_another_s(run: Run, tetrahedron: Path, 
         assert run("generate", tetrahedron, *SMALL, *options, "--out", taken, "--dry-run").code == 0
 
 
-def test_an_output_folder_without_a_name_is_not_the_current_one(run: Run, tmp_path: Path) -> None:
-    outcome = run("generate", *SMALL, "--out", "", "--dry-run")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "it must be the name of a folder; it is empty. For the current one, write a dot." in outcome.err
-
-
 @pytest.mark.parametrize("command", ["visible", "visible by cameras", "scan"])
 def test_what_is_read_is_not_written_over(run: Run, command: str, tmp_path: Path) -> None:
     mesh, views = tmp_path / "box.ply", tmp_path / "views.csv"
@@ -230,35 +221,11 @@ def test_what_is_read_is_not_written_over(run: Run, command: str, tmp_path: Path
     assert (mesh.read_bytes(), views.read_bytes()) == before
 
 
-def test_auto_is_for_generate_and_the_others_say_so(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
-    where = ("--azimuth", 0, "--elevation", 0, "--out", tmp_path / "a.ply")
-    for command in (("visible", tetrahedron, *where), ("compare", tetrahedron, "--out", tmp_path / "rows")):
-        outcome = run(*command, "--method", "auto")
-        assert (outcome.code, outcome.out) == (2, "")
-        assert "'auto' chooses for a whole dataset: it is for `generate` only. Name a method here" in outcome.err
-    assert not (tmp_path / "rows").exists()
-
-
-@pytest.mark.parametrize("option", ["--azimuth", "--elevation", "--distance"])
-def test_a_camera_that_is_nowhere_is_a_usage_error(run: Run, tetrahedron: Path, tmp_path: Path, option: str) -> None:
-    camera = {"--azimuth": "0", "--elevation": "0", option: "nan"}
-    outcome = run("visible", tetrahedron, *(x for pair in camera.items() for x in pair), "--out", tmp_path / "a.ply")
-    assert outcome.code == 2
-    assert option in outcome.err
-
-
-def test_more_points_than_there_can_be(run: Run, tetrahedron: Path, tmp_path: Path) -> None:
-    where = ("--azimuth", 0, "--elevation", 0, "--method", "oracle", "--out", tmp_path / "a.ply")
-    outcome = run("visible", tetrahedron, "--points", 10**26, *where)
-    assert outcome.code == 1
-    assert outcome.err.startswith("error: n_points must be at most 2^31 - 1")
-
-
 def test_too_little_memory_is_one_line(run: Run, tetrahedron: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def starve(*_: object, **__: object) -> None:
         raise MemoryError("Unable to allocate 745. GiB")
 
-    monkeypatch.setattr("zbuf_occlude.cli.visible.sample_surface", starve)
+    monkeypatch.setattr("zbuf_occlude.cli.one_view.sample_surface", starve)
     outcome = run("visible", tetrahedron, "--method", "oracle", "--azimuth", 0, "--elevation", 0, "--out", "a.ply")
     assert outcome.code == 1
     assert re.fullmatch(
@@ -348,19 +315,3 @@ def test_a_mesh_of_which_too_much_is_asked_does_not_end_the_run(
     assert document["counts"]["clouds"] == 1
     assert list(document["failures"]) == ["solids/soup_1.off"]
     assert "points; at most 2^31 - 1 can be made" in document["failures"]["solids/soup_1.off"]
-
-
-def test_a_cloud_of_one_place_is_drawn_at_its_place() -> None:
-    record = np.zeros(1, record_type(Recipe(sample_size=3)))[0]
-    record["factor"], record["centre"] = 1, (5, 6, 7)
-    record["pose"] = np.eye(4)
-    record["pose"][2, 3] = -9
-    positions, eye, up = upright(record, False)
-    assert not positions.any()
-    assert np.allclose(eye, (-5, -6, 2))
-    assert np.allclose(up, (0, 1, 0))
-
-
-def test_limits_must_be_positive() -> None:
-    with pytest.raises(OptionError, match="the gigabytes that a mesh may take must be positive; got 0"):
-        Limits(gigabytes=0)

@@ -94,4 +94,4 @@ def test_a_name_is_no_markup(name: str) -> None:
 def test_commands_print_by_echo_alone() -> None:
     files = Path(cli.__file__).parent.glob("*.py")
     others = [path.name for path in files if "click.echo" in path.read_text(encoding="utf-8")]
-    assert others == ["echo.py"]
+    assert others == ["shell.py"]

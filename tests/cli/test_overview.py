@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Run
-from zbuf_occlude.cli.overview import MOST_ROWS, overview
+from zbuf_occlude.cli.messages import MOST_ROWS, overview
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 

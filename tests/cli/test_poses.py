@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.gl.context import GlContext
 
 SMALL = ("--method", "oracle", "--points", 400, "--sample-size", 32, "--workers", 1)

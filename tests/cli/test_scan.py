@@ -1,8 +1,6 @@
 """`scan`: one scan into a file, its picture, and what is typed wrongly."""
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from PIL import Image
 
 from tests.cli.conftest import Run, write_off
 from zbuf_occlude import shapes
-from zbuf_occlude.cli.scan_pictures import SURROUNDINGS, around_the_object
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +71,7 @@ def test_a_street(run: Run, car: Path, tmp_path: Path) -> None:
         (("--picture", "a.gif"), "--picture must end in .png"),
         (("--picture", "/nowhere/a.png"), "--picture must be in a folder that there is; '/nowhere' is none."),
         (("--out", "/nowhere/scan.ply"), "--out must be in a folder that there is; '/nowhere' is none. Make it first."),
-        (("--out", "scan.xyz"), "--out must end in .ply, .npy, .csv"),
+        (("--out", "scan.xyz"), "--out must end in .ply, .npz, .pcd, .npy, .csv"),
     ],
 )
 def test_what_is_typed_wrongly(run: Run, car: Path, tmp_path: Path, given: tuple[str, ...], words: str) -> None:
@@ -111,33 +108,3 @@ def test_visible_by_a_sensor(run: Run, car: Path, tmp_path: Path) -> None:
         refused = run(*given, *more)
         assert refused.code == 2
         assert words in refused.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--azimuth", "nan"), "nan is not a finite number"),
-        (("--elevation", "inf"), "inf is not"),
-        (("--scene", "ground", "--elevation", 40), "--elevation must go without a ground"),
-        (("--set-sensor", "lasers=3"), "lasers of a sensor must be rows of 2 numbers"),
-    ],
-)
-def test_angles_that_nothing_can_be_done_with(run: Run, tmp_path: Path, arguments: Any, message: str) -> None:
-    out = tmp_path / "scan.ply"
-    mesh = write_off(tmp_path / "car.off", np.eye(3), np.array([[0, 1, 2]]))
-    outcome = run("scan", mesh, *arguments, "--out", out)
-    assert (outcome.code, out.exists()) == (2, False)
-    assert message in outcome.err
-
-
-def test_the_picture_is_of_the_object_and_what_is_about_it() -> None:
-    """Not of all the ground, in which an object of 2 m would be a dot."""
-    ground = np.random.default_rng(0).uniform(-75, 75, (5000, 3)) * [1, 1, 0]
-    own = np.array([[10.0, 20.0, 0.0], [12.0, 20.0, 0.0]])
-    instances = np.repeat([1, 0], [len(ground), 2])
-    scan = SimpleNamespace(positions=np.concatenate([ground, own]), instances=instances)
-    shown, centre, radius = around_the_object(scan)
-    assert centre.tolist() == [11.0, 20.0, 0.0]
-    assert radius == SURROUNDINGS
-    assert (shown == (np.linalg.norm(scan.positions - centre, axis=1) <= radius)).all()
-    assert around_the_object(SimpleNamespace(positions=ground, instances=np.ones(5000)))[0].all()

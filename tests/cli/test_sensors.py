@@ -28,18 +28,6 @@ def test_one_sensor_and_its_picture(run: Run, tmp_path: Path) -> None:
         assert len(image.getcolors(10**7)) > 100
 
 
-def test_wrong_words(run: Run, tmp_path: Path) -> None:
-    for arguments, words in (
-        (("vlp-17",), "error: sensor must be one of vlp-16,"),
-        (("--picture", tmp_path / "a.png"), "--picture shows one sensor's rays; name the sensor."),
-        (("vlp-16", "--picture", tmp_path / "a.gif"), "must end in .png; got 'a.gif'"),
-        ((tmp_path / "none.yaml",), "a file must be readable"),
-    ):
-        outcome = run("sensors", *arguments)
-        assert outcome.code == 2
-        assert words in outcome.err
-
-
 def test_what_files_hold_makes_no_second_line(run: Run, tmp_path: Path) -> None:
     mesh = write_off(tmp_path / "a.off", np.eye(3), np.array([[0, 1, 2]]))
     (tmp_path / "s.yaml").write_text('kind: spinning\nlasers: [1]\ncolumns: 9\nname: "a\\nerror: b"\n')

@@ -44,13 +44,6 @@ def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:
     assert last[:5] == ["This one (packed)", "72", "2", "Synthesized", "Point Cloud"]
 
 
-def test_no_dataset_is_one_line(run: Run, tmp_path: Path) -> None:
-    outcome = run("show", tmp_path)
-    assert outcome.code == 1
-    assert outcome.err.startswith("error: ")
-    assert "it has no plan.json" in outcome.err
-
-
 @pytest.mark.skipif(find_browser() is None, reason=MISSING)
 def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> None:
     run("show", dataset)

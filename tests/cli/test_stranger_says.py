@@ -1,6 +1,5 @@
 """What somebody new meets: pointers for files, variables that are not set, disks that are full, files that are lost."""
 
-import gc
 import resource
 import sys
 from collections.abc import Iterator
@@ -59,14 +58,6 @@ def test_what_was_fetched_instead_of_a_mesh(tmp_path: Path, suffix: str, content
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize("command", [("generate",), ("compare",), ("verify", ".")])
-def test_an_empty_name_is_not_the_current_folder(run: Run, tmp_path: Path, command: tuple[str, ...]) -> None:
-    outcome = run(*command, "", *(() if "verify" in command else ("--out", tmp_path / "out")))
-    assert outcome.code == 2
-    assert "it must be the name of a file or folder; it is empty. For this folder, write a dot." in outcome.err
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run("generate", modelnet, "--out", out, *SMALL).code == 0
@@ -100,12 +91,3 @@ def test_of_built_in_shapes_nobody_is_asked_for_labels(run: Run, shapes: str) ->
     outcome = run("generate", "--shapes", shapes, "--limit", 8, "--dry-run")
     assert outcome.code == 0, outcome.err
     assert "one object per class" not in outcome.err
-
-
-def test_what_a_command_leaves_is_not_frozen_where_triton_counts_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    frozen = []
-    monkeypatch.setattr(gc, "freeze", lambda: frozen.append(True))
-    monkeypatch.delitem(sys.modules, "torch", raising=False)
-    assert (run("sensors").code, frozen) == (0, [True])
-    monkeypatch.setitem(sys.modules, "torch", gc)
-    assert (run("sensors").code, frozen) == (0, [True])

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Run, write_off
-from zbuf_occlude.cli.summary import measured
+from zbuf_occlude.cli.messages import measured
 from zbuf_occlude.dataset.counts import Counts, WorstView
-from zbuf_occlude.dataset.manifest import error_of
 
 
 def test_counts_add_up_and_keep_the_worst() -> None:
@@ -17,7 +16,7 @@ def test_counts_add_up_and_keep_the_worst() -> None:
     other = Counts(n_checked=64, false_hidden=2, n_views_checked=4, worst=WorstView(0.01, "b", 1, 2))
     total = sum([Counts(faces_dropped={"duplicate": 2}), other, one], Counts())
     assert total == Counts.from_document(json.loads(json.dumps(total.document)))
-    error = error_of(total)
+    error = total.error
     assert error["worst_view"] == {"share": 0.2, "mesh": "a", "variation": 0, "view": 3}
     assert (error["bad_views"], error["false_visible"], error["false_hidden"]) == (1 / 8, 1 / 128, 2 / 128)
     assert total.faces_dropped == {"duplicate": 2}
@@ -26,7 +25,7 @@ def test_counts_add_up_and_keep_the_worst() -> None:
 @pytest.mark.parametrize(("share", "warned"), [(0.05, False), (0.06, True)])
 def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: bool) -> None:
     counts = Counts(n_checked=10**6, false_visible=900, n_views_checked=100, n_bad_views=3)
-    text = measured(error_of(counts + Counts(worst=WorstView(share, "chair", 0, 7))))
+    text = measured((counts + Counts(worst=WorstView(share, "chair", 0, 7))).error)
     warning = (
         "warning: 6% of the points checked in view 7 of chair are wrong, and more than 1 % in 3.0% of the views checked"
     )

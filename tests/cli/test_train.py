@@ -67,6 +67,20 @@ def test_splits_that_share_no_class_are_refused(run: Run, tmp_path: Path) -> Non
     assert "Traceback" not in outcome.err
 
 
+def test_a_test_split_of_other_classes_is_refused(run: Run, modelnet: Path, tmp_path: Path) -> None:
+    """What validates is held out of train, and shares its classes; the test split does not."""
+    for mesh in list(modelnet.rglob("*.off")):
+        other = mesh.parent.parent.name + "s"
+        target = modelnet / (other if mesh.parent.name == "test" else mesh.parent.parent.name) / mesh.parent.name
+        target.mkdir(parents=True, exist_ok=True)
+        mesh.rename(target / mesh.name)
+    assert run("generate", modelnet, *SMALL, "--out", tmp_path / "clouds").code == 0
+    outcome = run("train", tmp_path / "clouds", *QUICK, "--out", tmp_path / "model")
+    assert (outcome.code, (tmp_path / "model").exists()) == (1, False)
+    for word in ("error: ", "must share a class", "ball", "balls", "--limit"):
+        assert word in outcome.err
+
+
 def test_a_class_that_is_tested_and_not_trained_is_said(run: Run, modelnet: Path, tmp_path: Path) -> None:
     """Of three classes one has no object to train on; of the two others three objects each."""
     for name in ("cube", "ball", "brick"):
@@ -113,15 +127,15 @@ def test_what_is_wrong_is_one_line(run: Run, modelnet: Path, tmp_path: Path) -> 
     assert "must have the classes of the model, ball, brick; they have ball, wall" in outcome.err
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate"])
+@pytest.mark.parametrize("command", ["train", "evaluate", "paper table3"])
 def test_without_torch_help_teaches_and_the_rest_names_the_extra(command: str) -> None:
     start = (
-        f"import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', '{command}', *ARGUMENTS]\n"
+        f"import sys\nsys.modules['torch'] = None\nsys.argv = ['zbuf-occlude', *{command.split()}, *ARGUMENTS]\n"
         "from zbuf_occlude.__main__ import main\n"
     )
     helped = start.replace("*ARGUMENTS", "'--help'") + "main()"
     assert f"Usage: zbuf-occlude {command}" in run_program(helped)
-    asked = start.replace("*ARGUMENTS", "'a', 'b', '--out', 'c'") + (
+    asked = start.replace("*ARGUMENTS", "'--out', 'c'" if " " in command else "'a', 'b', '--out', 'c'") + (
         "sys.stderr = sys.stdout\n"
         "try:\n    main()\n"
         "except SystemExit as leaving:\n    sys.stdout.write(f'exit {leaving.code}')\n"

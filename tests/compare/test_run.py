@@ -11,13 +11,21 @@ import pytest
 
 from tests.scenes import box, two_plates
 from zbuf_occlude import Mesh, views
-from zbuf_occlude.compare import measure as measure_module
 from zbuf_occlude.compare import run as run_module
-from zbuf_occlude.compare.cases import Case, Question, Subject, ask, ask_vertices, default_subjects, thinned
-from zbuf_occlude.compare.measure import Bench, MeasurementFailed, affordable, measure
-from zbuf_occlude.compare.reference_answers import Reference
-from zbuf_occlude.compare.run import ComparisonFolder, compare_masks, run
-from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.compare.cases import Case, Question, Subject, ask
+from zbuf_occlude.compare.run import (
+    ROWS,
+    Bench,
+    ComparisonFolder,
+    MeasurementFailed,
+    Reference,
+    affordable,
+    compare_masks,
+    measure,
+    run,
+    timed,
+)
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility import METHODS
 from zbuf_occlude.visibility.interface import Occluder
@@ -66,7 +74,7 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
 
 
 def test_another_version_makes_rows_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], judged=False)]
+    cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], compared=False)]
     assert run(cases, tmp_path, budget=2.0).made == 1
     monkeypatch.setattr(run_module, "versions", lambda: {"python": "4"})
     assert run(cases, tmp_path, budget=2.0).made == 1
@@ -104,15 +112,6 @@ def test_a_death_and_a_hang_cost_one_row_each() -> None:
             bench.measure(Hung(), "oracle", {}, 0.1)  # type: ignore[arg-type]
 
 
-def test_a_method_that_never_warms_up_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measure_module, "WARM_SECONDS", 0.0)
-    with (
-        closing(Bench(limit=60.0)) as bench,
-        pytest.raises(MeasurementFailed, match="timed out after 0 s while warming up"),
-    ):
-        bench.measure(plates(), "oracle", {}, 0.1)
-
-
 class Slow(Occluder):
     """Takes a microsecond for each pair, or this many seconds for each view, by a clock of its own."""
 
@@ -140,21 +139,13 @@ def test_a_slow_subject_gets_fewer_views_then_fewer_points(
     assert (len(view_ids), n) == (n_views, n_points)
 
 
-def test_a_subject_whose_cost_is_the_faces_keeps_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    question = ask("box", box(), views.paper100(), n_points=20_000, seed=0)
-    slow = Slow(question.mesh, seconds_per_view=0.009)
-    monkeypatch.setattr("time.perf_counter", lambda: slow.now)
-    view_ids, n = affordable(slow, question, 0.03)
-    assert (len(view_ids), n) == (1, 20_000)
-
-
 def test_a_mask_of_fewer_views_and_points_is_judged_on_those(tmp_path: Path) -> None:
     question = plates(300)
-    verdict = Reference(tmp_path, n_points=200).judge(question)
+    expected = Reference(tmp_path, n_points=200).answer(question)
     measurement = measure(question, "oracle", {}, 0.01)
-    one = compare_masks(_cut(measurement, 1, 150), verdict, question)
+    one = compare_masks(_cut(measurement, 1, 150), expected, question)
     assert (one["n_views"], one["n_points"], one["n"], one["agreement"]) == (1, 150, 150, 1.0)
-    all_points = compare_masks(measurement, verdict, question)
+    all_points = compare_masks(measurement, expected, question)
     assert all_points["n_points"] == 200, "no more than the reference has"
 
 
@@ -166,32 +157,10 @@ def _cut(measurement: Any, k: int, n: int) -> Any:
 
 def test_the_reference_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     question = plates(50)
-    first = Reference(tmp_path).judge(question)
-    monkeypatch.setattr(
-        "zbuf_occlude.compare.reference_answers.prepare_oracle", lambda mesh: pytest.fail("asked again")
-    )
-    second = Reference(tmp_path).judge(plates(50))
+    first = Reference(tmp_path).answer(question)
+    monkeypatch.setattr("zbuf_occlude.compare.run.prepare_oracle", lambda mesh: pytest.fail("asked again"))
+    second = Reference(tmp_path).answer(plates(50))
     assert all((getattr(first, name) == getattr(second, name)).all() for name in vars(first))
-
-
-def test_questions_are_known_by_what_they_ask() -> None:
-    assert plates().fingerprint == plates().fingerprint
-    assert plates().fingerprint != plates(401).fingerprint
-    other_seed = ask("plates", two_plates(), ABOVE, n_points=400, seed=1)
-    assert plates().fingerprint != other_seed.fingerprint
-    assert len(ask_vertices("box", box(), ABOVE).points) == 8
-
-
-def test_views_are_thinned_evenly() -> None:
-    assert len(thinned(views.paper100(), 15)) == 15
-    assert np.allclose(thinned(views.paper100(), 15).eyes, views.paper100().eyes[::7])
-    assert len(thinned(ABOVE, 15)) == 2
-
-
-def test_default_subjects_are_the_whole_table() -> None:
-    subjects = default_subjects()
-    assert {s.method for s in subjects} == {m.name for m in METHODS}
-    assert len({s.label for s in subjects}) == len(subjects)
 
 
 def test_a_subject_checks_its_options() -> None:
@@ -200,3 +169,40 @@ def test_a_subject_checks_its_options() -> None:
         Subject("occupancy_grid", {"cells": 64})
     with pytest.raises(OptionError, match="method must be one of"):
         Subject("crystal_ball")
+
+
+def test_the_first_call_of_a_size_is_no_measurement() -> None:
+    class WarmingUp:
+        calls = 0
+
+        def visible(self, points: Any, eyes: Any) -> Any:
+            self.calls += 1
+            time.sleep(0.2 if self.calls == 1 else 0.001)
+            return np.ones((1, 1), dtype=bool)
+
+    _, wall, cpu = timed(WarmingUp(), None, None, budget=0.3)  # type: ignore[arg-type]
+    assert len(wall) == len(cpu) > 1
+    assert max(wall) < 0.15
+
+
+# ---- the folder -----------------------------------------------------------------------------------------------------
+
+
+def row(subject: str, key: str = "k") -> dict[str, Any]:
+    return {"key": key, "suite": "meshes", "case": "a", "subject": subject}
+
+
+def test_a_torn_line_is_left_out_and_then_replaced(tmp_path: Path) -> None:
+    store = ComparisonFolder(tmp_path)
+    store.append(row("x"))
+    with open(tmp_path / ROWS, "a") as file:
+        file.write('{"key": "half')
+    assert list(store.rows()) == [("meshes", "a", "x")]
+    store.append(row("y"))
+    assert [subject for _, _, subject in store.rows()] == ["x", "y"]
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    (tmp_path / ROWS).write_text('nonsense\n{"key": 1}\n')
+    with pytest.raises(DatasetError, match="line 1 is not"):
+        ComparisonFolder(tmp_path).rows()

@@ -1,6 +1,5 @@
 """Normals and colours of points, in every format: a cube whose colour at a place is the place, so each point tells."""
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -10,19 +9,16 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import Mesh, OptionError, Views
-from zbuf_occlude.dataset import packing
-from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.folder import sha256_of
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
-from zbuf_occlude.dataset.packed import PackedDataset
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
 
@@ -81,59 +77,6 @@ def test_every_format_gives_back_the_normals_and_colours_of_its_points(format: s
     assert verify(tmp_path / "out", MeshCollection(made.meshes)).faults == []
 
 
-@pytest.mark.parametrize("format", ["hdf5", "packed", "webdataset", "npz"])
-def test_clouds_of_unequal_size_have_them_too(format: str, tmp_path: Path) -> None:
-    made = plan(format, sample_size=None)
-    generate(made, tmp_path / "out")
-    source = open_dataset(tmp_path / "out")
-    records = np.concatenate([source.take(numbers) for numbers in source.order.values()])
-    assert len({len(data) for data in records["data"]}) > 1
-    check(records, made, within=2e-5)
-    assert verify(tmp_path / "out", MeshCollection(made.meshes)).faults == []
-
-
-def test_in_the_cameras_frame_normals_turn_along(tmp_path: Path) -> None:
-    made = plan("npz", frame="camera", scale="mesh")
-    generate(made, tmp_path / "out")
-    source = open_dataset(tmp_path / "out")
-    for numbers in source.order.values():
-        check(source.take(numbers), made, within=1e-5)
-
-
-def test_normals_of_one_length_are_verified(tmp_path: Path) -> None:
-    made = plan("npz")
-    manifest = generate(made, tmp_path / "out")
-    path = tmp_path / "out" / "train-000000.npz"
-    with np.load(path) as archive:
-        fields = dict(archive)
-    fields["normal"] *= 2
-    np.savez(path, **fields)
-    manifest["sha256"][path.name] = sha256_of(path)
-    (tmp_path / "out" / "manifest.json").write_text(json.dumps(manifest))
-    assert verify(tmp_path / "out", None).faults == ["all normals must be of length 1; some of split train are not."]
-
-
-def test_packed_converts_to_what_generate_makes(tmp_path: Path) -> None:
-    generate(plan("packed"), tmp_path / "packed")
-    convert(tmp_path / "packed", tmp_path / "converted", "npz")
-    generate(plan("npz"), tmp_path / "made")
-    for name in ("train-000000.npz", "test-000000.npz"):
-        with np.load(tmp_path / "converted" / name) as one, np.load(tmp_path / "made" / name) as other:
-            np.testing.assert_array_equal(one["normal"], other["normal"])
-            np.testing.assert_array_equal(one["color"], other["color"])
-    cloud = PackedDataset(tmp_path / "packed")[0]
-    assert cloud.normals.shape == cloud.colors.shape == cloud.positions.shape
-    np.testing.assert_allclose(cloud.colors, 255 * (cloud.positions - [5, 0, 0]), atol=0.6)
-
-
-def test_packed_codes_go_back_and_forth() -> None:
-    rng = np.random.default_rng(0)
-    colors = rng.integers(0, 256, (50, 3)).astype(np.uint8)
-    np.testing.assert_array_equal(packing.unpack_colors(packing.pack_colors(colors), 50), colors)
-    normals = rng.normal(size=(50, 3)).astype(np.float32).astype(float)
-    np.testing.assert_array_equal(packing.unpack_normals(packing.pack_normals(normals), 50), normals)
-
-
 def test_the_same_clouds_with_attributes_and_without(tmp_path: Path) -> None:
     generate(plan("npz"), tmp_path / "with")
     without = plan("npz")
@@ -161,7 +104,7 @@ def test_open3d_reads_normals_and_colours_of_pcd(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("format", ["hdf5", "packed"])
 def test_scans_have_the_colours_that_their_rays_met(format: str, tmp_path: Path) -> None:
-    setup = Setup(document_of(make("vlp-16")), range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
+    setup = Setup(make("vlp-16").document, range=(4.0, 4.0), size={"cube": 1.0}, scene="ground", keep="all")
     made = plan(format, scanning=asdict(setup), views="ring:3@20", scale="mesh", sample_size=None)
     generate(made, tmp_path)
     source = open_dataset(tmp_path)

@@ -8,9 +8,9 @@ import pytest
 
 from zbuf_occlude import Mesh, MeshCollection, OptionError, shapes
 from zbuf_occlude.dataset import auto
-from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose, resolve
+from zbuf_occlude.dataset.auto import AUTO, FEW_POINTS, MANY_FACES, choose_exact, resolve
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.gl import nvidia
+from zbuf_occlude.gl import devices
 from zbuf_occlude.gl.context import GlContext
 
 
@@ -27,7 +27,7 @@ from zbuf_occlude.gl.context import GlContext
     ],
 )
 def test_choices(n_faces: int, n_points: int, gain: float, embree: bool, method: str) -> None:
-    choice = choose(n_faces, n_points, gain=gain, embree=embree)
+    choice = choose_exact(n_faces, n_points, gain=gain, embree=embree)
     assert choice.method == method
     assert ("GPU here" in choice.reason) == (gain > 0.0)
     if gain:
@@ -104,11 +104,11 @@ def test_on_a_gpu_both_are_asked(monkeypatch: pytest.MonkeyPatch, gl: GlContext)
 
 def test_software_beside_an_nvidia_gpu_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "nvidiactl").touch()
-    monkeypatch.setattr(nvidia, "hindrance", lambda: nvidia.Hindrance("it is hidden.", "show it"))
-    assert nvidia.fallen_to_software("llvmpipe (LLVM 15)") == ""
-    monkeypatch.setattr(nvidia, "NVIDIA", tmp_path / "nvidiactl")
-    assert nvidia.fallen_to_software("NVIDIA H100") == ""
-    said = nvidia.fallen_to_software("llvmpipe (LLVM 15)")
+    monkeypatch.setattr(devices, "hindrance", lambda: devices.Hindrance("it is hidden.", "show it"))
+    assert devices.fallen_to_software("llvmpipe (LLVM 15)") == ""
+    monkeypatch.setattr(devices, "NVIDIA", tmp_path / "nvidiactl")
+    assert devices.fallen_to_software("NVIDIA H100") == ""
+    said = devices.fallen_to_software("llvmpipe (LLVM 15)")
     assert said == (
         "OpenGL runs in software (llvmpipe (LLVM 15)), though /dev/nvidiactl is there: it is hidden. Fix: show it"
     )

@@ -3,7 +3,7 @@
 import pytest
 from scipy.stats import binomtest
 
-from zbuf_occlude.dataset.confidence import CONFIDENCE, interval
+from zbuf_occlude.dataset.counts import CONFIDENCE, interval
 from zbuf_occlude.dataset.plan import PAIRS_CHECKED
 
 

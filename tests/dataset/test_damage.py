@@ -10,11 +10,11 @@ import pytest
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.atomic import DAMAGES, reading
-from zbuf_occlude.dataset.convert import open_dataset
 from zbuf_occlude.dataset.folder import checksums, read_manifest
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.errors import DatasetError
 

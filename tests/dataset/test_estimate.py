@@ -7,9 +7,9 @@ import pytest
 
 from tests.dataset.test_generate import tetrahedron
 from zbuf_occlude import Mesh, MeshCollection, MeshError
-from zbuf_occlude.dataset.estimate import estimate
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.rehearsal import estimate
 from zbuf_occlude.meshes.collection import MeshEntry
 
 

@@ -13,12 +13,13 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import DatasetError, Mesh, OptionError
-from zbuf_occlude.dataset.convert import convert, open_dataset
-from zbuf_occlude.dataset.export.names import names_of
+from zbuf_occlude.dataset.export import convert
+from zbuf_occlude.dataset.export.shared import names_of
 from zbuf_occlude.dataset.folder import sorted_out
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
@@ -197,6 +198,20 @@ def test_modelnet40_c_as_its_loaders_read_it(made: Made) -> None:
     assert np.load(root / "train" / "data_occlusion_1.npy").shape == (2, 512, 3)
     assert np.load(root / "train" / "label.npy").tolist() == [[2], [8]]
     assert len(np.unique([np.load(root / f"data_occlusion_{i}.npy")[0, 0, 0] for i in (1, 2, 3)])) == 3
+
+
+def test_modelnet40_c_is_twice_as_large_with_normals_of_length_one(tmp_path: Path) -> None:
+    """`factor` and `centre` of its further file lead back to the slab, whose normals are axes."""
+    generate(plan("modelnet40-c", attributes=("normals",), scale="object"), tmp_path)
+    rows = np.load(tmp_path / "clouds_test.npy")
+    assert np.linalg.norm(rows["normal"], axis=-1) == pytest.approx(1.0, abs=1e-6)
+    for view, row in enumerate(rows):
+        x, y, z = np.load(tmp_path / f"data_occlusion_{view + 1}.npy")[0].T.astype(float)
+        back = np.stack([-x, z, y], axis=1) / row["factor"] + row["centre"]
+        faces = np.abs(back - slab().centre) / (slab().bounds[1] - slab().centre)
+        assert faces.max(axis=1) == pytest.approx(1.0, abs=1e-5)
+        sides = np.abs(np.stack([-row["normal"][:, 0], row["normal"][:, 2], row["normal"][:, 1]], axis=1))
+        assert (sides.argmax(axis=1) == faces.argmax(axis=1)).mean() > 0.99
 
 
 def test_scanobjectnn_as_its_loaders_read_it(made: Made) -> None:

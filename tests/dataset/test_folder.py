@@ -10,13 +10,13 @@ import pytest
 from tests.dataset.test_generate import files
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset import folder as claiming
-from zbuf_occlude.dataset.folder import State, claim, look, remove, sorted_out
+from zbuf_occlude.dataset.folder import occupy, plan_in, remove, sorted_out
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import DATA_VERSION, Plan, Recipe
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 RECIPE = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
 PLAN = Plan(shapes.collection(n_members=1), RECIPE)
@@ -31,7 +31,6 @@ def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: st
         path.write_text("years of work")
     (tmp_path / "plan.json").write_text(plan)
     before = files(tmp_path)
-    assert look(tmp_path).state is State.FOREIGN
     with pytest.raises(DatasetError, match=r"plan\.json must be as it was written"):
         generate(PLAN, tmp_path, overwrite=overwrite)
     assert files(tmp_path) == before
@@ -41,7 +40,6 @@ def test_a_plan_that_is_none_of_ours_makes_nothing_ours(tmp_path: Path, plan: st
 def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_path: Path, format: str) -> None:
     out, plan = tmp_path / "out", replace(PLAN, format=format, meshes=find_format(format).select(PLAN.meshes))
     generate(plan, out)
-    assert look(out).state is State.FINISHED
     assert sorted_out(out, plan)[1] == []
     others = (
         "notes.txt",
@@ -72,7 +70,7 @@ def test_overwriting_removes_what_the_plan_names_and_stops_at_anything_else(tmp_
 
 def test_a_linked_folder_is_not_followed(tmp_path: Path) -> None:
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
-    claim(PLAN, out)
+    occupy(PLAN, out)
     elsewhere.mkdir()
     (elsewhere / "000000.batch").write_text("mine")
     (out / "work").symlink_to(elsewhere)
@@ -91,7 +89,7 @@ def test_files_of_others_in_a_dataset_do_not_hinder_going_on(tmp_path: Path) -> 
 
 
 def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
-    claim(PLAN, tmp_path)
+    occupy(PLAN, tmp_path)
     other = Plan(PLAN.meshes, replace(RECIPE, seed=7, n_points=60))
     with pytest.raises(DatasetError, match=r"in which n_points was 50, and is 60; seed was 0, and is 7\. Choose"):
         generate(other, tmp_path)
@@ -101,32 +99,32 @@ def test_a_plan_only_just_begun_is_not_taken_over(tmp_path: Path) -> None:
 
 def test_the_number_of_a_sensor_that_differs_is_named_alone(tmp_path: Path) -> None:
     setups = [
-        Setup(document_of(make("vlp-16", columns=columns)), range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
+        Setup(make("vlp-16", columns=columns).document, range=(5.0, 9.0), size={"car": 4.0}) for columns in (60, 90)
     ]
     plans = [Plan(PLAN.meshes, replace(RECIPE, scanning=asdict(setup))) for setup in setups]
-    claim(plans[0], tmp_path)
+    occupy(plans[0], tmp_path)
     with pytest.raises(DatasetError, match=r"in which scanning\.sensor\.pattern\.columns was 60, and is 90\. Choose"):
-        claim(plans[1], tmp_path)
+        occupy(plans[1], tmp_path)
 
 
 def test_of_two_plans_at_a_time_one_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The other comes between the look at the empty folder and the writing of the plan."""
     other = Plan(PLAN.meshes, replace(RECIPE, seed=7))
-    found = look(tmp_path)
-    claim(other, tmp_path)
-    monkeypatch.setattr(claiming, "look", lambda out: found)
+    occupy(other, tmp_path)
+    looks = iter([None])
+    monkeypatch.setattr(claiming, "plan_in", lambda out: next(looks, other))
     with pytest.raises(DatasetError, match="seed was 7, and is 0"):
-        claim(PLAN, tmp_path)
-    claim(other, tmp_path)  # the same plan twice is one run more
+        occupy(PLAN, tmp_path)
+    occupy(other, tmp_path)  # the same plan twice is one run more
     assert json.loads((tmp_path / "plan.json").read_text())["fingerprint"] == other.fingerprint
 
 
 def test_a_plan_of_an_earlier_version_is_read_and_not_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claim(PLAN, tmp_path)
+    occupy(PLAN, tmp_path)
     monkeypatch.setattr("zbuf_occlude.dataset.plan.DATA_VERSION", 1000)
     newer = Plan(PLAN.meshes, RECIPE)
-    assert look(tmp_path).state is State.UNFINISHED
+    assert plan_in(tmp_path) is not None
     with pytest.raises(DatasetError, match=f"in which data version was {DATA_VERSION}, and is 1000"):
-        claim(newer, tmp_path)
+        occupy(newer, tmp_path)

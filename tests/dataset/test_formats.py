@@ -9,20 +9,20 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import OptionError
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Numbers, Source
+from zbuf_occlude.dataset.plan import Numbers, Plan, Recipe
+from zbuf_occlude.dataset.records import record_type
+from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 SIZE = 6
 DRAWN = [row for row in FORMATS if not (row.exported_from or row.keeps_points)]
 ids = [row.name for row in DRAWN]
 
 
-SCANNING = asdict(Setup(document_of(make("vlp-16")), keep_clean=True))
+SCANNING = asdict(Setup(make("vlp-16").document, keep_clean=True))
 
 
 def plan(scanned: bool = False) -> Plan:
@@ -54,7 +54,7 @@ def random_records(n: int, scanned: bool = False) -> np.ndarray:
 @pytest.fixture(params=[False, True], ids=["surface", "scans"])
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Eleven of the plan's twelve clouds, of which each file takes three."""
-    for module in ("source", "placement", "plan", "formats.webdataset"):
+    for module in ("source", "plan", "formats.webdataset"):
         monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_PER_FILE", 3)
     records = random_records(11, request.param)
     numbers: Numbers = np.random.default_rng(1).permutation(11)

@@ -16,19 +16,17 @@ import pytest
 
 from tests.cli.conftest import write_off
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
-from zbuf_occlude.dataset import placement
 from zbuf_occlude.dataset import plan as plans
-from zbuf_occlude.dataset.batch import batch_path, read_batch
-from zbuf_occlude.dataset.convert import open_dataset
+from zbuf_occlude.dataset.batch import batch_path, group_path, read_outcome
 from zbuf_occlude.dataset.folder import locked, sorted_out
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import Making, generate, merge
-from zbuf_occlude.dataset.group import group_path
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.limits import GivenUp, Limits
 from zbuf_occlude.meshes.collection import MeshEntry
-from zbuf_occlude.workers.task import Done, Task, run_here
+from zbuf_occlude.workers import Done, Task, run_here
 
 RECIPE = Recipe(method="oracle", views="fibonacci:5", n_points=64, sample_size=64)
 FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
@@ -51,8 +49,7 @@ def collection(n_meshes: int) -> MeshCollection:
 
 def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_batch: int, per_group: int) -> None:
     """Cut datasets finely."""
-    for module in (placement, plans):
-        monkeypatch.setattr(module, "CLOUDS_PER_FILE", per_file)
+    monkeypatch.setattr(plans, "CLOUDS_PER_FILE", per_file)
     monkeypatch.setattr(plans, "CLOUDS_PER_BATCH", per_batch)
     monkeypatch.setattr(plans, "FEWEST_PER_BATCH", per_batch)
     monkeypatch.setattr(plans, "CLOUDS_PER_GROUP", per_group)
@@ -170,7 +167,7 @@ def test_what_is_damaged_is_found_and_made_again(
 ) -> None:
     out = tmp_path / "out"
     with pytest.raises(Killed):  # a group is done, and some batches of the next
-        generate(plan, out, run=killed_after(13 + len(plan.files.of_group(0)) + 5))
+        generate(plan, out, run=killed_after(13 + len(plan.files_of[0]) + 5))
     assert group_path(out, 0).exists()
     batch = next(path for i in range(len(plan.batches)) if (path := batch_path(out, i)).exists())
     name = json.loads(group_path(out, 0).read_text())["names"][0]
@@ -203,13 +200,13 @@ def test_a_file_missing_from_a_finished_dataset_is_made_again(
 def test_nothing_half_written_is_taken_for_done(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(Killed):
         generate(plan, tmp_path, run=killed_after(2))
-    batch, _ = read_batch(plan, tmp_path, 0, closely=True)
+    batch, _ = read_outcome(plan, batch_path(tmp_path, 0), closely=True)
     assert batch is not None
-    assert read_batch(plan, tmp_path, 30) == (None, "")
+    assert read_outcome(plan, batch_path(tmp_path, 30)) == (None, "")
     batch_path(tmp_path, 30).write_bytes(b"half a file")
-    assert read_batch(plan, tmp_path, 30) == (None, "000030.batch is damaged")
+    assert read_outcome(plan, batch_path(tmp_path, 30)) == (None, "000030.batch is damaged")
     with pytest.raises(DatasetError, match="must belong to plan"):
-        read_batch(replace(plan, recipe=replace(RECIPE, seed=7)), tmp_path, 0)
+        read_outcome(replace(plan, recipe=replace(RECIPE, seed=7)), batch_path(tmp_path, 0))
 
 
 def test_the_disk_holds_little_more_than_the_dataset_and_two_groups(plan: Plan, tmp_path: Path) -> None:

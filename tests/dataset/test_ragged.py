@@ -1,8 +1,10 @@
 """Clouds of unequal size: every format that can hold them, batches, convert, verify, PyTorch; the others refuse."""
 
 import io
+import json
+import shutil
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import h5py
@@ -12,22 +14,22 @@ import pytest
 from tests.dataset.test_formats import write
 from tests.scenes import box, sphere
 from zbuf_occlude import DatasetError, OptionError
-from zbuf_occlude.dataset import ragged
-from zbuf_occlude.dataset.clouds import point_fields, record_type
-from zbuf_occlude.dataset.convert import convert, open_dataset
+from zbuf_occlude.dataset.export import convert
+from zbuf_occlude.dataset.folder import sha256_of
 from zbuf_occlude.dataset.formats import FORMATS, Format, find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.dataset.records import laid_out, point_fields, read_archive, record_type
+from zbuf_occlude.dataset.source import Source, open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 RAGGED = [row for row in FORMATS if row.ragged]
 WRITTEN = [row for row in RAGGED if not (row.keeps_points or row.exported_from)]
 SIZES = (3, 1, 40, 7)
-SCANNING = asdict(Setup(document_of(make("vlp-16"))))
+SCANNING = asdict(Setup(make("vlp-16").document))
 ENTRIES = [MeshEntry(f"{n}/{s}/{i}", n, s, m) for i, s in enumerate(("train", "test")) for n, m in
            (("chair", lambda: sphere(8)), ("table", box))]  # fmt: skip
 
@@ -46,7 +48,7 @@ def equal(a: np.ndarray, b: np.ndarray) -> bool:
 @pytest.fixture(params=[None, SCANNING], ids=["surface", "scans"])
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Four clouds of unequal size, two in each file."""
-    for module in ("placement", "source", "formats.webdataset"):
+    for module in ("plan", "source", "formats.webdataset"):
         monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_PER_FILE", 2)
     recipe = Recipe(views="ring:2@10", sample_size=None, scanning=request.param)
     rng = np.random.default_rng(3)
@@ -78,11 +80,8 @@ def test_pieces_of_batches_are_read_back(source: Source) -> None:
     records, recipe = source.take(np.arange(4)), source.plan.recipe
     for some in (records, records[:0]):
         file = io.BytesIO()
-        ragged.save(file, some, recipe)
-        assert equal(ragged.load(io.BytesIO(file.getvalue()), recipe), some)
-    other = replace(recipe, scanning=None if recipe.scanning else SCANNING)
-    with pytest.raises(ValueError, match="fields"):
-        ragged.load(io.BytesIO(file.getvalue()), other)
+        np.savez(file, **laid_out(some, recipe))
+        assert equal(read_archive(io.BytesIO(file.getvalue()), recipe), some)
 
 
 @pytest.mark.parametrize(
@@ -140,12 +139,13 @@ def test_converted_and_verified(folder: Path, tmp_path: Path, format: str) -> No
 
 
 def test_verify_finds_what_is_not_finite(folder: Path, tmp_path: Path) -> None:
-    assert ragged.all_finite(np.zeros((2, 3)))
-    source = open_dataset(folder / "hdf5")
-    records = source.take(source.order["test"])
-    assert ragged.all_finite(records["data"])
-    records["data"][1][0, 0] = np.nan
-    assert not ragged.all_finite(records["data"])
+    out = Path(shutil.copytree(folder / "hdf5", tmp_path / "copy"))
+    manifest = json.loads((out / "manifest.json").read_text())
+    with h5py.File(out / "ply_data_test0.h5", "a") as h5:
+        h5["data"][7, 1] = np.nan
+    manifest["sha256"]["ply_data_test0.h5"] = sha256_of(out / "ply_data_test0.h5")
+    (out / "manifest.json").write_text(json.dumps(manifest))
+    assert verify(out, None).faults == ["all positions must be finite; some of split test are not."]
 
 
 def test_huggingface_reads_it(folder: Path, tmp_path: Path) -> None:

@@ -10,21 +10,21 @@ import gc, sys, tempfile
 from dataclasses import asdict
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from zbuf_occlude.dataset.batch import make_batch, read_batch
+from zbuf_occlude.dataset.batch import batch_path, make_batch, read_outcome
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.rehearsal import compile_ahead
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude import shapes
 from zbuf_occlude.jit import compiler
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 
 def compiled():
     functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
     return {(each.py_func.__qualname__, str(types)) for each in functions for types in each.overloads}
 
 method, scene = sys.argv[1:]
-setup = scene and asdict(Setup(document_of(make("hdl-64e")), range=(10.0, 10.0), scene=scene))
+setup = scene and asdict(Setup(make("hdl-64e").document, range=(10.0, 10.0), scene=scene))
 compiler.note_compiled = print
 recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
 compile_ahead(recipe)
@@ -32,7 +32,7 @@ ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() as gl:
     plan = Plan(shapes.collection().interleaved().limit(2), recipe)
     make_batch(plan, 0, Path(out), gl)
-    batch, _ = read_batch(plan, Path(out), 0)
+    batch, _ = read_outcome(plan, batch_path(Path(out), 0))
 assert not batch.failures, batch.failures
 print(sorted(compiled() - ahead))
 """

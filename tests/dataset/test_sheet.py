@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from zbuf_occlude import views
-from zbuf_occlude.dataset import sheet
-from zbuf_occlude.dataset.sheet import PANEL, TITLE, write_contact_sheet
+from zbuf_occlude.dataset import gallery
+from zbuf_occlude.dataset.gallery import PANEL, TITLE, write_contact_sheet
 from zbuf_occlude.geometry.camera import view_matrices
 
 
@@ -63,14 +63,14 @@ def test_each_view_shows_what_is_near_in_front(tmp_path: Path) -> None:
 
 
 def test_names_in_any_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert sheet._written("Стул $x$ é", 15)[0] == "Стул $x$ é"
+    assert gallery._written("Стул $x$ é", 15)[0] == "Стул $x$ é"
     written = [sheet_of(tmp_path / f"{name}.png", np.eye(3), name)[:TITLE] for name in ("Стул", "Стол", "????")]
     assert not (written[0] == written[1]).all()
     assert not (written[1] == written[2]).all()
     monkeypatch.setattr("zbuf_occlude.drawing.pictures.font_file_for", lambda text: None)
-    assert sheet._written("椅子 <b>", 15)[0] == r"\u6905\u5b50 <b>"
-    monkeypatch.setattr(sheet, "find_spec", lambda name: None)
-    assert sheet._written("椅", 15)[0] == r"\u6905"
+    assert gallery._written("椅子 <b>", 15)[0] == r"\u6905\u5b50 <b>"
+    monkeypatch.setattr(gallery, "find_spec", lambda name: None)
+    assert gallery._written("椅", 15)[0] == r"\u6905"
 
 
 def test_a_font_is_one_that_has_all_characters(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,13 +84,13 @@ def test_a_font_is_one_that_has_all_characters(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_long_names_fit() -> None:
-    text, font = sheet._written("a_class_whose_name_is_of_a_sentence", 15)
+    text, font = gallery._written("a_class_whose_name_is_of_a_sentence", 15)
     assert font.getlength(text) <= PANEL
-    assert sheet._written("chair", 15)[1].size == 15
+    assert gallery._written("chair", 15)[1].size == 15
 
 
 def test_without_pillow_there_is_no_sheet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sheet, "find_spec", lambda name: None)
+    monkeypatch.setattr(gallery, "find_spec", lambda name: None)
     assert not write_contact_sheet(tmp_path / "sheet.png", None)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 

@@ -7,12 +7,11 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import soup
-from zbuf_occlude.cli.summary import stacked
+from zbuf_occlude.cli.messages import stacked
 from zbuf_occlude.dataset.counts import Counts, WorstMesh
-from zbuf_occlude.dataset.manifest import stacked_of
-from zbuf_occlude.dataset.pipeline import occlude
-from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.stacked import count_stacked
+from zbuf_occlude.dataset.pipeline import count_stacked, samplings
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.visibility.interface import CONTACT
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
@@ -58,8 +57,9 @@ def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
     mesh = two_sheets(5e-5)
     for method, options in (("depth_buffer", {}), ("depth_buffer", {"tolerance": 4e-5}), ("exact", {})):
         recipe = Recipe(method=method, method_options=options, views="ring:2@40", n_points=2000, sample_size=16)
-        (sampling,) = occlude(mesh, recipe, recipe.make_views(), "two", gl, 100)
-        found = stacked_of(sampling.counts)
+        meshes = MeshCollection([MeshEntry("two", "two", "train", lambda: mesh)])
+        (sampling,) = samplings(Plan(meshes, recipe), mesh, 0, gl)
+        found = sampling.counts.stacked
         if method == "exact":
             assert found is None
         else:
@@ -70,9 +70,9 @@ def test_a_method_that_has_a_tolerance_is_said_to(gl: Any) -> None:
 def test_the_summary_names_the_mesh() -> None:
     counts = Counts(n_looked_at=1000, n_stacked=10, most_stacked=WorstMesh(0.01, "cup"))
     document: dict[str, Any] = {"options": {"method": "depth_buffer"}}
-    assert stacked(document | {"stacked": stacked_of(counts)}) == stacked(document) == []
+    assert stacked(document | {"stacked": counts.stacked}) == stacked(document) == []
     counts = counts + Counts(n_looked_at=1000, n_stacked=500, most_stacked=WorstMesh(0.5, "plate")) + Counts()
     assert Counts.from_document(counts.document) == counts
-    (line,) = stacked(document | {"stacked": stacked_of(counts)})
+    (line,) = stacked(document | {"stacked": counts.stacked})
     assert line.startswith("warning: 50% of the surface of plate, and 25.5% of all, has another sheet nearer than the ")
     assert line.endswith("--method exact tells them apart.")

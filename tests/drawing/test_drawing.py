@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.scenes import SQUARE, box, stacked
-from zbuf_occlude.drawing.marks import project
+from tests.scenes import SQUARE, stacked
+from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame, project_to_picture
 from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.errors import ArgumentError
 
@@ -21,14 +21,9 @@ def middle(image: np.ndarray) -> np.ndarray:
 
 
 def test_perspective_keeps_sizes_at_the_target_and_shrinks_beyond() -> None:
-    screen = project([[0, 1, 0], [0, 0, 1], [-4, 1, 0], [5, 0, 0]], eye=[4, 0, 0], target=[0, 0, 0])
+    screen = project_to_picture([[0, 1, 0], [0, 0, 1], [-4, 1, 0], [5, 0, 0]], eye=[4, 0, 0], target=[0, 0, 0])
     assert np.allclose(screen[:3], [[1, 0, 4], [0, 1, 4], [0.5, 0, 8]])
     assert np.isnan(screen[3, :2]).all(), "what is behind the eye has no place"
-
-
-def test_parallel_projection_does_not_shrink() -> None:
-    screen = project([[-4, 1, 0], [5, 0, 2]], eye=[4, 0, 0], target=[0, 0, 0], perspective=False)
-    assert np.allclose(screen, [[1, 0, 8], [0, 2, -1]])
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -46,13 +41,6 @@ def test_a_nearer_face_covers_a_farther_one(order: tuple[int, int]) -> None:
     side = image[image.shape[0] // 2, int(image.shape[1] * 0.75)]
     assert side[2] > side[0], "the far, blue one beside it"
     assert (image[2, 2] == 255).all(), "the ground stays white"
-
-
-def test_edges_are_darker() -> None:
-    plain, lined = new_figure(1, 1), new_figure(1, 1)
-    for (_, axes), edges in ((plain, False), (lined, True)):
-        draw_mesh(axes[0, 0], box(), eye=[3, 2, 2], target=[0, 0, 0], edges=edges)
-    assert pixels_of(lined[0]).mean() < pixels_of(plain[0]).mean() - 0.2
 
 
 def test_nearer_points_are_on_top_whatever_their_order() -> None:
@@ -76,14 +64,53 @@ def test_light_falls_on_both_sides() -> None:
     assert (images[0] == images[1]).all()
 
 
-def test_an_empty_cloud_is_an_empty_picture() -> None:
-    figure, axes = new_figure(1, 1)
-    draw_cloud(axes[0, 0], np.empty((0, 3)), eye=[0, 0, 4], target=[0, 0, 0])
-    assert (pixels_of(figure) == 255).all()
-
-
 def test_errors() -> None:
     with pytest.raises(ArgumentError, match="positions must be"):
-        project(np.zeros((3, 5)), eye=[0, 0, 4], target=[0, 0, 0])
+        project_to_picture(np.zeros((3, 5)), eye=[0, 0, 4], target=[0, 0, 0])
     with pytest.raises(ArgumentError, match="an eye must not be at its target"):
-        project([[0, 0, 0]], eye=[1, 1, 1], target=[1, 1, 1])
+        project_to_picture([[0, 0, 0]], eye=[1, 1, 1], target=[1, 1, 1])
+
+
+# ---- marks ----------------------------------------------------------------------------------------------------------
+
+WHITE = 0xFFFFFFFF
+
+
+def painted(places: list[list[float]], diameter: float, colours: list[list[float]], size: int = 9) -> np.ndarray:
+    """RGB of a white picture of this size after painting."""
+    picture = np.full((size, size), WHITE, dtype=np.uint32)
+    paint(picture, np.array(places, dtype=float), diameter, np.array(colours, dtype=float))
+    return picture.view(np.uint8).reshape(size, size, 4)[..., :3]
+
+
+def test_a_mark_is_a_disc_in_its_colour() -> None:
+    image = painted([[4.5, 4.5]], 5.0, [[1, 0, 0]])
+    rows, columns = np.nonzero((image == (255, 0, 0)).all(axis=-1))
+    distances = np.hypot(rows - 4, columns - 4)
+    assert len(rows) == np.count_nonzero(np.hypot(*np.mgrid[-4:5, -4:5]) <= 2.5) == 21
+    assert distances.max() <= 2.5
+    assert (image[~(image == (255, 0, 0)).all(axis=-1)] == 255).all()
+
+
+def test_what_is_outside_stays_outside() -> None:
+    image = painted([[0, 4], [-20, 4], [100, 4]], 5.0, [[0, 0, 0]] * 3)
+    assert (image[4, :3] == 0).all()
+    assert (image[:, 3:] == 255).all(), "nothing comes in again on the other side"
+
+
+def test_far_marks_come_first_and_are_paler() -> None:
+    positions = np.array([[0.0, 0, 1], [0, 0, -1], [0, 0, 9]])
+    places, colours = marks_of(positions, eye=[0, 0, 4], target=[0, 0, 0])
+    assert len(places) == 2, "the last is behind the eye"
+    assert (colours[0] > colours[1]).all()
+
+
+def test_frames_and_areas() -> None:
+    square = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
+    middle, half = picture_frame(square, None)
+    assert (middle == 1).all()
+    assert half == 2 * 0.53
+    assert picture_frame(square, 3.0)[1] == 3.0
+    assert picture_frame(np.empty((0, 2)), None)[1] == picture_frame(np.zeros((1, 2)), None)[1] == 1.0
+    many = np.random.default_rng(0).uniform(-1, 1, (1000, 2))
+    assert np.isclose(area_of_mark(many, 1.0, 50.0) * len(many), 2500, rtol=0.01), "together they cover the square"

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from zbuf_occlude.drawing.pages import json_for_page, pack_cloud, viewer_script
+from zbuf_occlude.drawing.pages import json_for_page, pack_cloud
 
 
 def test_positions_come_back_to_half_a_step() -> None:
@@ -22,7 +22,3 @@ def test_json_for_a_page_cannot_end_its_script() -> None:
     text = json_for_page({"name": "</script><script>alert(1)"})
     assert "<" not in text
     assert json.loads(text) == {"name": "</script><script>alert(1)"}
-
-
-def test_the_script_is_packaged() -> None:
-    assert "class CloudViewer" in viewer_script()

@@ -70,7 +70,7 @@ def digest() -> str:
 @pytest.mark.parametrize("n_threads", range(1, numba.config.NUMBA_NUM_THREADS + 1))
 def test_any_number_of_threads_gives_the_same_answers(n_threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = digest()
-    monkeypatch.setattr("zbuf_occlude.jit.pool._most", n_threads)
+    monkeypatch.setattr("zbuf_occlude.jit.threads._most", n_threads)
     assert digest() == expected
     mesh, points, eyes = crowd()
     with zo.prepare(mesh, method="exact") as occluder:  # one eye: the points are shared out instead

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from zbuf_occlude import METHODS
-from zbuf_occlude.meshes.clouds import load_cloud
+from zbuf_occlude.meshes.load import load_cloud
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FEWEST, MOST = 20, 60

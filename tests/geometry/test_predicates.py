@@ -1,12 +1,12 @@
 """`blocks`, the definition: closed forms, rational arithmetic, and properties that must hold to the last bit."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from tests.rational import sees
+from zbuf_occlude import Mesh
 from zbuf_occlude.geometry.predicates import blocks
 
 Vector = tuple[float, float, float]
@@ -78,28 +78,9 @@ def test_shared_edges_are_watertight(eye: Vector, apex1: Vector, apex2: Vector, 
     assert blocks(eye, far, a, b, apex1, 0.0) or blocks(eye, far, b, a, apex2, 0.0)
 
 
-def blocks_exactly(eye: Vector, point: Vector, a: Vector, b: Vector, c: Vector) -> bool:
-    """The definition in rational arithmetic, contact 0: solve for the meeting point, then barycentric coordinates."""
-    e, p, a_, b_, c_ = ([Fraction(x) for x in v] for v in (eye, point, a, b, c))
-
-    def minus(u: list[Fraction], v: list[Fraction]) -> list[Fraction]:
-        return [x - y for x, y in zip(u, v, strict=True)]
-
-    def cross(u: list[Fraction], v: list[Fraction]) -> list[Fraction]:
-        return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-
-    def dot(u: list[Fraction], v: list[Fraction]) -> Fraction:
-        return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
-
-    n = cross(minus(b_, a_), minus(c_, a_))
-    d = minus(p, e)
-    if dot(d, n) == 0:
-        return False
-    t = dot(minus(a_, e), n) / dot(d, n)
-    if not 0 < t < 1:
-        return False
-    q = [x + t * y for x, y in zip(e, d, strict=True)]
-    return all(dot(cross(minus(v, u), minus(q, u)), n) >= 0 for u, v in ((a_, b_), (b_, c_), (c_, a_)))
+def blocks_exactly(eye: Vector, point: Vector, *corners: Vector) -> bool:
+    """The definition in rational arithmetic, contact 0."""
+    return not sees(Mesh(corners, [[0, 1, 2]]), np.array(eye), np.array(point), -1, 0.0)
 
 
 small = st.integers(-3, 3).map(float)

@@ -20,11 +20,16 @@ def test_contents_there_and_back(gl: GlContext) -> None:
         some.read_into("numbers", back, offset=8)
         assert back.tolist() == [2, 3, 4]
         some.write("room", numbers)
+        some.clear("numbers", 8)
+        some.read_into("numbers", back)
+        assert back.tolist() == [0, 0, 2]
         some.clear("numbers")
         some.read_into("numbers", back)
         assert back.tolist() == [0, 0, 0]
         some.read_into("room", back, offset=12)
         assert back.tolist() == [3, 4, 5]
+    some.release()
+    some.release()
 
 
 def test_a_buffer_over_the_limit_is_refused(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,50 +38,11 @@ def test_a_buffer_over_the_limit_is_refused(gl: GlContext, monkeypatch: pytest.M
         Buffers(gl, numbers=np.zeros(26, dtype=np.float32))
 
 
-def test_release_twice(gl: GlContext) -> None:
-    some = Buffers(gl, room=4)
-    some.release()
-    some.release()
-
-
-def test_clearing_a_part(gl: GlContext) -> None:
-    back = np.empty(6, dtype=np.uint32)
-    with Buffers(gl, numbers=np.arange(1, 7, dtype=np.uint32)) as some:
-        some.clear("numbers", 8)
-        some.read_into("numbers", back)
-    assert back.tolist() == [0, 0, 3, 4, 5, 6]
-
-
 def test_out_of_memory_is_an_error_where_it_happens(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """Petabytes, as no driver here refuses what can be had: moderngl lets it pass, and the next user is blamed."""
     monkeypatch.setattr(buffers, "block_limit", lambda gl: 1 << 62)
     with pytest.raises(GlError, match="room of 1125899906842624 bytes must"):
         Buffers(gl, small=4, room=1 << 50)
-    gl.check()
-
-
-def test_storage_is_never_mapped(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drivers move a buffer that is mapped for reading to the host's memory."""
-    back = np.empty(6, dtype=np.uint32)
-    with Buffers(gl, numbers=np.arange(6, dtype=np.uint32)) as some:
-        mapped = []
-        real = some._buffers["numbers"]
-
-        class Watched:
-            def __getattr__(self, name: str) -> object:
-                if name in ("read", "read_into", "clear"):
-                    mapped.append(name)
-                return getattr(real, name)
-
-        monkeypatch.setitem(some._buffers, "numbers", Watched())
-        some.read_into("numbers", back)
-        some.clear("numbers")
-    assert back.tolist() == list(range(6))
-    assert mapped == []
-
-
-def test_asking_for_the_limits_leaves_no_error(gl: GlContext) -> None:
-    assert gl.info["GL_MAX_TEXTURE_SIZE"] >= 1024
     gl.check()
 
 

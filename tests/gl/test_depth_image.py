@@ -5,7 +5,7 @@ import pytest
 
 from zbuf_occlude import ArgumentError, Mesh, Views
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.depth_image import depth_image
+from zbuf_occlude.gl.depth_pass import render_depth
 
 # a large plate through the origin, tilted: z = x / 2
 TILTED = Mesh(
@@ -15,7 +15,7 @@ ABOVE = Views(np.array([0.0]), np.array([np.pi / 2]), np.array([10.0]))
 
 
 def test_depth_is_that_of_the_plane_at_pixel_centres(gl: GlContext) -> None:
-    depths = depth_image(gl, TILTED, ABOVE, 200)
+    depths = render_depth(gl, TILTED, ABOVE, 200)
     seen = np.isfinite(depths)
     assert 0.3 < seen.mean() < 0.6
     # from above, up is -x: rows run along x, and a pixel's tangents are symmetric about the axis
@@ -33,10 +33,10 @@ def test_depth_is_that_of_the_plane_at_pixel_centres(gl: GlContext) -> None:
 
 
 def test_scale_does_not_matter(gl: GlContext) -> None:
-    near, far = (depth_image(gl, TILTED.transformed(s), ABOVE.around(np.zeros(3), s), 64) / s for s in (1.0, 1024.0))
+    near, far = (render_depth(gl, TILTED.transformed(s), ABOVE.around(np.zeros(3), s), 64) / s for s in (1.0, 1024.0))
     assert np.array_equal(near, far)
 
 
 def test_an_eye_within_the_mesh_is_refused(gl: GlContext) -> None:
     with pytest.raises(ArgumentError, match="the eye must be outside the mesh and see all of it"):
-        depth_image(gl, TILTED, Views(np.zeros(1), np.array([0.3]), np.array([0.5])), 64)
+        render_depth(gl, TILTED, Views(np.zeros(1), np.array([0.3]), np.array([0.5])), 64)

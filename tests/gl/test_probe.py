@@ -4,12 +4,10 @@ import json
 
 import pytest
 
-from zbuf_occlude.cli.doctor import describe
-from zbuf_occlude.gl import devices
+from zbuf_occlude.cli.lists import backend_lines
 from zbuf_occlude.gl import probe as module
-from zbuf_occlude.gl.context import FIXES, egl_fix
-from zbuf_occlude.gl.devices import EglDevice, left_by_cuda
-from zbuf_occlude.gl.nvidia import Hindrance
+from zbuf_occlude.gl.context import FIXES
+from zbuf_occlude.gl.devices import EglDevice, Hindrance
 from zbuf_occlude.gl.probe import LIMITS, Probe, probe, probe_all
 
 
@@ -31,7 +29,7 @@ def test_all_backends_have_a_row_and_those_that_fail_a_reason() -> None:
 def test_a_missing_library_comes_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("GLCONTEXT_LINUX_LIBEGL", raising=False)
     monkeypatch.setattr(module, "_ask", lambda *_: {"works": False, "reason": f"no libEGL. Try: {FIXES['egl']}"})
-    assert probe("egl").fix == FIXES["egl"] == egl_fix()
+    assert probe("egl").fix == FIXES["egl"]
 
 
 def test_a_library_named_by_the_environment_is_not_to_be_installed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,7 +62,7 @@ def test_a_hidden_nvidia_gpu_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     egl, osmesa = probe_all()
     assert egl.works
     assert (egl.reason, egl.fix) == ("it is hidden.", "show it")
-    assert describe(egl)[-2:] == ["    it is hidden.", "    fix: show it"]
+    assert backend_lines(egl)[-2:] == ["    it is hidden.", "    fix: show it"]
     assert osmesa.reason == "it is not there"
 
 
@@ -91,44 +89,3 @@ def test_workers_get_hardware_that_opens_in_the_order_of_cuda(monkeypatch: pytes
     assert module.hardware_devices() == [1, 0]
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     assert module.hardware_devices() == []
-
-
-def test_workers_open_whatever_works_where_no_hardware_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "egl_devices", lambda: (EglDevice(0, None, "", True),))
-    monkeypatch.setattr(module, "_ask", lambda *_: pytest.fail("software needs no probation"))
-    assert module.hardware_devices() == []
-
-
-@pytest.mark.parametrize(
-    ("visible", "left"),
-    [
-        (None, [0, 1, 2]),
-        ("", [2]),
-        ("-1", [2]),
-        ("1", [1, 2]),
-        ("1,0", [1, 0, 2]),
-        ("0,7,1", [0, 2]),  # what follows an unknown one is not seen, as with CUDA
-        ("GPU-bbbb-1", [1, 2]),
-        ("GPU-b, GPU-a", [1, 0, 2]),
-        ("GPU-", [2]),  # of which of the two?
-        ("MIG-aaaa", [2]),
-    ],
-)
-def test_cuda_visible_devices_chooses(visible: str | None, left: list[int]) -> None:
-    listed = (
-        EglDevice(0, 0, "", False, "GPU-aaaa-0"),
-        EglDevice(1, 1, "", False, "GPU-bbbb-1"),
-        EglDevice(2, None, "", True),
-    )
-    assert [device.index for device in left_by_cuda(listed, visible)] == left
-
-
-def test_without_a_word_the_first_that_cuda_sees_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
-    swapped = (EglDevice(0, 1, "", False), EglDevice(1, 0, "", False), EglDevice(2, None, "", True))
-    monkeypatch.setattr(devices, "egl_devices", lambda: swapped)
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
-    assert devices.default_device() == 1
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
-    assert devices.default_device() == 2
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
-    assert devices.default_device() == 0

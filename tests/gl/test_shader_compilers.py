@@ -8,10 +8,10 @@ import pytest
 
 from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.depth_pass import MOST_TILES
-from zbuf_occlude.gl.exact_data import LEAF, WIDTH
-from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape
-from zbuf_occlude.gl.point_data import GROUP, MOST_HIDDEN
-from zbuf_occlude.gl.shaders import load, shader_folder
+from zbuf_occlude.gl.exact_pass import HARDWARE, LEAF, SOFTWARE, WIDTH, Shape
+from zbuf_occlude.gl.point_pass import MOST_HIDDEN
+from zbuf_occlude.gl.shaders import shader_folder, shader_text
+from zbuf_occlude.gl.tiles import EYES_PER_BYTE
 
 
 def exact(shape: Shape) -> dict[str, object]:
@@ -38,7 +38,7 @@ PROGRAMS: list[tuple[str, dict[str, object]]] = [
         (name, {"TILES": MOST_TILES, "CUBE": cube, "EYES": eyes})
         for name in ("depth_test.comp", "vote.comp")
         for cube in (0, 1)
-        for eyes in (1, GROUP)
+        for eyes in (1, EYES_PER_BYTE)
     ],
     *[("witness.comp", {"TILES": MOST_TILES, "CUBE": cube, "MOST_HIDDEN": MOST_HIDDEN}) for cube in (0, 1)],
     *[(name, {}) for name in ("candidates.comp", "peak.comp", "probe.comp", "stream.comp")],
@@ -60,7 +60,7 @@ def test_no_shader_is_left_out() -> None:
 @pytest.mark.parametrize(("name", "constants"), PROGRAMS, ids=[f"{i} {name}" for i, (name, _) in enumerate(PROGRAMS)])
 def test_it_compiles(name: str, constants: dict[str, object], tmp_path: Path) -> None:
     source = tmp_path / name
-    source.write_text(load(name, **constants))
+    source.write_text(shader_text(name, **constants))
     checked("glslangValidator", source)
     binary = tmp_path / "shader.spv"
     checked("glslangValidator", "-G", "--aml", "--amb", "-o", binary, source)

@@ -1,4 +1,4 @@
-"""CloudSet: what it refuses, subsets; clouds through the pipeline and back; where objects come from."""
+"""CloudSet: what it refuses, subsets; clouds through the pipeline and back."""
 
 from pathlib import Path
 
@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from zbuf_occlude import shapes
+from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
+from zbuf_occlude.errors import ArgumentError, DatasetError
 from zbuf_occlude.learn.data import CloudSet, load_clouds
-from zbuf_occlude.meshes import MeshCollection
-from zbuf_occlude.paper.objects import MODELNET10, find_objects, make_clouds
 
 
 def some_clouds(m: int = 6, n: int = 9) -> CloudSet:
@@ -23,14 +22,6 @@ def some_clouds(m: int = 6, n: int = 9) -> CloudSet:
         np.arange(m) // 2,
         np.linspace(-1, 1, m),
     )
-
-
-def test_types_and_lengths() -> None:
-    clouds = some_clouds()
-    assert (len(clouds), clouds.n_points) == (6, 9)
-    assert clouds.positions.dtype == clouds.elevations.dtype == np.float32
-    assert clouds.labels.dtype == clouds.object_ids.dtype == np.int64
-    assert repr(clouds) == "CloudSet(6 clouds of 9 points, 2 classes)"
 
 
 def test_subset_by_mask_and_by_index() -> None:
@@ -66,13 +57,6 @@ def test_thinned_keeps_so_many_of_each_group() -> None:
     assert len(clouds.thinned(groups, 100, seed=0)) == 60
 
 
-def test_joined() -> None:
-    clouds = some_clouds()
-    both = CloudSet.joined(clouds.subset([0]), clouds.subset([4, 5]))
-    assert (both.positions == clouds.positions[[0, 4, 5]]).all()
-    assert both.object_ids.tolist() == [0, 2, 2]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -103,9 +87,9 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
     """Occluded clouds know their camera, complete ones have none; both know their object."""
     meshes = shapes.collection(n_members=1).select(classes=["bed", "table"])
     recipe = Recipe(method="exact", views="ring:3@40", n_points=600, sample_size=64)
-    make_clouds(Plan(meshes, recipe, format), tmp_path / "seen")
+    generate(Plan(meshes, recipe, format), tmp_path / "seen")
     whole = Recipe(method="exact", views="ring:1@0", n_points=600, sample_size=64, complete=True)
-    make_clouds(Plan(meshes, whole, format), tmp_path / "whole")
+    generate(Plan(meshes, whole, format), tmp_path / "whole")
     seen, complete = load_clouds(tmp_path / "seen", "train", 48), load_clouds(tmp_path / "whole", "train")
     assert seen.classes == ("bed", "table")
     assert sorted(zip(seen.object_ids, seen.labels, strict=True)) == [(0, 0)] * 3 + [(1, 1)] * 3
@@ -122,50 +106,12 @@ def test_clouds_of_a_dataset(tmp_path: Path, format: str) -> None:
         load_clouds(tmp_path / "seen", "train", 65)
 
 
-def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
-    for label in ("bed", "car"):
-        for number in range(2):
-            path = tmp_path / "meshes" / label / "train" / f"{label}_{number}.off"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n" if label == "bed" else "OFF")
-    recipe = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
-    meshes = MeshCollection.from_paths(tmp_path / "meshes")
-    with pytest.raises(MeshError, match=r"each class must have a mesh .*; car has none.*car_0\.off.*'noth"):
-        make_clouds(Plan(meshes, recipe, "hdf5"), tmp_path / "clouds")
-    path.write_text((tmp_path / "meshes" / "bed" / "train" / "bed_0.off").read_text())
-    failures = make_clouds(Plan(meshes, recipe, "hdf5"), tmp_path / "others")
-    assert [key.split("/")[-1] for key in failures] == ["car_0.off"]
-
-
 def test_a_point_that_is_not_finite_is_told_with_its_folder(tmp_path: Path) -> None:
     recipe = Recipe(method="oracle", views="ring:2@30", n_points=100, sample_size=8)
-    make_clouds(Plan(shapes.collection(n_members=2), recipe, "hdf5"), tmp_path / "clouds")
+    generate(Plan(shapes.collection(n_members=2), recipe, "hdf5"), tmp_path / "clouds")
     with h5py.File(tmp_path / "clouds" / "ply_data_train0.h5", "a") as file:
         file["data"][3, 1, 2] = np.nan
     with pytest.raises(
         DatasetError, match=r"clouds must be as .* \(positions must be finite; those of cloud 3 are not"
     ):
         load_clouds(tmp_path / "clouds", "train")
-
-
-def test_built_in_objects_by_default() -> None:
-    assert len(find_objects()) == 600
-
-
-def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 comes from https://modelnet"):
-        find_objects(tmp_path / "nowhere")
-    triangle = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    for label in ("bathtub", "bed", "chair", "table"):
-        (tmp_path / label / "train").mkdir(parents=True)
-        (tmp_path / label / "train" / f"{label}_0001.off").write_text(triangle)
-    with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
-        find_objects(tmp_path)
-    with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
-        find_objects(tmp_path, any_ten=True)
-    for label in set(MODELNET10) - {"bathtub", "bed", "chair", "table"}:
-        (tmp_path / label / "train").mkdir(parents=True)
-        (tmp_path / label / "train" / f"{label}_0001.off").write_text(triangle)
-    assert find_objects(tmp_path, any_ten=True).classes == list(MODELNET10)
-    with pytest.raises(MeshError, match=r"has no airplane, .*, lamp\. ModelNet10 will do for `paper elevation` alone"):
-        find_objects(tmp_path)

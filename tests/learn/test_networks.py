@@ -1,12 +1,28 @@
-"""The three networks: parameters as published, order of points, normalisation, and that they can learn."""
+"""The networks and their features: as published, against NumPy twins and torch's own layers, and that they learn."""
 
+import math
+
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from zbuf_occlude import OptionError  # noqa: E402
 from zbuf_occlude.learn.models import MODELS, Model, find_model  # noqa: E402
-from zbuf_occlude.learn.networks import Classifier, MaxLinear, PointNet, ThreeDmFV, unit_sphere  # noqa: E402
+from zbuf_occlude.learn.networks import (  # noqa: E402
+    CHANNELS,
+    OBJECT_VOXELS,
+    SMALL,
+    VOXELS,
+    Classifier,
+    GridConv,
+    MaxLinear,
+    PointNet,
+    ThreeDmFV,
+    fisher_vectors,
+    occupancy,
+    unit_sphere,
+)
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 
@@ -35,28 +51,6 @@ def test_parameters_are_as_published_for_40_classes(name: str, exact: int, publi
     n_parameters = count(find_model(name).build(40))
     assert n_parameters == exact
     assert abs(n_parameters - published) <= 0.01 * published
-
-
-def test_a_quarter_of_the_filters_is_a_sixteenth_of_the_parameters() -> None:
-    assert count(find_model("threedmfv5-small").build(40)) == pytest.approx(45_767_016 / 16, rel=0.01)
-    with pytest.raises(OptionError, match="n_filters must be even and at least 2; got 15"):
-        ThreeDmFV(40, 5, 15)
-
-
-def test_what_the_numbers_count() -> None:
-    """Each T-Net and batch normalisation by itself: what their docstrings say."""
-    pointnet = PointNet(40)
-    assert (count(pointnet.input_transform), count(pointnet.feature_transform)) == (803_081, 1_857_344)
-    norms = [m for m in pointnet.modules() if isinstance(m, torch.nn.BatchNorm1d)]
-    pooled = [m for m in pointnet.modules() if isinstance(m, MaxLinear)]
-    n_norm = sum(map(count, norms)) + sum(m.factor.numel() + m.shift.numel() for m in pooled)
-    assert count(pointnet) - n_norm == 3_467_889
-    threedmfv = ThreeDmFV(40)
-    assert [count(layer) for layer in threedmfv.body if count(layer)] == [
-        *(314_432, 1_295_488, 5_179_648, 5_376_256, 20_713_984)
-    ]
-    norms = [m for m in threedmfv.modules() if isinstance(m, (torch.nn.BatchNorm1d, torch.nn.BatchNorm3d))]
-    assert count(threedmfv) - sum(map(count, norms)) == 45_756_904
 
 
 @every_model
@@ -140,21 +134,6 @@ def test_pointnet_is_held_to_orthogonal_transforms() -> None:
     assert torch.allclose(network.loss(points, labels), plain + 0.001 * 9 * 64)
 
 
-def test_the_regulariser_is_computed_in_full_precision(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mixed precision would round A A^T: for A = (1 + 1/128) I to multiples of 1/128, here."""
-    monkeypatch.setattr("zbuf_occlude.learn.networks.ORTHOGONALITY", 1.0)  # not to be lost in the cross-entropy
-    torch.manual_seed(3)
-    network = PointNet(4).eval()
-    points, labels = network.normalise(clouds(3, 30)), torch.tensor([0, 1, 2])
-    with torch.no_grad():
-        network.feature_transform.head[1].bias.copy_(torch.eye(64).flatten() / 128)
-        with torch.autocast("cpu", torch.bfloat16):
-            plain = torch.nn.functional.cross_entropy(network(points), labels)
-            regulariser = network.loss(points, labels) - plain
-    defect = (1 + 1 / 128) ** 2 - 1
-    assert float(regulariser) == pytest.approx(64 * defect**2, rel=1e-3)
-
-
 def test_normalisations() -> None:
     points = clouds(4, 50) * 7.0 + 3.0
     boxed = Classifier(2).normalise(points)
@@ -167,30 +146,93 @@ def test_normalisations() -> None:
         assert torch.equal(place, torch.zeros(1, 5, 3)), "a cloud that is one place"
 
 
-def test_an_unknown_model_names_the_known_ones() -> None:
-    names = "voxnet, pointnet, threedmfv, threedmfv5, threedmfv5-small"
-    with pytest.raises(OptionError, match=f"model must be one of {names}; got 'vox'"):
+def test_numbers_that_make_no_network_are_refused() -> None:
+    with pytest.raises(OptionError, match="n_gaussians must be at least 5 per side; got 4"):
+        ThreeDmFV(2, 4)
+    with pytest.raises(OptionError, match="n_filters must be even and at least 2; got 15"):
+        ThreeDmFV(40, 5, 15)
+    with pytest.raises(OptionError, match=r"model must be one of voxnet, .*, threedmfv5-small; got 'vox'"):
         find_model("vox")
 
 
-def test_an_empty_grid_says_nothing_to_a_fresh_voxnet() -> None:
-    torch.manual_seed(4)
-    network = find_model("voxnet").build(3).eval()
-    outside = torch.full((1, 1, 3), 5.0)
-    with torch.inference_mode():
-        assert float(network(outside).abs().max()) < 1e-6
-        assert float(network(clouds(1, 50)).abs().max()) > 1e-4
+# ---- features, and the convolution of small grids -------------------------------------------------------------------
 
 
-def test_batch_normalisation_settles() -> None:
-    for name in ("voxnet", "pointnet"):
-        network = find_model(name).build(2)
-        for progress, share in ((0.0, 0.5), (1.0, 0.05)):
-            network.settle(progress)
-            shares = [module.momentum for module in network.modules() if hasattr(module, "momentum")]
-            assert shares == pytest.approx([share] * (0 if name == "voxnet" else 17))
+def uniform(n_clouds: int, n_points: int) -> "torch.Tensor":
+    generator = torch.Generator().manual_seed(5)
+    return (torch.rand(n_clouds, n_points, 3, generator=generator) - 0.5) * 1.2
 
 
-def test_a_grid_of_few_gaussians_is_refused() -> None:
-    with pytest.raises(OptionError, match="n_gaussians must be at least 5 per side; got 4"):
-        ThreeDmFV(2, 4)
+def occupancy_numpy(points: np.ndarray) -> np.ndarray:
+    """What `occupancy` computes, by the histogram of each cloud."""
+    edges = (np.arange(VOXELS + 1) - VOXELS / 2) / OBJECT_VOXELS
+    counts = np.stack([np.histogramdd(cloud, bins=(edges, edges, edges))[0] for cloud in points])
+    return np.where(counts > 0, 1.0, -1.0).astype(np.float32)[:, None]
+
+
+def fisher_vectors_numpy(points: np.ndarray, n_gaussians: int) -> np.ndarray:
+    """What `fisher_vectors` computes, from the formulas as they stand in its paper, in float64."""
+    g = n_gaussians
+    axis = np.linspace(-1.0 + 1.0 / g, 1.0 - 1.0 / g, g)
+    centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight, deviation, n = 1.0 / g**3, 1.0 / g, points.shape[1]
+    distances = (points.astype(np.float64)[:, :, None] - centres) / deviation  # (b, n, g^3, 3)
+    density = np.exp(-0.5 * np.sum(distances**2, axis=3)) / ((2.0 * math.pi) ** 1.5 * deviation**3)
+    shares = weight * density / np.sum(weight * density, axis=2, keepdims=True)
+    by_weight = ((shares - weight) / math.sqrt(weight))[..., None] / n
+    by_mean = shares[..., None] * distances / (n * math.sqrt(weight))
+    by_deviation = shares[..., None] * (distances**2 - 1.0) / (n * math.sqrt(2.0 * weight))
+    both = [f(d, axis=1) for d in (by_mean, by_deviation) for f in (np.max, np.min, np.sum)]
+    vectors = np.concatenate([by_weight.max(axis=1), by_weight.sum(axis=1), *both], axis=2)  # (b, g^3, 20)
+    vectors = np.sign(vectors) * np.sqrt(np.abs(vectors))
+    vectors /= np.sqrt(np.maximum(np.sum(vectors**2, axis=1, keepdims=True), 1e-12))
+    return np.moveaxis(vectors, 2, 1).reshape(-1, CHANNELS, g, g, g)
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 2.0])
+def test_occupancy_is_its_twins(scale: float) -> None:
+    points = uniform(3, 200) * scale
+    assert np.array_equal(occupancy(points).numpy(), occupancy_numpy(points.numpy()))
+
+
+def test_an_object_takes_24_of_32_voxels() -> None:
+    corners = torch.tensor([[[-0.499, -0.499, -0.499], [0.499, 0.499, 0.499], [0.7, 0.0, 0.0]]])
+    places = (occupancy(corners)[0, 0] > 0).nonzero()
+    assert places.tolist() == [[4, 4, 4], [27, 27, 27]], "the object from 4 to 27; what is outside is left out"
+
+
+@pytest.mark.parametrize("n_gaussians", [2, 5, 8])
+def test_fisher_vectors_are_their_twins(n_gaussians: int) -> None:
+    points = uniform(3, 70)
+    ours, twin = fisher_vectors(points, n_gaussians).numpy(), fisher_vectors_numpy(points.numpy(), n_gaussians)
+    assert ours.shape == (3, 20, n_gaussians, n_gaussians, n_gaussians)
+    assert np.abs(ours - twin).max() < 2e-6
+    assert np.abs(twin).mean() > 1e-3
+
+
+def test_fisher_vectors_in_parts_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = uniform(5, 30)
+    whole = fisher_vectors(points, 4)
+    monkeypatch.setattr("zbuf_occlude.learn.networks.CHUNK", 1)
+    assert torch.allclose(fisher_vectors(points, 4), whole, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [3, 5])
+@pytest.mark.parametrize("side", [1, 2, 3, 4, 5])
+def test_values_and_gradients_are_those_of_torch(side: int, size: int) -> None:
+    torch.manual_seed(side)
+    ours, theirs = GridConv(6, 4, size).double(), torch.nn.Conv3d(6, 4, size, padding=size // 2).double()
+    with torch.no_grad():
+        theirs.weight.copy_(ours.weight.permute(4, 3, 0, 1, 2))
+        theirs.bias.copy_(ours.bias)
+    grids = [torch.randn(2, 6, side, side, side, dtype=torch.float64).requires_grad_()]
+    grids.append(grids[0].detach().clone().requires_grad_())
+    results = [ours(grids[0]), theirs(grids[1])]
+    assert torch.allclose(*results)
+    towards = torch.randn_like(results[0])
+    for result in results:
+        result.backward(towards)
+    assert torch.allclose(grids[0].grad, grids[1].grad)
+    assert torch.allclose(ours.weight.grad.permute(4, 3, 0, 1, 2), theirs.weight.grad)
+    assert torch.allclose(ours.bias.grad, theirs.bias.grad)
+    assert SMALL == 4, "both ways were tried above"

@@ -1,6 +1,7 @@
-"""Base colours of OBJ and PLY, and of any format: textures, materials, vertices; against closed forms and trimesh."""
+"""Base colours of OBJ, PLY and glTF: textures, materials, vertices; against closed forms and trimesh."""
 
 import io
+import json
 import zipfile
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from zbuf_occlude import Mesh, load_mesh, sample_surface
+from zbuf_occlude import Mesh, MeshError, load_mesh, sample_surface
 from zbuf_occlude.geometry.colors import GREY
 
 TEXELS = np.arange(4 * 8 * 3, dtype=np.uint8).reshape(4, 8, 3) * 2
@@ -74,12 +75,6 @@ def test_colours_are_read_only_where_they_are_asked_for(tmp_path: Path) -> None:
     assert sample_surface(load_mesh(path), n_points=5).colors is None
     assert len(load_mesh(path).origin.files) == 1
     assert [file.name for file in load_mesh(path, colors=True).origin.files] == ["quad.obj", "quad.mtl", "texture.png"]
-
-
-def test_points_and_faces_are_the_same_with_colours(tmp_path: Path) -> None:
-    path = write_quad(tmp_path, "newmtl painted\nmap_Kd texture.png\n")
-    plain, coloured = (sample_surface(load_mesh(path, colors=c), n_points=100, seed=3) for c in (False, True))
-    np.testing.assert_array_equal(plain.positions, coloured.positions)
 
 
 @pytest.mark.parametrize(
@@ -194,11 +189,6 @@ def test_textures_named_by_a_place_on_another_machine_are_found_by_their_name(tm
         path = write_quad(tmp_path, f"newmtl painted\nmap_Kd {named}\n")
         _, points = sampled(path)
         np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
-    (tmp_path / "looks").mkdir()  # and beside the materials, where these lie apart
-    path.write_text(QUAD.replace("quad.mtl", "looks/quad.mtl"))
-    (tmp_path / "quad.mtl").rename(tmp_path / "looks" / "quad.mtl")
-    (tmp_path / "texture.png").rename(tmp_path / "looks" / "texture.png")
-    np.testing.assert_array_equal(sampled(path)[1].colors, points.colors)
 
 
 @pytest.mark.filterwarnings("error")
@@ -217,26 +207,11 @@ def test_a_texture_of_too_many_texels_is_not_decoded(tmp_path: Path) -> None:
     assert "at most 134,217,728 texels" in mesh.colors.lacking[0]
 
 
-def test_textures_lie_where_shapenet_has_them_and_nowhere_far(tmp_path: Path) -> None:
-    path = write_quad(tmp_path / "id" / "models", "newmtl painted\nmap_Kd ..\\images\\t.png\n")
-    (tmp_path / "id" / "images").mkdir()
-    (tmp_path / "id" / "images" / "t.png").write_bytes(png(TEXELS))
-    mesh, points = sampled(path)
-    np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
-    assert [file.name for file in mesh.origin.files][-1] == "../images/t.png"
+def test_textures_far_away_are_not_read(tmp_path: Path) -> None:
     (tmp_path / "secret.png").write_bytes(png(TEXELS))
     for named in ("../../secret.png", str(tmp_path / "secret.png")):
-        path.with_name("quad.mtl").write_text(f"newmtl painted\nmap_Kd {named}\n")
+        path = write_quad(tmp_path / "id" / "models", f"newmtl painted\nmap_Kd {named}\n")
         assert sampled(path)[0].colors.lacking
-
-
-def test_textures_are_read_from_archives(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
-        archive.writestr("id/models/quad.obj", QUAD)
-        archive.writestr("id/models/quad.mtl", "newmtl painted\nmap_Kd ../images/t.png\n")
-        archive.writestr("id/images/t.png", png(TEXELS))
-    _, points = sampled(tmp_path / "all.zip" / "id" / "models" / "quad.obj")
-    np.testing.assert_array_equal(points.colors, texel_at(points.positions[:, :2]))
 
 
 @pytest.mark.parametrize("most", [1.0, 1.0000001, 255.0])
@@ -316,28 +291,6 @@ def test_colours_are_those_that_trimesh_has(tmp_path: Path, suffix: str) -> None
     np.testing.assert_allclose(points.colors, expected, atol=1.6)
 
 
-def test_textures_are_those_that_trimesh_has(tmp_path: Path) -> None:
-    """A textured ball as GLB, of 64 x 64 random texels: trimesh's own sampling, nearest texels apart by one at most."""
-    texels = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
-    ball = trimesh.creation.uv_sphere()
-    uv = np.random.default_rng(1).uniform(size=(len(ball.vertices), 2))
-    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(texels))
-    ball.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
-    ball.export(tmp_path / "ball.glb")
-    mesh, points = sampled(tmp_path / "ball.glb", 2_000)
-    theirs = trimesh.load(tmp_path / "ball.glb", force="mesh", process=False)
-    positions = points.positions @ [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
-    faces = mesh.source_face_ids[points.face_ids]
-    weights = trimesh.triangles.points_to_barycentric(theirs.triangles[faces], positions)
-    there = np.einsum("nc,nca->na", weights, theirs.visual.uv[theirs.faces[faces]])
-    near = [
-        theirs.visual.material.to_color(there + np.array([du, dv]) / 63)[:, :3]
-        for du in (-0.5, 0, 0.5)
-        for dv in (-0.5, 0, 0.5)
-    ]
-    assert np.any([(points.colors == each).all(axis=1) for each in near], axis=0).mean() > 0.99
-
-
 def test_meshes_of_trimesh_bring_their_colours(tmp_path: Path) -> None:
     box = trimesh.creation.box()
     box.visual.face_colors = np.c_[np.arange(36).reshape(12, 3) * 7, np.full(12, 255)]
@@ -352,3 +305,115 @@ def test_meshes_of_trimesh_bring_their_colours(tmp_path: Path) -> None:
         sample_surface(Mesh.from_trimesh(trimesh.Trimesh(box.vertices, box.faces), colors=True), n_points=3).colors
         == GREY
     ).all()
+
+
+def write_gltf(path: Path, material: dict, *, colors: np.ndarray | None = None, extra: dict | None = None) -> Path:
+    """The square, its texture's v pointing down as the standard has it."""
+    uv = np.c_[SQUARE[:, 0], 1 - SQUARE[:, 1]].astype("<f4")
+    parts = [SQUARE.astype("<f4"), uv, np.array([0, 1, 2, 0, 2, 3], "<u2")]
+    accessors = [("VEC3", 5126, 4), ("VEC2", 5126, 4), ("SCALAR", 5123, 6)]
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1}
+    if colors is not None:
+        parts.append(colors)
+        accessors.append((f"VEC{colors.shape[1]}", {"f": 5126, "u": 5123}[colors.dtype.kind], 4))
+        attributes["COLOR_0"] = 3
+    ends = np.cumsum([part.nbytes for part in parts])
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 2, "material": 0}]}],
+        "materials": [material],
+        "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{}],
+        "images": [{"uri": "texture.png"}],
+        "accessors": [
+            {"type": t, "componentType": c, "count": n, "bufferView": i, "normalized": c == 5123 and t != "SCALAR"}
+            for i, (t, c, n) in enumerate(accessors)
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": int(end - part.nbytes), "byteLength": part.nbytes}
+            for end, part in zip(ends, parts, strict=True)
+        ],
+        "buffers": [{"uri": "data.bin", "byteLength": int(ends[-1])}],
+        **(extra or {}),
+    }
+    path.write_text(json.dumps(document))
+    path.with_name("data.bin").write_bytes(b"".join(part.tobytes() for part in parts))
+    path.with_name("texture.png").write_bytes(png(TEXELS))
+    return path
+
+
+def square_uv(points) -> np.ndarray:
+    """Where points lie on the square; y of glTF points up, so here it is z."""
+    return points.positions[:, [0, 2]]
+
+
+def test_textures_of_gltf_are_shown_as_they_are(tmp_path: Path) -> None:
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
+    mesh, points = sampled(write_gltf(tmp_path / "a.gltf", material))
+    assert len(mesh.faces) == 4  # shown twice
+    np.testing.assert_array_equal(points.colors, texel_at(square_uv(points)))
+
+
+def test_factors_and_colours_of_gltf_are_linear_light(tmp_path: Path) -> None:
+    """As the standard says: the texture is decoded, multiplied by factor and COLOR_0, and encoded again."""
+    colors = np.array([[0.5, 1, 0, 1]] * 4, "<f4")
+    material = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.25, 1, 1]}}
+    _, points = sampled(write_gltf(tmp_path / "a.gltf", material, colors=colors))
+    np.testing.assert_allclose(points.colors, np.tile(encoded(np.array([0.5, 0.25, 0.0])), (len(points), 1)), atol=0.51)
+    material = {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.5, 1], "baseColorTexture": {"index": 0}}}
+    _, points = sampled(write_gltf(tmp_path / "b.gltf", material))
+    texels = texel_at(square_uv(points)) / 255
+    light = np.where(texels <= 0.04045, texels / 12.92, ((texels + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(points.colors, encoded(light / 2), atol=0.51)
+
+
+def test_normalized_colours_of_gltf(tmp_path: Path) -> None:
+    colors = (SQUARE * 65535).astype("<u2")
+    _, points = sampled(write_gltf(tmp_path / "a.gltf", {}, colors=colors))
+    uv = square_uv(points)
+    np.testing.assert_allclose(points.colors, encoded(np.c_[uv, 0 * uv[:, :1]]), atol=0.6)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "turn", "moved"),
+    [
+        ({"wrapS": 33071, "wrapT": 33648}, {"scale": [2, 2]}, lambda u, v: (np.minimum(2 * u, 1), 1 - abs(1 - 2 * v))),
+        ({}, {"offset": [0.5, 0.25]}, lambda u, v: ((u + 0.5) % 1, (v + 0.25) % 1)),
+        # a quarter turn against the clock, v pointing down: (1, 0) goes to (0, -1)
+        ({}, {"rotation": np.pi / 2}, lambda u, v: (v % 1, -u % 1)),
+    ],
+)
+def test_textures_of_gltf_wrap_and_turn(tmp_path: Path, sampler: dict, turn: dict, moved) -> None:
+    texture = {"index": 0, "extensions": {"KHR_texture_transform": turn}}
+    material = {"pbrMetallicRoughness": {"baseColorTexture": texture}}
+    _, points = sampled(write_gltf(tmp_path / "a.gltf", material, extra={"samplers": [sampler]}))
+    uv = square_uv(points)
+    u, v = moved(uv[:, 0], 1 - uv[:, 1])
+    same = (points.colors == texel_at(np.c_[u, 1 - v])).all(axis=1)
+    assert same.mean() > 0.995  # rounding at the edges of texels
+
+
+def test_materials_of_old_gltf_have_a_diffuse_texture(tmp_path: Path) -> None:
+    old = {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}
+    _, points = sampled(write_gltf(tmp_path / "a.gltf", {"extensions": old}))
+    np.testing.assert_array_equal(points.colors, texel_at(square_uv(points)))
+
+
+def test_a_texture_of_gltf_that_is_no_base64_is_lacking(tmp_path: Path) -> None:
+    image = {"images": [{"uri": "data:image/png;base64,!"}]}
+    material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [0, 1, 0, 1]}}
+    mesh, points = sampled(write_gltf(tmp_path / "a.gltf", material, extra=image))
+    assert np.unique(points.colors, axis=0).tolist() == [[0, 255, 0]]
+    assert "must be base64" in mesh.colors.lacking[0]
+
+
+def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) -> None:
+    path = write_gltf(tmp_path / "a.gltf", {}, colors=np.ones((4, 3), "<f4"))
+    document = json.loads(path.read_text())
+    document["accessors"][3]["count"] = 3
+    path.write_text(json.dumps(document))
+    with pytest.raises(MeshError, match="of the 4 vertices of their primitive; they are of 3 and 4"):
+        load_mesh(path, colors=True)
+    assert len(load_mesh(path).faces) == 4

@@ -4,6 +4,7 @@ import base64
 import copy
 import json
 import struct
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import trimesh
 
 from zbuf_occlude import MeshError, load_mesh
 from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.mesh_files import MeshFiles
+from zbuf_occlude.meshes.polygons import Polygons
 
 HERE = Path("nowhere")
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2, 1]], dtype="<f4")
@@ -31,36 +34,50 @@ def scene() -> trimesh.Scene:
     return built
 
 
+class Builder:
+    """Appends arrays to a document's only buffer as accessors."""
+
+    def __init__(self) -> None:
+        self.document: Document = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
+        self.blob = b""
+
+    def view(self, values: np.ndarray) -> int:
+        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": values.nbytes})
+        self.blob += values.tobytes()
+        return len(self.document["bufferViews"]) - 1
+
+    def accessor(self, values: np.ndarray, **more: Any) -> int:
+        kinds = {"float32": 5126, "uint32": 5125, "uint16": 5123, "uint8": 5121}
+        shapes = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+        row = {"componentType": kinds[values.dtype.name], "type": shapes[values.shape[1:]], "count": len(values)}
+        self.document["accessors"].append({"bufferView": self.view(values), **row, **more})
+        return len(self.document["accessors"]) - 1
+
+    def finished(self, **document: Any) -> Document:
+        self.document |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], **document}
+        self.document["buffers"] = [{"byteLength": len(self.blob), "uri": data_uri(self.blob)}]
+        return self.document
+
+
 def as_document(positions: np.ndarray = CORNERS, indices: np.ndarray | None = None, **primitive: Any) -> Document:
     """The least document that shows one primitive, its buffer inside."""
-    blob = positions.tobytes()
-    document: Document = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, **primitive}]}],
-        "bufferViews": [{"buffer": 0, "byteLength": len(blob)}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": len(positions)}],
-    }
+    built = Builder()
+    primitive["attributes"] = {"POSITION": built.accessor(positions)}
     if indices is not None:
-        kinds = {"uint8": 5121, "uint16": 5123, "uint32": 5125}
-        document["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": indices.nbytes})
-        document["accessors"].append(
-            {"bufferView": 1, "componentType": kinds[indices.dtype.name], "type": "SCALAR", "count": len(indices)}
-        )
-        document["meshes"][0]["primitives"][0]["indices"] = 1
-        blob += indices.tobytes()
-    document["buffers"] = [{"byteLength": len(blob), "uri": data_uri(blob)}]
-    return document
+        primitive["indices"] = built.accessor(indices)
+    return built.finished(scene=0, meshes=[{"primitives": [primitive]}])
 
 
 def data_uri(blob: bytes) -> str:
     return "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
 
 
+def polygons_of(data: bytes, folder: Path = HERE) -> Polygons:
+    return read_gltf(data, MeshFiles(folder / "scene.gltf"))[0]
+
+
 def read(document: Document, folder: Path = HERE) -> np.ndarray:
-    polygons = read_gltf(json.dumps(document).encode(), folder)
+    polygons = polygons_of(json.dumps(document).encode(), folder)
     return polygons.vertices[polygons.corners].reshape(-1, 3, 3)
 
 
@@ -78,7 +95,7 @@ def glb(document: Document, blob: bytes) -> bytes:
 
 
 def test_a_scene_is_flattened_as_trimesh_does_it() -> None:
-    polygons = read_gltf(scene().export(file_type="glb"), HERE)
+    polygons = polygons_of(scene().export(file_type="glb"))
     expected = scene().to_mesh().triangles
     found = polygons.vertices[polygons.corners].reshape(-1, 3, 3)
     assert found.shape == expected.shape == (12 + 80 + 12, 3, 3)
@@ -92,8 +109,8 @@ def test_gltf_with_buffers_beside_it_is_the_same(tmp_path: Path) -> None:
     files = scene().export(file_type="gltf")
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
-    polygons = read_gltf((tmp_path / "model.gltf").read_bytes(), tmp_path)
-    packed = read_gltf(scene().export(file_type="glb"), HERE)
+    polygons = polygons_of((tmp_path / "model.gltf").read_bytes(), tmp_path)
+    packed = polygons_of(scene().export(file_type="glb"))
     assert polygons.vertices.tobytes() == packed.vertices.tobytes()
     assert polygons.corners.tobytes() == packed.corners.tobytes()
 
@@ -107,14 +124,6 @@ def test_gltf_has_y_up_and_other_formats_z(tmp_path: Path) -> None:
     assert np.allclose(load_mesh(tmp_path / "tower.glb", up="z").bounds, [[-0.5, 0, -0.5], [0.5, 10, 1.5]])
     assert np.allclose(load_mesh(tmp_path / "tower.ply").bounds, [[-0.5, 0, -0.5], [0.5, 10, 1.5]])
     assert np.allclose(load_mesh(tmp_path / "tower.ply", up="y").bounds, [[-0.5, -1.5, 0], [0.5, 0.5, 10]])
-
-
-def test_turning_up_is_a_rotation_not_a_mirror(tmp_path: Path) -> None:
-    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "ball.ply")
-    turned, straight = (load_mesh(tmp_path / "ball.ply", up=up) for up in ("y", "z"))
-    rotation = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-    assert np.linalg.det(rotation) == 1
-    assert np.array_equal(turned.vertices, straight.vertices @ rotation.T)
 
 
 def sorted_corners(triangles: np.ndarray) -> list[list[list[float]]]:
@@ -155,37 +164,6 @@ def test_a_node_without_triangles_still_moves_what_is_below_it() -> None:
     document["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}, "mode": 1}]})
     document["nodes"] = [{"mesh": 1, "translation": [5, 0, 0], "children": [1]}, {"mesh": 0}]
     assert read(document).tolist() == [moved([5, 0, 0]).tolist()]
-
-
-def test_cameras_hide_nothing() -> None:
-    document = as_document(CORNERS[:3])
-    document["cameras"] = [{"perspective": {"znear": 1, "aspectRatio": 1, "yfov": 1}, "name": "1"}]
-    document["nodes"] = [
-        {"camera": 0, "mesh": 0, "translation": [5, 0, 0], "children": [1]},
-        {"mesh": 0, "translation": [0, 5, 0]},
-    ]
-    expected = [moved([5, 0, 0]), moved([5, 5, 0])]
-    assert sorted_corners(read(document)) == sorted_corners(np.array(expected))
-
-
-def test_names_change_nothing() -> None:
-    document = as_document(CORNERS[:3])
-    for key, name in {"nodes": "world", "meshes": "GLTF"}.items():
-        document[key] *= 3
-        document[key] = [{**row, "name": name} for row in document[key]]
-    document["nodes"] = [{**node, "mesh": i, "translation": [i, 0, 0]} for i, node in enumerate(document["nodes"])]
-    document["scenes"] = [{"nodes": [0, 1, 2]}]
-    assert sorted_corners(read(document)) == sorted_corners([moved([i, 0, 0]) for i in range(3)])
-
-
-def test_the_order_of_faces_is_the_same_each_time() -> None:
-    document = as_document()
-    primitive = document["meshes"][0]["primitives"][0]
-    document["meshes"][0]["primitives"] = [{**primitive, "mode": 5} for _ in range(20)]
-    document["nodes"] = [{"mesh": 0, "translation": [i, 0, 0]} for i in range(20)]
-    document["scenes"] = [{"nodes": list(range(20))}]
-    assert read(document).shape == (20 * 20 * 3, 3, 3)
-    assert read(document).tobytes() == read(document).tobytes()
 
 
 def test_transforms_of_nodes() -> None:
@@ -245,34 +223,22 @@ def broken(**changes: Any) -> Document:
             "readable without extensions; it requires EXT_meshopt_compression. Export it plainly",
         ),
         (broken(meshes__0__primitives__0__mode=7), "must be triangles, strips or fans; mesh 0 has mode 7"),
-        (broken(meshes__0__primitives__0__mode=[]), r"must be triangles, strips or fans; mesh 0 has mode \[\]"),
         (broken(accessors__0__count=353535235358), "count is 353,535,235,358 of 12 bytes each in a view of 36 bytes"),
-        (broken(accessors__0__count=4), "count is 4 of 12 bytes each in a view of 36"),
-        (broken(accessors__0__count=10**30), "must be whole numbers from 0"),
         (broken(accessors__0__count=-1), "must be whole numbers from 0; one is '-1'"),
-        (broken(accessors__0__count="3"), "must be whole numbers from 0; one is '3'"),
         (broken(accessors__0__type="MAT4"), "POSITION of glTF must be VEC3 of component types"),
-        (broken(accessors__0__componentType=1), "POSITION of glTF must be VEC3 of component types"),
         (broken(accessors__1__componentType=5126), "indices of glTF must be SCALAR of component types"),
         (broken(accessors__0={"componentType": 5126, "type": "VEC3", "count": 3}), "must have all.*compressed"),
         (broken(accessors__0__sparse={"count": 1}), "structure is broken .KeyError"),
         (broken(bufferViews__0__byteLength=99, accessors__0__count=8), "byteLength is 99 of 39 bytes"),
-        (broken(bufferViews__0__byteOffset=9), "byteLength is 45 of 39 bytes"),
         (broken(bufferViews__0__byteOffset=1 << 59), "byteLength is 576,460,752,303,423,524 of 39 bytes"),
         (broken(buffers__0__uri="data:;base64,@"), "structure is broken .Error: .*base64"),
         (broken(buffers__0__uri="missing.bin"), "must be a file in its folder; there is no 'missing.bin'"),
-        (broken(buffers__0__uri="/dev/zero"), "must be a file in its folder; there is no '/dev/zero'"),
         (broken(buffers__0__uri="http://x/y.bin"), "must be a file in its folder"),
         (broken(buffers__0={}), "buffer 0 of glTF must have data; it has none"),
         (broken(nodes__0__children=[0]), "must be a tree"),
-        (broken(nodes__0__children=[7]), "structure is broken .IndexError"),
-        (broken(nodes__0__children=[-1]), "must be whole numbers from 0"),
         (broken(nodes__0__matrix=[1, 2]), "the matrix of a node must be finite and below 1e.70, 16 numbers"),
-        (broken(nodes__0__mesh={}), "must be whole numbers from 0"),
-        (broken(nodes__0__scale=[1e300, 1, 1]), "scale of a node must be finite and below"),
+        (broken(nodes__0__rotation=[0, 0, 0, 0]), "must be a quaternion of length 1; it is of length 0"),
         (broken(nodes__0__rotation=[float("nan"), 0, 0, 1]), "rotation of a node must be finite and below"),
-        (broken(nodes={}), "structure is broken|must"),
-        (broken(meshes=[[]]), "structure is broken .TypeError"),
         ({"asset": []}, "structure is broken .TypeError"),
         (broken(accessors__1__count=2, meshes__0__primitives__0__attributes={}), None),
     ],
@@ -323,15 +289,15 @@ def test_damaged_glb_is_refused_in_words(change: Any, message: str) -> None:
     document = as_document(CORNERS[:3])
     del document["buffers"][0]["uri"]
     data = glb(document, CORNERS.tobytes())
-    assert len(read_gltf(data, HERE).counts) == 1
+    assert len(polygons_of(data).counts) == 1
     with pytest.raises(MeshError, match=message):
-        read_gltf(change(data), HERE)
+        polygons_of(change(data))
 
 
 @pytest.mark.parametrize("text", [b"", b"[]", b"{", b"\xff\xfe", b"[" * 100_000, b'{"asset": {"version": []}}'])
 def test_text_that_is_no_gltf_is_refused(text: bytes) -> None:
     with pytest.raises(MeshError):
-        read_gltf(text, HERE)
+        polygons_of(text)
 
 
 def test_a_small_file_cannot_grow_without_end() -> None:
@@ -350,3 +316,179 @@ def test_nodes_may_not_be_nested_without_end() -> None:
         read(document)
     document["nodes"] = [{"children": [i + 1], "translation": [1, 0, 0]} for i in range(199)] + [{"mesh": 0}]
     assert read(document).tolist() == [moved([199, 0, 0]).tolist()]
+
+
+@pytest.mark.parametrize("based", [True, False])
+def test_sparse_positions(based: bool) -> None:
+    built = Builder()
+    base = np.zeros((3, 3), "<f4") if not based else CORNERS[:3].copy()
+    position = built.accessor(base)
+    rows, values = np.array([1, 2], "<u2"), np.array([[7, 0, 0], [0, 8, 0]], "<f4")
+    accessor = built.document["accessors"][position]
+    accessor["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": built.view(rows), "componentType": 5123},
+        "values": {"bufferView": built.view(values)},
+    }
+    if not based:
+        del accessor["bufferView"]
+    document = built.finished(meshes=[{"primitives": [{"attributes": {"POSITION": position}}]}])
+    assert read(document).tolist() == [[[0, 0, 0], [7, 0, 0], [0, 8, 0]]]
+
+
+def test_what_no_triangle_needs_refuses_nothing() -> None:
+    document = as_document(CORNERS[:3])
+    document["accessors"] += [
+        {"componentType": 5126, "type": "VEC3", "count": 3},  # a morph target of zeros, without data
+        {"componentType": 5126, "type": "VEC3", "count": 3, "sparse": {"count": 1, "indices": {}, "values": {}}},
+        {"componentType": 99, "type": "?", "count": -1},
+    ]
+    document["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 1}, {"POSITION": 2}]
+    document["buffers"].append({"uri": "nowhere.bin", "byteLength": 3})
+    assert read(document).tolist() == [CORNERS[:3].tolist()]
+
+
+def test_instances_are_all_shown() -> None:
+    built = Builder()
+    position = built.accessor(CORNERS[:3])
+    moves, half = np.array([[1, 0, 0], [0, 2, 0]], "<f4"), 2**-0.5
+    turns = np.array([[0, 0, 0, 1], [0, 0, half, half]], "<f4")
+    attributes = {"TRANSLATION": built.accessor(moves), "ROTATION": built.accessor(turns)}
+    node = {"mesh": 0, "translation": [0, 0, 5], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}}}
+    document = built.finished(
+        meshes=[{"primitives": [{"attributes": {"POSITION": position}}]}], nodes=[node],
+        extensionsUsed=["EXT_mesh_gpu_instancing"], extensionsRequired=["EXT_mesh_gpu_instancing"],
+    )  # fmt: skip
+    expected = [[[1, 0, 5], [2, 0, 5], [1, 1, 5]], [[0, 2, 5], [0, 3, 5], [-1, 2, 5]]]
+    assert np.allclose(read(document), expected, atol=1e-6)
+
+
+def skinned(
+    weights: Any, *, joints: Any = ((0, 1, 0, 0),) * 3, n_binds: int = 2, shown: Any = (0, 1), more: Any = None
+) -> Document:
+    """A triangle held by two joints, the second of which stands 3 above where it was bound; its node moves nothing."""
+    built = Builder()
+    attributes = {"POSITION": built.accessor(CORNERS[:3]), "JOINTS_0": built.accessor(np.array(joints, "u1"))}
+    attributes["WEIGHTS_0"] = built.accessor(np.array(weights, "<f4"))
+    if more is not None:
+        attributes["JOINTS_1"] = built.accessor(np.array([[1, 0, 0, 0]] * 3, "u1"))
+        attributes["WEIGHTS_1"] = built.accessor(np.array(more, "<f4"))
+    skin: dict[str, Any] = {"joints": [1, 2]}
+    if n_binds:
+        binds = np.stack([np.eye(4)] * n_binds).astype("<f4")
+        binds[1:, 3, :3] = [0, -2, 0]  # columns first: the second joint was bound 2 up
+        skin["inverseBindMatrices"] = built.accessor(binds)
+    return built.finished(
+        meshes=[{"primitives": [{"attributes": attributes}]}],
+        skins=[skin],
+        nodes=[
+            {"mesh": 0, "skin": 0, "translation": [100, 0, 0]},
+            {"children": [2]},
+            {"translation": [0, 5 if n_binds else 3, 0]},
+        ],
+        scenes=[{"nodes": list(shown)}],
+    )
+
+
+@pytest.mark.parametrize("n_binds", [2, 0])
+def test_a_skin_may_have_eight_weights_a_vertex_and_no_bind_matrices(n_binds: int) -> None:
+    document = skinned(
+        [[1, 0, 0, 0], [0.5, 0, 0, 0], [2e-7, 0, 0, 0]], n_binds=n_binds, more=[[0] * 4, [0.5, 0, 0, 0], [0] * 4]
+    )
+    assert np.allclose(read(document), [CORNERS[:3] + np.array([[0, 0, 0], [0, 1.5, 0], [0, 0, 0]])])
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        (
+            skinned([[1, 0, 0, 0], [1, 0, 0, 0], [1, -0.99999, 0, 0]]),
+            "weights of joints must not be negative; one is -0.99999",
+        ),
+        (
+            skinned([[1, 0, 0, 0]] * 3, n_binds=1),
+            "a skin of 2 joints must have as many inverse bind matrices; it has 1",
+        ),
+        (skinned([[1, 0, 0, 0]] * 3, shown=[0]), "joints of a skin must be nodes of the scene; node 1 is not"),
+    ],
+)
+def test_skins_that_would_pull_a_mesh_apart_are_refused(document: Document, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        read(document)
+
+
+def test_weights_that_rounding_made_negative_are_none() -> None:
+    document = skinned([[1, -1e-4, 0, 0], [1, 0, 0, 0], [-1e-7, 1.0000001e-7, 0, 0]])
+    assert np.allclose(read(document), [CORNERS[:3] + np.array([[0, 0, 0], [0, 0, 0], [0, 3, 0]])])
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
+def test_rotations_of_another_length_turn_all_the_same(length: float) -> None:
+    """And are what trimesh makes of them."""
+    document = as_document(CORNERS[:3])
+    turn = length * np.array([0.36, 0.48, 0, 0.8])
+    document["nodes"] = [{"mesh": 0, "rotation": turn.tolist()}]
+    matrix = trimesh.transformations.quaternion_matrix(np.roll(turn, 1))[:3, :3]
+    assert np.allclose(read(document), [CORNERS[:3] @ matrix.T])
+
+
+def draco_document() -> Document:
+    draco = pytest.importorskip("DracoPy", reason="the package DracoPy is not installed")
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    data = draco.encode(ball.vertices, ball.faces, quantization_bits=16)
+    built = Builder()
+    view = built.view(np.frombuffer(data, np.uint8))
+    count = {"componentType": 5126, "type": "VEC3", "count": len(ball.vertices)}
+    built.document["accessors"].append(count)
+    primitive = {
+        "attributes": {"POSITION": 0},
+        "extensions": {"KHR_draco_mesh_compression": {"bufferView": view, "attributes": {"POSITION": 0}}},
+    }
+    return built.finished(
+        meshes=[{"primitives": [primitive]}], nodes=[{"mesh": 0, "translation": [5, 0, 0]}],
+        extensionsRequired=["KHR_draco_mesh_compression"],
+    )  # fmt: skip
+
+
+def test_draco() -> None:
+    found = read(draco_document())
+    assert found.shape == (320, 3, 3)
+    assert np.allclose(np.linalg.norm(found - [5, 0, 0], axis=2), 1, atol=1e-3)
+
+
+def test_damaged_draco_and_none_at_all_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    document = draco_document()
+    document["bufferViews"][0]["byteLength"] //= 2
+    with pytest.raises(MeshError, match="compressed by Draco must be sound; DracoPy cannot read it"):
+        read(document)
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    with pytest.raises(MeshError, match=r"needs the package DracoPy; it is missing.*zbuf-occlude\[draco\]"):
+        read(document)
+
+
+def test_meshopt_without_a_fallback_is_one_line() -> None:
+    document = as_document(CORNERS[:3])
+    document["buffers"] = [{"byteLength": 36}]
+    document["bufferViews"][0]["extensions"] = {"EXT_meshopt_compression": {"buffer": 1, "mode": "ATTRIBUTES"}}
+    with pytest.raises(MeshError, match=r"must have data; it is compressed by meshopt\. Export it plainly"):
+        read(document)
+
+
+def test_hostile_files_read_nothing_twice(tmp_path: Path) -> None:
+    """20,000 buffers that are the file itself; 200 that are one file: only what is shown is read, and once."""
+    document = as_document(CORNERS[:3])
+    document["buffers"] += [{"uri": "self.gltf", "byteLength": 1}] * 20_000
+    document["bufferViews"] += [{"buffer": i + 1, "byteLength": 1} for i in range(20_000)]
+    (tmp_path / "self.gltf").write_text(json.dumps(document))
+    origin = load_mesh(tmp_path / "self.gltf").origin
+    assert [file.name for file in origin.files] == ["self.gltf"]
+    (tmp_path / "one.bin").write_bytes(CORNERS.tobytes())
+    document = as_document(CORNERS[:3])
+    document["buffers"] = [{"uri": "one.bin", "byteLength": 60}] * 200
+    document["bufferViews"] = [{"buffer": i, "byteLength": 36} for i in range(200)]
+    document["accessors"] = [{**document["accessors"][0], "bufferView": i} for i in range(200)]
+    document["meshes"][0]["primitives"] = [{"attributes": {"POSITION": i}} for i in range(200)]
+    (tmp_path / "many.gltf").write_text(json.dumps(document))
+    mesh = load_mesh(tmp_path / "many.gltf")
+    assert mesh.dropped["duplicate"] == 199
+    assert [file.name for file in mesh.origin.files] == ["many.gltf", "one.bin"]

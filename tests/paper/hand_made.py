@@ -1,14 +1,16 @@
 """Results written by hand, and a study small enough for a test."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL, Size
-from zbuf_occlude.paper.reported import TEST_ELEVATIONS
-from zbuf_occlude.paper.results import Confusion, Result
+from zbuf_occlude.learn.evaluation import Confusion
+from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, GENERATED, HSR, ORIGINAL, QUICK, TEST_ELEVATIONS
+from zbuf_occlude.paper.results import Result
 
-TINY = Size(
+TINY = replace(
+    QUICK,
     name="tiny",
     summary="of a test",
     models=("voxnet",),
@@ -16,22 +18,17 @@ TINY = Size(
     passes=16,
     epochs=1,
     batch_size=32,
-    patience=1.0,
     n_validation=4,
-    elevation_seeds=(0,),
     elevation_epochs=1,
     elevation_each=5,
     azimuths=1,
-    variations=1,
     elevation_sampled=150,
     elevation_points=32,
-    per_elevation=1,
     augmentation_models=("voxnet",),
     shares=(2, 1, 1),
     sampled=150,
     n_points=(32,),
     views=2,
-    method_models=("voxnet",),
 )
 """Some ten classifiers of a second each."""
 

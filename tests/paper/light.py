@@ -9,9 +9,9 @@ from torch import nn
 
 from zbuf_occlude.learn import models
 from zbuf_occlude.learn.networks import Classifier
-from zbuf_occlude.paper import trials
+from zbuf_occlude.paper import study
 
-begin = trials.begin_worker
+begin = study._begin_worker
 
 
 class Light(Classifier):
@@ -32,7 +32,7 @@ def put_in_place(patch: pytest.MonkeyPatch) -> None:
     factory = f"{__name__}:{Light.__name__}"
     rows = tuple(replace(row, factory=factory, options={}) for row in models.MODELS)
     patch.setattr(models, "MODELS", rows)
-    patch.setattr(trials, "begin_worker", begin_worker)
+    patch.setattr(study, "_begin_worker", begin_worker)
 
 
 def begin_worker(*given: Any) -> None:

@@ -5,8 +5,7 @@ import pytest
 
 from tests.scenes import box, sphere
 from zbuf_occlude import Mesh, SurfacePoints, Views
-from zbuf_occlude.drawing.marks import project
-from zbuf_occlude.paper.figures import FIGURES, SIDES, Exhibit, cells_as_mesh, eye_at, make_mask, projected_areas
+from zbuf_occlude.paper.figures import FIGURES, Exhibit, cells_as_mesh, make_mask, projected_areas
 
 
 def test_projected_area_of_a_box_from_above_and_from_a_corner() -> None:
@@ -36,13 +35,6 @@ def test_each_figure_is_drawn(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     figure.canvas.draw()
     image = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
     assert (image[..., :3].min(axis=2) < 200).mean() > 0.005, "something is on the paper"
-
-
-def test_from_its_right_is_the_right_of_who_looks() -> None:
-    """Seen from the camera, what lies towards the second viewpoint is on the right of the picture."""
-    turn, _, name = SIDES[1]
-    x, _, _ = project(eye_at(40 + turn, 20, 1.0)[None], eye=eye_at(40, 20), target=np.zeros(3))[0]
-    assert (name, bool(x > 0.5)) == ("its right", True)
 
 
 def test_a_real_scan_is_figure_7s_last_row() -> None:

@@ -10,17 +10,18 @@ from click.testing import CliRunner
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'zbuf-occlude[parquet]'")
 
+
 from tests.paper import light  # noqa: E402
 from tests.paper.drives import write_argoverse, write_kitti  # noqa: E402
 from tests.paper.hand_made import TINY, confusion, result  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
-from zbuf_occlude.cli.experiment import command  # noqa: E402
-from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM, name_of_real  # noqa: E402
-from zbuf_occlude.paper.realism import RealismClouds, in_both_counts  # noqa: E402
-from zbuf_occlude.paper.results import Confusion, read_results  # noqa: E402
+from zbuf_occlude.cli.experiment import experiment_command  # noqa: E402
+from zbuf_occlude.learn.evaluation import Confusion  # noqa: E402
+from zbuf_occlude.paper.design import COUNTS, KINDS, MATCHED, OWN, REALISM  # noqa: E402
+from zbuf_occlude.paper.experiments import Realism, in_both_counts  # noqa: E402
+from zbuf_occlude.paper.results import read_results  # noqa: E402
 from zbuf_occlude.paper.study import run_study  # noqa: E402
-from zbuf_occlude.paper.study_report import write_study  # noqa: E402
-from zbuf_occlude.paper.study_tables import answers, cars_found, table_realism  # noqa: E402
+from zbuf_occlude.paper.study_report import answers, cars_found, table_realism, write_study  # noqa: E402
 
 FACTS = {
     "objects": 8, "clouds": 20, "points": {"uniform": 256.0, "scans": 120.0, "scenes": 80.5}, "sensor": "hdl-64e",
@@ -47,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zbuf_occlude.cli.experiment.QUICK", SMALL)
-    done = CliRunner().invoke(command, ["realism", "--quick", "--out", str(folder)])
+    done = CliRunner().invoke(experiment_command, ["realism", "--quick", "--out", str(folder)])
     assert done.exit_code == 0, done.output
     assert "Tested on scans in streets, trained on uniform clouds, scans of single objects, scans in" in done.output
     assert "0 classifiers trained or tested now" in done.output
@@ -58,8 +59,8 @@ def test_every_classifier_is_tested_on_all(folder: Path) -> None:
     assert len(results) == 6
     assert {(r.facts["trained_on"], r.facts["counts"]) for r in results} == {(k, c) for k in KINDS for c in COUNTS}
     for each in results:
-        assert set(each.tests) == {*KINDS, name_of_real("KITTI"), name_of_real("Argoverse 2")}
-        assert each.tests[name_of_real("KITTI")].counts.sum(axis=1).tolist() == [2, 1]
+        assert set(each.tests) == {*KINDS, "real:KITTI", "real:Argoverse 2"}
+        assert each.tests["real:KITTI"].counts.sum(axis=1).tolist() == [2, 1]
         sizes = {int(each.tests[kind].counts.sum()) for kind in KINDS}
         assert len(sizes) == 1, "the same views of all three kinds"
     write_study(folder)
@@ -71,7 +72,7 @@ def test_every_classifier_is_tested_on_all(folder: Path) -> None:
 
 
 def test_the_three_kinds_show_the_same_objects_and_matched_as_many_points(folder: Path) -> None:
-    clouds = RealismClouds(shapes.collection(), SMALL, folder)
+    clouds = Realism(shapes.collection(), SMALL, folder)
     for split in ("train", "test"):
         sets = {(kind, count): clouds.of(kind, count, split) for kind in KINDS for count in COUNTS}
         first = sets["uniform", OWN]
@@ -100,7 +101,7 @@ def test_views_without_points_enough_in_one_kind_are_in_none() -> None:
 
 
 def test_table_and_sentence() -> None:
-    real = name_of_real("KITTI")
+    real = "real:KITTI"
     drive = Confusion(("car", "other"), ("bed", "car"), np.array([[10, 30], [75, 25]]))
     shares = {"uniform": (0.9, 0.6, 0.5), "scans": (0.7, 0.8, 0.7), "scenes": (0.6, 0.7, 0.8)}
     rows = [

@@ -5,7 +5,7 @@ import multiprocessing
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,13 +17,13 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 from tests.paper import light  # noqa: E402
 from tests.paper.hand_made import TINY  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
+from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
-from zbuf_occlude.paper import augmentation as augmentation_module  # noqa: E402
-from zbuf_occlude.paper import sydney  # noqa: E402
-from zbuf_occlude.paper import trials as trials_module  # noqa: E402
-from zbuf_occlude.paper.augmentation import AugmentationClouds  # noqa: E402
-from zbuf_occlude.paper.design import (  # noqa: E402  # noqa: E402
+from zbuf_occlude.meshes import MeshCollection  # noqa: E402
+from zbuf_occlude.paper import experiments as experiments_module  # noqa: E402
+from zbuf_occlude.paper import real_scans  # noqa: E402
+from zbuf_occlude.paper.design import (  # noqa: E402
     AUGMENTATION,
     CLOUDS,
     ELEVATION,
@@ -31,31 +31,35 @@ from zbuf_occlude.paper.design import (  # noqa: E402  # noqa: E402
     FULL,
     HSR,
     MAIN,
-    QUICK,
+    TEST_ELEVATIONS,
+    TRAIN_ELEVATIONS,
     Progress,
 )
-from zbuf_occlude.paper.elevation import ElevationClouds, degrees, divided  # noqa: E402
-from zbuf_occlude.paper.objects import MODELNET10, find_objects  # noqa: E402
-from zbuf_occlude.paper.reported import TEST_ELEVATIONS, TRAIN_ELEVATIONS  # noqa: E402
-from zbuf_occlude.paper.results import FOLDER, Result, read_results, read_study  # noqa: E402
-from zbuf_occlude.paper.study import run_study  # noqa: E402
+from zbuf_occlude.paper.experiments import (  # noqa: E402
+    MODELNET10,
+    Augmentation,
+    Elevation,
+    degrees,
+    find_objects,
+)
+from zbuf_occlude.paper.results import FOLDER, Result, Trial, read_results, read_study  # noqa: E402
+from zbuf_occlude.paper.study import run_study, run_trials  # noqa: E402
 from zbuf_occlude.paper.study_report import write_study  # noqa: E402
-from zbuf_occlude.paper.trials import Trial, run_trials  # noqa: E402
 
 
 class Stop(Exception):  # noqa: N818  (no error: an end)
     """As if the process were killed."""
 
 
-class StopAt(Progress):
-    """Stops when a trial is heard of for this many times, and remembers what it heard."""
+class Heard(Progress):
+    """Remembers what it heard; stops at so many reports of trials, or clouds."""
 
-    def __init__(self, trial: int = 10**9, n_clouds: int = 10**9) -> None:
-        self.left, self.n_clouds = trial, n_clouds
-        self.planned, self.made = (0, 0), 0
+    def __init__(self, n_reports: int = 10**9, n_clouds: int = 10**9) -> None:
+        self.n_reports, self.n_clouds = n_reports, n_clouds
+        self.planned, self.made, self.trials = 0, 0, list[tuple[str, float]]()
 
     def plan(self, n_clouds: int, n_trials: int) -> None:
-        self.planned = (n_clouds, n_trials)
+        self.planned = n_clouds
 
     def clouds(self, n: int) -> None:
         self.made += n
@@ -63,19 +67,9 @@ class StopAt(Progress):
             raise Stop
 
     def trial(self, key: str, share: float) -> None:
-        self.left -= 1
-        if not self.left:
-            raise Stop
-
-
-class Heard(Progress):
-    """Remembers what it heard of trials."""
-
-    def __init__(self) -> None:
-        self.trials: list[tuple[str, float]] = []
-
-    def trial(self, key: str, share: float) -> None:
         self.trials.append((key, share))
+        if len(self.trials) == self.n_reports:
+            raise Stop
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -89,25 +83,23 @@ def light_networks() -> Iterator[None]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study that was stopped three times, in its clouds and in two of its trainings, and is done now."""
     out = tmp_path_factory.mktemp("studies") / "study"
-    for stop in (StopAt(n_clouds=30), StopAt(trial=6), StopAt(trial=20)):
+    for stop in (Heard(n_clouds=30), Heard(6), Heard(20)):
         with pytest.raises(Stop):
             run_study(out, TINY, progress=stop, workers=1)
     done = {path: path.stat().st_mtime_ns for path in (out / FOLDER).iterdir()}
     assert done, "what was finished before the stop is kept"
     run_study(out, TINY, workers=1)
     assert all(path.stat().st_mtime_ns == time for path, time in done.items()), "and not made again"
+    heard = Heard()
+    assert run_study(out, TINY, progress=heard, workers=1) == 0, "nothing is done twice"
+    assert heard.made == heard.planned, "the bar of the clouds reaches its end"
     return out
-
-
-def able(folder: Path) -> int:
-    """Methods that can run here besides the exact one."""
-    return 2 - len(read_study(folder)["missing_methods"])
 
 
 def test_every_classifier_is_there(folder: Path) -> None:
     results = read_results(folder)
     counts = {name: sum(r.experiment == name for r in results) for name in (AUGMENTATION, HSR, ELEVATION)}
-    assert counts == {AUGMENTATION: 6, HSR: 2 * able(folder), ELEVATION: 2}
+    assert counts == {AUGMENTATION: 6, HSR: 2 * (2 - len(read_study(folder)["missing_methods"])), ELEVATION: 2}
     assert set(read_study(folder)["missing_methods"]) <= {"depth_buffer"}, "for lack of GL, and nothing else"
     for result in results:
         if result.experiment == ELEVATION:
@@ -130,7 +122,7 @@ def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An uninterrupted study in two processes; the other was stopped more than once."""
-    monkeypatch.setattr(augmentation_module, "METHODS", (MAIN,))  # no time for the others
+    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))  # no time for the others
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1})  # a thread each
     heard = Heard()
     assert run_study(tmp_path / "other", TINY, experiments=[AUGMENTATION], workers=2, progress=heard) == 6
@@ -148,31 +140,21 @@ def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
         assert result.document["validation_accuracy"] == other.document["validation_accuracy"]
 
 
-def test_nothing_is_done_twice(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*args: object, **kwargs: object) -> None:
-        raise AssertionError("trained or tested again")
-
-    monkeypatch.setattr(trials_module, "train", refuse)
-    heard = StopAt()
-    assert run_study(folder, TINY, progress=heard, workers=1) == 0
-    assert heard.made == heard.planned[0], "the bar of the clouds reaches its end"
-
-
 def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = tmp_path / "scans"
     (root / "objects").mkdir(parents=True)
     (root / "folds").mkdir()
     rng = np.random.default_rng(0)
     for fold in range(4):
-        names = [f"{label}.{fold}.1" for label in sydney.CLASSES]
+        names = [f"{label}.{fold}.1" for label in real_scans.CLASSES]
         for name in names:
-            records = np.zeros(20, sydney.RECORD)
+            records = np.zeros(20, real_scans.RECORD)
             for axis in "xyz":
                 records[axis] = rng.normal(size=20)
             records.tofile(root / "objects" / f"{name}.bin")
         (root / "folds" / f"fold{fold}.txt").write_text("".join(f"{name}.bin\n" for name in names))
     before = {result.document["seconds"] for result in read_results(folder)}
-    monkeypatch.setattr("zbuf_occlude.learn.train._Run", None)  # training anything would fail
+    monkeypatch.setattr("zbuf_occlude.learn.training._Run", None)  # training anything would fail
     n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, workers=1)
     results: list[Result] = [result for result in read_results(folder) if result.experiment != ELEVATION]
     assert n_worked == len(results)
@@ -188,26 +170,41 @@ def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeyp
         run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, scans_up="z", workers=1)
 
 
-@pytest.fixture
-def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workers are forked: these two have nothing to do, and importing torch would take them seconds."""
-    context = multiprocessing.get_context("fork")
+def kill_oneself() -> CloudSet:
+    """As a machine without memory does."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def complain() -> CloudSet:
+    """Raise as a damaged dataset does."""
+    raise DatasetError("it is not there")
+
+
+@pytest.mark.parametrize(
+    ("end", "error", "message"),
+    [
+        (kill_oneself, UnavailableError, "the processes that train must live; one was killed"),
+        (complain, DatasetError, "it is not there"),
+    ],
+)
+def test_a_worker_that_is_killed_or_fails_ends_the_command_in_one_line(
+    end: Callable[[], CloudSet],
+    error: type[Exception],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    context = multiprocessing.get_context("fork")  # importing torch would take spawned workers seconds
     monkeypatch.setattr("zbuf_occlude.compare.child.multiprocessing.get_context", lambda method: context)
-
-
-@pytest.mark.usefixtures("forked")
-def test_a_worker_that_is_killed_is_told_in_words(tmp_path: Path) -> None:
-    trial = Trial(
-        AUGMENTATION, {"model": "voxnet", "seed": 0}, kill_oneself, kill_oneself, {"original": kill_oneself}, abs
-    )
-    trials = [trial, replace(trial, facts={"model": "voxnet", "seed": 1})]
-    with pytest.raises(UnavailableError, match="the processes that train must live; one was killed"):
-        run_trials(trials, TINY, tmp_path, Progress(), workers=2)
+    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, end, end, {"original": end}, abs)
+    with pytest.raises(error, match=message):
+        run_trials([trial, replace(trial, facts={"model": "voxnet", "seed": 1})], TINY, tmp_path, Progress(), workers=2)
     assert not multiprocessing.active_children()
 
 
 def test_a_budget_given_later_is_more_classifiers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(augmentation_module, "METHODS", (MAIN,))
+    monkeypatch.setattr(experiments_module, "METHODS", (MAIN,))
     size = replace(TINY, seeds=(0,), passes=48, epochs=2)
     again = tmp_path / "budgets"
     assert run_study(again, size, experiments=[AUGMENTATION], workers=1) == 3
@@ -220,30 +217,11 @@ def test_a_budget_given_later_is_more_classifiers(tmp_path: Path, monkeypatch: p
     }
 
 
-def kill_oneself() -> CloudSet:
-    """As a machine without memory does."""
-    os.kill(os.getpid(), signal.SIGKILL)
-    raise AssertionError
-
-
-@pytest.mark.usefixtures("forked")
-def test_an_error_in_a_worker_is_the_commands(tmp_path: Path) -> None:
-    trial = Trial(AUGMENTATION, {"model": "voxnet", "seed": 0}, complain, complain, {"original": complain}, abs)
-    with pytest.raises(DatasetError, match="it is not there"):
-        run_trials([trial, replace(trial, facts={"model": "voxnet", "seed": 1})], TINY, tmp_path, Progress(), workers=2)
-    assert not multiprocessing.active_children()
-
-
-def complain() -> CloudSet:
-    """Raise as a damaged dataset does."""
-    raise DatasetError("it is not there")
-
-
 def test_a_folder_of_another_study_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(
-        DatasetError, match=r"must be empty or hold this same study \(quick, built-in.*another \(tiny, .*other name, s"
+        DatasetError, match=r"must be empty or hold this same study \(other, built-in.*another \(tiny, .*other name, e"
     ):
-        run_study(folder, QUICK)
+        run_study(folder, replace(TINY, name="other", epochs=2))
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(DatasetError, match="must be empty or hold a study; it has other files"):
         run_study(tmp_path, TINY)
@@ -258,7 +236,7 @@ def test_a_folder_of_another_study_is_refused(folder: Path, tmp_path: Path) -> N
 
 
 def test_elevation_sets(folder: Path) -> None:
-    clouds = ElevationClouds(shapes.collection(), TINY, folder)
+    clouds = Elevation(shapes.collection(), TINY, folder)
     for split_by in ("elevations", "objects"):
         training, validation = clouds.training(split_by), clouds.validation(split_by)
         for part in (training, validation):
@@ -273,50 +251,42 @@ def test_elevation_sets(folder: Path) -> None:
     assert len(set(clouds.training("objects").object_ids)) == 24
 
 
-def test_no_object_is_in_two_sets_of_the_augmentation(folder: Path) -> None:
-    clouds = AugmentationClouds(shapes.collection(), TINY, folder)
-    parts = [set(clouds.of("both", split, 32).object_ids) for split in ("train", "val", "test")]
-    assert [len(part) for part in parts] == [16, 8, 8]
-    assert not (parts[0] & parts[1] | parts[0] & parts[2] | parts[1] & parts[2])
-    for split in ("train", "val", "test"):
-        assert set(clouds.of("original", split, 32).object_ids) == set(clouds.of("generated", split, 32).object_ids)
-
-
 def test_the_full_study_has_the_papers_numbers(tmp_path: Path) -> None:
-    elevation = ElevationClouds(shapes.collection(), FULL, tmp_path)
+    elevation = Elevation(shapes.collection(), FULL, tmp_path)
     assert elevation.n_clouds == 200_000
-    augmentation = AugmentationClouds(shapes.collection(), FULL, tmp_path)
+    augmentation = Augmentation(shapes.collection(), FULL, tmp_path)
     plan = augmentation.plan(MAIN)
     assert plan.n_clouds == 15_000
     splits = [entry.split for entry in plan.meshes]
     assert [25 * splits.count(split) for split in ("train", "val", "test")] == [8_000, 2_000, 5_000]
     assert {trial.facts["points"] for trial in augmentation.trials()} == {12_000, 1_024}
-    assert len(divided(elevation.plan.meshes)) == 200
+    assert len(elevation.meshes) == 200
+
+
+def write_modelnet(root: Path, labels: tuple[str, ...], n_train: int, n: int) -> None:
+    """Write empty meshes as ModelNet names them."""
+    for label in labels:
+        for number in range(1, n + 1):
+            folder = root / label / ("train" if number <= n_train else "test")
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / f"{label}_{number:04d}.off").write_text("OFF")
 
 
 def test_of_modelnet40_the_same_objects_are_chosen_each_time(tmp_path: Path) -> None:
     """40, 10 and 25 of each of the eight classes, whatever else there is; nothing is loaded to choose."""
-    for label in (*shapes.CLASSES, "bathtub"):
-        for split, numbers in (("train", range(1, 61)), ("test", range(61, 86))):
-            (tmp_path / label / split).mkdir(parents=True)
-            for number in numbers:
-                (tmp_path / label / split / f"{label}_{number:04d}.off").write_text("OFF")
-    one, other = (AugmentationClouds(find_objects(tmp_path), FULL, tmp_path).meshes for _ in range(2))
+    write_modelnet(tmp_path, (*shapes.CLASSES, "bathtub"), 60, 85)
+    one, other = (Augmentation(find_objects(tmp_path), FULL, tmp_path).meshes for _ in range(2))
     assert [(entry.key, entry.split) for entry in one] == [(entry.key, entry.split) for entry in other]
     counts = Counter((entry.label, entry.split) for entry in one)
     wanted = {"train": 40, "val": 10, "test": 25}
     assert counts == {(label, split): n for label in shapes.CLASSES for split, n in wanted.items()}
     assert {entry.key for entry in one if entry.split == "test"} >= {"car/test/car_0061.off", "lamp/test/lamp_0085.off"}
-    few = AugmentationClouds(find_objects(tmp_path), TINY, tmp_path).meshes
+    few = Augmentation(find_objects(tmp_path), TINY, tmp_path).meshes
     assert {entry.key for entry in few} <= {entry.key for entry in one}
 
 
 def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(tmp_path: Path) -> None:
-    for label in MODELNET10:
-        for split, numbers in (("train", range(1, 31)), ("test", range(31, 41))):
-            (tmp_path / "meshes" / label / split).mkdir(parents=True)
-            for number in numbers:
-                (tmp_path / "meshes" / label / split / f"{label}_{number:04d}.off").write_text("OFF")
+    write_modelnet(tmp_path / "meshes", MODELNET10, 30, 40)
     for experiments in ([AUGMENTATION], [ELEVATION, AUGMENTATION]):
         with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet10 will do for"):
             run_study(tmp_path / "study", FULL, experiments=experiments, modelnet=tmp_path / "meshes")
@@ -324,20 +294,42 @@ def test_of_modelnet10_elevation_takes_twenty_of_each_and_augmentation_refuses(t
     with pytest.raises(DatasetError, match="none of 200 did"):  # these meshes are empty; what it would be is written
         run_study(tmp_path / "study", FULL, experiments=[ELEVATION], modelnet=tmp_path / "meshes")
     assert read_study(tmp_path / "study")["objects"] == f"ModelNet10 ({', '.join(MODELNET10)})"
-    plan = ElevationClouds(find_objects(tmp_path / "meshes", any_ten=True), FULL, tmp_path).plan
+    plan = Elevation(find_objects(tmp_path / "meshes", any_ten=True), FULL, tmp_path).plans()[ELEVATION]
     counts = Counter((entry.label, entry.split) for entry in plan.meshes)
     wanted = {"train": 12, "val": 4, "test": 4}
     assert counts == {(label, split): n for label in MODELNET10 for split, n in wanted.items()}
-    again = ElevationClouds(find_objects(tmp_path / "meshes", any_ten=True), FULL, tmp_path).plan
-    assert again.fingerprint == plan.fingerprint
 
 
-def test_five_views_are_each_elevation_and_each_azimuth_once(tmp_path: Path) -> None:
-    views = AugmentationClouds(shapes.collection(), replace(TINY, views=5), tmp_path).plan(MAIN).views
+def test_what_augmentation_takes(tmp_path: Path) -> None:
+    views = Augmentation(shapes.collection(), replace(TINY, views=5), tmp_path).plan(MAIN).views
     assert degrees(views.elevation).tolist() == [-80, -40, 0, 40, 80]
     assert sorted(degrees(views.azimuth) % 360) == [0, 72, 144, 216, 288]
-
-
-def test_too_few_objects_for_the_augmentation(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="must find 75 meshes of each of airplane"):
-        AugmentationClouds(shapes.collection(n_members=60), TINY, tmp_path)
+        Augmentation(shapes.collection(n_members=60), TINY, tmp_path)
+
+
+def test_what_is_missing_of_modelnet_is_said(tmp_path: Path) -> None:
+    assert len(find_objects()) == 600, "the built-in ones"
+    with pytest.raises(MeshError, match=r"there is no folder .*nowhere. ModelNet40 comes from https://modelnet"):
+        find_objects(tmp_path / "nowhere")
+    write_modelnet(tmp_path, ("bathtub", "bed", "chair", "table"), 1, 1)
+    for any_ten in (False, True):
+        with pytest.raises(MeshError, match=r"has no airplane, bookshelf, bottle, car, lamp\. ModelNet40 comes from"):
+            find_objects(tmp_path, any_ten=any_ten)
+
+
+def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> None:
+    class Two(experiments_module.Experiment):
+        def plans(self) -> dict[str, Plan]:
+            recipe = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
+            return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), recipe, "hdf5")}
+
+    write_modelnet(tmp_path / "meshes", ("bed", "car"), 2, 2)
+    whole = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
+    for number in (1, 2):
+        (tmp_path / "meshes" / "bed" / "train" / f"bed_000{number}.off").write_text(whole)
+    with pytest.raises(MeshError, match=r"each class must have a mesh .*; car has none.*car_0001\.off.*'noth"):
+        Two(TINY, tmp_path / "one").make(lambda n: None)
+    (tmp_path / "meshes" / "car" / "train" / "car_0002.off").write_text(whole)
+    failures = Two(TINY, tmp_path / "other").make(lambda n: None)
+    assert [key.split("/")[-1] for key in failures] == ["car_0001.off"]

@@ -10,10 +10,8 @@ import pytest
 from tests.browser import MISSING, find_browser, open_page
 from tests.paper.hand_made import TINY, study_of_augmentation, study_of_elevation, study_of_methods
 from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.learn.models import MODELS
 from zbuf_occlude.paper import study_report as report
-from zbuf_occlude.paper.design import described, printed
-from zbuf_occlude.paper.results import AREAS, FOLDER, STUDY, Result, read_results
+from zbuf_occlude.paper.results import AREAS, FOLDER, STUDY, Result
 
 needs_browser = pytest.mark.skipif(find_browser() is None, reason=MISSING)
 SHARES = [[0.2 + 0.004 * e, 1.0, 1.0 - 0.005 * abs(e)] for e in range(-90, 91, 10)]
@@ -54,12 +52,6 @@ def folder(written: Path, tmp_path: Path) -> Path:
     return shutil.copytree(written, tmp_path / "study")
 
 
-def test_results_are_read_as_they_were(folder: Path) -> None:
-    read = read_results(folder)
-    assert len(read) == 9 + 4 + 2
-    assert read[0].tests["original"].accuracy == pytest.approx(0.8)
-
-
 def test_the_page_needs_nothing_else_and_says_what_the_text_says(folder: Path) -> None:
     page, text = (folder / "study.html").read_text(), (folder / "study.md").read_text()
     assert not re.findall(r"""(?:src|href)=["'](?!data:)""", page)
@@ -82,15 +74,6 @@ def test_meshes_that_failed_are_named(folder: Path) -> None:
     (folder / STUDY).write_text(json.dumps({**study, "failed_meshes": {"car/test/car_0001.off": "no face"}}))
     report.write_study(folder)
     assert "1 mesh could not be used: car/test/car_0001.off." in (folder / "study.md").read_text()
-
-
-def test_variants_of_the_papers_networks_are_described(folder: Path) -> None:
-    study = json.loads((folder / STUDY).read_text())
-    study["size"]["models"] = ["voxnet", "threedmfv5-small"]
-    rows = {row[0]: row[2] for row in report.departures(study).rows}
-    assert rows["models of 4.2"] == "VoxNet, 3DmFV (threedmfv5-small): 5³ Gaussians, a quarter of the filters"
-    for model in MODELS:
-        assert (":" in described(model.name)) == bool(printed(model.name).count("(")), "each variant says what it is"
 
 
 def test_the_report_of_one_experiment_has_no_tables_of_the_other(tmp_path: Path) -> None:

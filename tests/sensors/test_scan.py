@@ -1,5 +1,6 @@
 """Scans: closed forms, and each imperfection alone."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,9 @@ import zbuf_occlude as zo
 from tests.scenes import box, stacked
 from zbuf_occlude import shapes
 from zbuf_occlude.scenes import Placed, Scene, moved
-from zbuf_occlude.scenes.albedos import TYPICAL
+from zbuf_occlude.scenes.scene import TYPICAL
 from zbuf_occlude.sensors import Scan, look_at, make
-from zbuf_occlude.sensors import imperfections as faults_of
-from zbuf_occlude.sensors.scan import pose_of_camera
+from zbuf_occlude.sensors.scanning import detection, dropped, pose_of_camera, quantised
 
 ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
 """A square across the x axis, side 2."""
@@ -58,7 +58,7 @@ def test_quantisation() -> None:
     assert np.allclose(scan.ranges, np.round(scan.ranges / 0.01) * 0.01)
     assert np.abs(scan.ranges - scan.clean_ranges).max() <= 0.005 + 1e-12
     assert len(np.unique(scan.ranges.round(6))) < 5
-    disparity = faults_of.quantised(scan, make("pinhole", disparity_step=0.01).imperfections)
+    disparity = quantised(scan, make("pinhole", disparity_step=0.01).imperfections)
     steps = 1.0 / (disparity.ranges * disparity.depths_per_range * 0.01)
     assert np.allclose(steps, np.round(steps), atol=1e-6)
 
@@ -66,48 +66,26 @@ def test_quantisation() -> None:
 def test_dropout_is_of_the_share_and_of_weak_signals() -> None:
     whole, _ = flat(5.0)
     rng = np.random.default_rng(0)
-    some = faults_of.dropped(whole, make("pinhole", drop=0.3).imperfections, rng)
+    some = dropped(whole, make("pinhole", drop=0.3).imperfections, rng)
     assert len(some) / len(whole) == pytest.approx(0.7, abs=0.01)
     faults = make("pinhole", attenuation=0.1, drop_limit=1.0, drop_zero=0.5).imperfections
-    weak = faults_of.dropped(whole, faults, rng)
+    weak = dropped(whole, faults, rng)
     assert len(weak) / len(whole) == pytest.approx(1 - 0.5 * (1 - TYPICAL * np.exp(-0.5)), abs=0.01)
     assert set(weak.face_ids) <= set(whole.face_ids)
 
 
 def test_detection_goes_by_albedo_incidence_and_range() -> None:
     """White, at right angles, at the reach: once in e pulses; a quarter of the albedo is as twice the range."""
-    assert faults_of.detection(1.0, 1.0, 50.0, 50.0) == pytest.approx(np.exp(-1.0))
-    assert faults_of.detection(0.25, 1.0, 10.0, 50.0) == pytest.approx(faults_of.detection(1.0, 1.0, 20.0, 50.0))
-    steep = faults_of.detection(0.2, np.cos(np.radians([0.0, 40.0, 70.0, 89.9])), 30.0, 140.0)
+    assert detection(1.0, 1.0, 50.0, 50.0) == pytest.approx(np.exp(-1.0))
+    assert detection(0.25, 1.0, 10.0, 50.0) == pytest.approx(detection(1.0, 1.0, 20.0, 50.0))
+    steep = detection(0.2, np.cos(np.radians([0.0, 40.0, 70.0, 89.9])), 30.0, 140.0)
     assert (np.diff(steep) < 0.0).all()
     # as Oren and Nayar 1994 have it, seen from where the light comes: A cos + B sin tan cos, of which A is 1 here
     a, b = 1 - 0.5 * 0.25 / (0.25 + 0.33), 0.45 * 0.25 / (0.25 + 0.09)
     angle = np.radians(70.0)
     back = np.cos(angle) * (a + b * np.sin(angle) * np.tan(angle)) / a
     assert steep[2] == pytest.approx(np.exp(-((30.0 / 140.0) ** 2) / (0.2 * back)))
-    assert faults_of.detection(0.0, 1.0, 30.0, 140.0) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("albedo", "metres", "reach", "share"),
-    [
-        (0.2, 0.0, 130.0, 1.0),  # no path, no loss
-        (0.2, 1e-300, 130.0, 1.0),
-        (0.2, 50.0, np.inf, 1.0),
-        (0.2, 50.0, 1e300, 1.0),
-        (0.2, 50.0, 1e-300, 0.0),
-        (0.2, np.inf, 130.0, 0.0),
-        (0.0, 1.0, 130.0, 0.0),  # black
-        (0.0, 500.0, 130.0, 0.0),
-        (1e-320, 500.0, 130.0, 0.0),
-    ],
-)
-@pytest.mark.parametrize("cosine", [1.0, 0.0], ids=["square", "grazed"])
-def test_detection_at_its_ends(albedo: float, metres: float, reach: float, share: float, cosine: float) -> None:
-    with np.errstate(all="raise", under="ignore"):
-        assert faults_of.detection(albedo, cosine, metres, reach) == share
-        assert faults_of.detection([albedo] * 3, [cosine] * 3, [metres] * 3, reach).tolist() == [share] * 3
-        assert faults_of.detection([], [], [], reach).shape == (0,)
+    assert detection(0.0, 1.0, 30.0, 140.0) == 0.0
 
 
 @pytest.mark.parametrize("albedo", [0.05, 0.5, 1.0])
@@ -245,26 +223,6 @@ def test_of_a_target_all_returns_are_there() -> None:
     assert 0 < len(part) - len(of_part) < len(whole) / 10  # the post, and the wall in beams at the car's edge
 
 
-def test_same_seed_same_scan() -> None:
-    scans = [zo.scan(box(), make("vlp-16"), look_at([3, 0, 0], [0, 0, 0]), method="oracle", seed=s) for s in (5, 5, 6)]
-    assert scans[0].positions.tobytes() == scans[1].positions.tobytes()
-    assert scans[0].positions.tobytes() != scans[2].positions.tobytes()
-
-
-def test_bad_arguments() -> None:
-    sensor = make("vlp-16")
-    with pytest.raises(zo.ArgumentError, match="pose must be a rigid motion"):
-        zo.scan(box(), sensor, np.diag([2.0, 2, 2, 1]))
-    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\); got \(3, 3\) float64\. It is sensor to world"):
-        zo.scan(box(), sensor, np.eye(3))
-    with pytest.raises(
-        zo.OptionError, match=r"the method must cast rays; vertex_hsr does not: .*`zbuf-occlude methods`"
-    ):
-        zo.scan(box(), sensor, method="vertex_hsr")
-    with pytest.raises(zo.ArgumentError, match="a sensor must not be at its target"):
-        look_at([1, 1, 1], [1, 1, 1])
-
-
 def test_a_camera_without_fault_measures_the_scene() -> None:
     """A depth picture of a ball: every point on it, as many as the ball's disc has pixels."""
     ball = shapes.solids.icosphere(4)
@@ -285,12 +243,28 @@ def test_a_sensor_in_a_cameras_place() -> None:
     assert np.allclose(up, rolled.ups[0])
 
 
-def test_what_is_no_scene_or_sensor() -> None:
-    with pytest.raises(zo.ArgumentError, match="a scan must be of a Scene or Mesh by a Sensor; got Mesh and str"):
-        zo.scan(wall(3.0), "vlp-16")  # type: ignore[arg-type]
-    with pytest.raises(zo.ArgumentError, match=r"pose must be \(4, 4\); got \(\) <U1\. It is sensor to world"):
-        zo.scan(wall(3.0), make("vlp-16"), "a")
-    with pytest.raises(zo.OptionError, match="sensor must be a name or a path; got int"):
-        make(3)  # type: ignore[arg-type]
-    with pytest.raises(zo.OptionError, match="seed must be an int of at least 0"):
-        zo.scan(wall(3.0), make("vlp-16"), seed=-1)
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda: zo.scan(wall(3.0), make("vlp-16"), np.diag([2.0, 2, 2, 1])), zo.ArgumentError, "rigid motion"),
+        (lambda: zo.scan(wall(3.0), make("vlp-16"), np.eye(3)), zo.ArgumentError, r"\(4, 4\); got \(3, 3\)"),
+        (lambda: zo.scan(wall(3.0), make("vlp-16"), "a"), zo.ArgumentError, r"\(4, 4\); got \(\) <U1"),
+        (lambda: zo.scan(wall(3.0), make("vlp-16"), method="vertex_hsr"), zo.OptionError, "cast rays; vertex_hsr"),
+        (lambda: zo.scan(wall(3.0), make("vlp-16"), seed=-1), zo.OptionError, "seed"),
+        (lambda: zo.scan(wall(3.0), 3), zo.ArgumentError, "sensor must be .*; got int"),
+        (lambda: zo.scan(3, "vlp-16"), zo.ArgumentError, "mesh must be .*; got int"),
+        (lambda: make(3), zo.OptionError, "name or a path; got int"),
+        (lambda: look_at([1, 1, 1], [1, 1, 1]), zo.ArgumentError, "at its target"),
+    ],
+)
+def test_bad_arguments(call: Callable[[], object], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        call()
+
+
+def test_the_seed_alone_decides_and_detection_has_ends() -> None:
+    scans = [zo.scan(box(), make("vlp-16"), look_at([3, 0, 0], [0, 0, 0]), method="oracle", seed=s) for s in (5, 5, 6)]
+    assert scans[0].positions.tobytes() == scans[1].positions.tobytes() != scans[2].positions.tobytes()
+    with np.errstate(all="raise", under="ignore"):
+        ends = detection([0.2, 0.2, 0.0, 1e-320], [1.0, 0.0, 1.0, 1.0], [1e-300, np.inf, 1.0, 500.0], 130.0)
+    assert ends.tolist() == [1.0, 0.0, 0.0, 0.0]  # no path no loss; what is black or far is never detected

@@ -15,13 +15,13 @@ from zbuf_occlude import shapes
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes import KINDS, Placed, Scene, moved
-from zbuf_occlude.scenes.albedos import ALBEDOS, TYPICAL, draw_albedos
-from zbuf_occlude.scenes.files import read_scene
-from zbuf_occlude.scenes.pool import Pool
+from zbuf_occlude.scenes.contents import Pool, read_scene
+from zbuf_occlude.scenes.scene import ALBEDOS, TYPICAL, draw_albedos
 from zbuf_occlude.scenes.sizes import parse_sizes, size_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.capture import Capture, captures, sensor_places, stand
-from zbuf_occlude.sensors.setup import Setup, document_of, parse_span, sensor_of
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.sensor import Sensor
+from zbuf_occlude.sensors.setup import Setup, parse_span
 from zbuf_occlude.views import Views
 
 SHAPES = shapes.collection(n_members=2)
@@ -33,11 +33,11 @@ def seeds(what: str, view: int, *, seed: int = 0) -> np.random.SeedSequence:
 
 
 def setup(sensor: str = "vlp-32c", **given: Any) -> Setup:
-    return Setup(document_of(make(sensor)), method="embree", **given)
+    return Setup(make(sensor).document, method="embree", **given)
 
 
 def scans(asked: Setup, views: Views, mesh: zo.Mesh = CAR, label: str = "car", seed: int = 0) -> list[Capture]:
-    standing, size = stand(mesh, label, asked)
+    standing, size = in_metres(mesh, label, asked)
     floor, drawn = float(standing.bounds[0, 2]), partial(seeds, seed=seed)
     places = sensor_places(views, size, floor, asked, drawn)
     pool = Pool(SHAPES, asked.size, asked.scene, np.random.SeedSequence(1))
@@ -80,26 +80,11 @@ def test_albedos_are_drawn_of_objects_that_have_none() -> None:
     assert some.tolist() == first.tolist()  # what is left out changes nobody's
 
 
-def test_one_scene_one_albedo_for_each_object() -> None:
-    """Two views of the same scene see the same paint; another seed's is another."""
-    asked = setup(scene="ground", range=(8.0, 8.0), keep="all")
-    one, two = scans(asked, ring(2))
-    assert one.scene.albedos.tolist() == two.scene.albedos.tolist()
-    for capture in (one, two):
-        scan = capture.scan
-        albedos = scan.intensities * scan.clean_ranges**2 / np.cos(scan.incidences)
-        assert np.allclose(albedos, capture.scene.albedos[scan.instances])
-    other = scans(asked, ring(2), seed=1)[0].scene.albedos
-    assert not set(other.tolist()) & set(one.scene.albedos.tolist())
-    streets = [capture.scene.albedos[0] for capture in scans(setup(scene="street", range=(8.0, 8.0)), ring(2))]
-    assert streets[0] != streets[1]  # every view has its own street, and another car in it
-
-
 def test_returns_over_all_paints() -> None:
     """Of a plate across the line of sight: exp(-(range / reach)^2 / albedo), its mean over albedos of every factor."""
     plate = zo.Mesh([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
     camera = make("pinhole:width=20,height=20,fov=2", axial=False, reach=40.0)
-    asked = Setup(document_of(camera), range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
+    asked = Setup(camera.document, range=(20.0, 20.0), size={"plate": 2.0}, method="exact")
     n_draws = 300
     found = [len(scans(asked, ring(1), plate, "plate", seed=seed)[0].scan) / 400 for seed in range(n_draws)]
     factors = (np.arange(10_000) + 0.5) / 10_000
@@ -162,8 +147,8 @@ def test_hidden_means_what_it_says(kind: str, share: tuple[float, float]) -> Non
 def test_what_is_left_out_of_a_scene_changes_no_point_of_the_target() -> None:
     """`keep=target` casts rays towards the target only, past objects near them only; `all` casts every ray."""
     given = {"range": (14.0, 14.0), "scene": "street", "hidden": (0.3, 0.3)}
-    few = scans(Setup(document_of(make("vlp-32c", noise=0)), method="embree", **given), ring(2))  # type: ignore[arg-type]
-    every = scans(Setup(document_of(make("vlp-32c", noise=0)), method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
+    few = scans(Setup(make("vlp-32c", noise=0).document, method="embree", **given), ring(2))  # type: ignore[arg-type]
+    every = scans(Setup(make("vlp-32c", noise=0).document, method="embree", keep="all", **given), ring(2))  # type: ignore[arg-type]
     for one, other in zip(few, every, strict=True):
         mine = other.scan.select(other.scan.instances == 0)
         assert len(one.scan) == len(mine) > 50
@@ -184,26 +169,13 @@ def test_keep_box() -> None:
     assert any((np.abs(capture.scan.positions) > half).any() for capture in disturbed)
 
 
-def test_a_sensor_where_there_is_no_ground_looks_at_the_target() -> None:
-    views = Views(np.radians([0.0, 90.0]), np.radians([0.0, 60.0]), np.array([3.0, 5.0]))
-    for capture, eye in zip(scans(setup(), views), views.eyes * 4.5, strict=True):
-        assert np.allclose(capture.pose[:3, 3], eye)
-        assert np.allclose(capture.pose[:3, 0], -eye / np.linalg.norm(eye))
-        assert len(capture.scan) > 20
-
-
-def test_ranges_are_drawn_from_between() -> None:
-    ranges = [float(np.hypot(*c.pose[:2, 3])) for c in scans(setup(range=(5.0, 50.0), scene="ground"), ring(12))]
-    assert 5.0 <= min(ranges) < 20.0 < max(ranges) <= 50.0
-
-
 def test_sizes() -> None:
     assert size_of("car", {}, 123.0) == 4.5
     assert size_of("Night Stand", {}, 1.0) == 0.6
     assert size_of("car", parse_sizes("car=3.9,chair=1"), 1.0) == 3.9
     assert size_of("gizmo", parse_sizes("2.5"), 1.0) == 2.5
     assert size_of("gizmo", parse_sizes("file"), 7.0) == 7.0
-    mesh, size = stand(CAR, "car", setup())
+    mesh, size = in_metres(CAR, "car", setup())
     assert size == mesh.longest_side == pytest.approx(4.5)
     assert np.allclose(mesh.centre, 0.0)
     with pytest.raises(zo.OptionError, match=r"every class must have a size in metres; 'gizmo' has none\. Give --size"):
@@ -240,50 +212,44 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
     assert crate_points[:, 2].min() > floor * 4.5 / CAR.longest_side - 0.1
 
 
+PLACED = '{"objects": [{"mesh": "a.off", "position": [0, 0, %s}]}'
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "words"),
     [
-        ("{", "must be JSON; it cannot be read"),
-        ("[" * 100_000, "must be JSON; it cannot be read"),
-        ("[]", "it has no list of objects"),
+        ("{", "must be JSON"),
+        ("[" * 100_000, "must be JSON"),
+        ("[]", "no list of objects"),
         ('{"objects": [{"mesh": "a.off"}]}', "object 0: .*has no mesh or position"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "colour": 1}]}', "object 0: .*; got 'colour'"),
-        (
-            '{"objects": [{"mesh": "a.off", "position": [0, 0]}]}',
-            r"object 0: position must be 3 numbers.*; got \[0, 0\]",
-        ),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0], "size": 0}]}', "size must be a number, from .*; got 0"),
-        ('{"objects": [{"mesh": "a.off", "position": [0, 0, 0]}]}', "must name a file that is there; .*a.off' is not"),
+        (PLACED % '0], "colour": 1', "object 0: .*; got 'colour'"),
+        (PLACED % "]", r"must be JSON"),
+        (PLACED % "0, 0]", r"object 0: position must be 3 numbers.*; got \[0, 0, 0, 0\]"),
+        (PLACED % '0], "size": 0', "size must be a number, from .*; got 0"),
+        (PLACED % "0]", "must name a file that is there; .*a.off' is not"),
     ],
 )
-def test_a_wrong_scene_file(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "scene.json"
-    path.write_text(text)
-    with pytest.raises(zo.OptionError, match=message):
-        read_scene(path)
+def test_a_wrong_scene_file(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "scene.json").write_text(text)
+    with pytest.raises(zo.OptionError, match=words):
+        read_scene(tmp_path / "scene.json")
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("given", "words"),
     [
-        ({"range": (0.0, 5.0)}, r"--range must be metres above 0, A or A\.\.B with A <= B; got 0\.\.5\."),
-        ({"range": (9.0, 5.0)}, r"got 9\.\.5\."),
-        ({"scene": "forest"}, r"scene must be one of none, ground, street, room; got 'forest'\."),
-        ({"hidden": (0.1, 0.2)}, r"--hidden needs a scene that can hide: street, room; got --scene none\."),
-        (
-            {"scene": "street", "hidden": (0.5, 1.5)},
-            r"--hidden must be a share or A\.\.B within 0\.\.0\.9; got 0\.5\.\.1\.5",
-        ),
-        ({"keep": "most"}, r"keep must be one of target, box, all; got 'most'\."),
-        ({"keep": "box:twist"}, r"--keep must be target, all or box\[:shift=S,rotate,scale\]; got 'box:twist'\."),
-        (
-            {"sensor_height": 2.0},
-            r"--sensor-height must be metres above a ground, which --scene none lacks; got 2\.0\.",
-        ),
+        ({"range": (0.0, 5.0)}, r"--range must be metres above 0.*; got 0\.\.5"),
+        ({"range": (9.0, 5.0)}, r"got 9\.\.5"),
+        ({"scene": "forest"}, "one of none, ground, street, room; got 'forest'"),
+        ({"hidden": (0.1, 0.2)}, "can hide: street, room; got --scene none"),
+        ({"scene": "street", "hidden": (0.5, 1.5)}, r"within 0\.\.0\.9; got 0\.5\.\.1\.5"),
+        ({"keep": "most"}, "one of target, box, all; got 'most'"),
+        ({"keep": "box:twist"}, "got 'box:twist'"),
+        ({"sensor_height": 2.0}, r"--scene none lacks; got 2\.0"),
     ],
 )
-def test_what_a_setup_refuses(given: dict[str, Any], message: str) -> None:
-    with pytest.raises(zo.OptionError, match=message):
+def test_what_a_setup_refuses(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(zo.OptionError, match=words):
         setup(**given)
 
 
@@ -298,10 +264,10 @@ def test_a_range_within_the_object() -> None:
 
 def test_a_sensor_goes_through_a_plan_and_back() -> None:
     for name in zo.sensors.SENSORS:
-        document = json.loads(json.dumps(document_of(make(name))))
-        back = sensor_of(document)
+        document = json.loads(json.dumps(make(name).document))
+        back = Sensor.from_document(document)
         assert back.rays().directions.tobytes() == make(name).rays().directions.tobytes()
-        assert document_of(back) == document
+        assert back.document == document
 
 
 def test_an_empty_pool_has_crates() -> None:

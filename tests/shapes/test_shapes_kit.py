@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from zbuf_occlude.shapes import curves, finish, furniture, kit
+from zbuf_occlude.shapes import curves, furniture, kit
 from zbuf_occlude.shapes.draw import Draw
 
 
-def area(part: kit.Part) -> float:
+def area(part: kit.MeshPart) -> float:
     a, b, c = part.points[part.faces].transpose(1, 0, 2)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
-def is_closed(part: kit.Part) -> bool:
+def is_closed(part: kit.MeshPart) -> bool:
     """Every edge, told apart by position up to rounding, is one of an even number of faces."""
     _, which = np.unique(part.points.round(9) + 0.0, axis=0, return_inverse=True)
     faces = which.reshape(-1)[part.faces]
@@ -24,16 +24,9 @@ def draw() -> Draw:
     return Draw(np.random.default_rng(5), detail=1.0)
 
 
-def test_box() -> None:
-    part = kit.box((0, 0, 0), (1, 2, 3))
-    assert len(part.faces) == 12
-    assert area(part) == 22.0
-    assert is_closed(part)
-
-
 @pytest.mark.parametrize(("steps", "n_faces"), [(1, 44), (2, 108), (4, 332)])
 def test_soft_boxes_lie_between_the_box_and_its_core(steps: int, n_faces: int) -> None:
-    part = kit.box((-1, -1, -1), (1, 1, 1), edge=0.2, steps=steps)
+    part = kit.cuboid((-1, -1, -1), (1, 1, 1), edge=0.2, steps=steps)
     assert len(part.faces) == n_faces
     assert is_closed(part)
     assert np.abs(part.points).max() == pytest.approx(1.0)
@@ -57,7 +50,7 @@ def test_soft_boxes_lie_between_the_box_and_its_core(steps: int, n_faces: int) -
         kit.shell(np.stack(np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0], [0.0], indexing="ij"), axis=-1)[:, :, 0], 0.1),
     ],
 )
-def test_solids_are_closed(part: kit.Part) -> None:
+def test_solids_are_closed(part: kit.MeshPart) -> None:
     assert is_closed(part)
     assert part.faces.dtype == np.int32
     corners = part.points[part.faces]
@@ -71,22 +64,11 @@ def test_areas_of_round_things() -> None:
 
 
 def test_turning_follows_the_right_hand() -> None:
-    point = kit.Part(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 3), np.int32))
+    point = kit.MeshPart(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 3), np.int32))
     np.testing.assert_allclose(point.turned("z", 90).points, [[-2, 1, 3]], atol=1e-15)
     np.testing.assert_allclose(point.turned("x", 90).points, [[1, -3, 2]], atol=1e-15)
     np.testing.assert_allclose(point.turned("y", 90).points, [[3, 2, -1]], atol=1e-15)
     np.testing.assert_array_equal(point.mirrored("y").at(z=1).scaled(x=2).points, [[2, -2, 4]])
-
-
-def test_copies() -> None:
-    one = kit.box((1, 1, 0), (2, 2, 1))
-    assert len(kit.four(one).faces) == 48
-    low, high = kit.four(one).points.min(axis=0), kit.four(one).points.max(axis=0)
-    np.testing.assert_array_equal([low, high], [[-2, -2, 0], [2, 2, 1]])
-    spread = kit.repeated(one, kit.along("z", [0, 5, 9]))
-    assert spread.points[:, 2].max() == 10
-    assert area(spread) == 18.0
-    assert area(kit.around(one, 3)) == pytest.approx(18.0)
 
 
 def test_smooth_and_bent_curves() -> None:
@@ -98,51 +80,8 @@ def test_smooth_and_bent_curves() -> None:
     assert ((reach > 0) & (reach < 0.2)).all(), "corners are cut, but not by more than the radius"
 
 
-def test_frames_are_square_to_the_path_and_do_not_twist() -> None:
-    t = np.linspace(0, 12, 80)
-    path = np.column_stack([np.cos(t), np.sin(t), 0.2 * t])
-    first, second = curves.frames(path)
-    along = np.gradient(path, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    np.testing.assert_allclose(np.abs((first * along).sum(axis=1)), 0.0, atol=0.01)
-    np.testing.assert_allclose((first * second).sum(axis=1), 0.0, atol=1e-12)
-    assert (first[1:] * first[:-1]).sum(axis=1).min() > 0.95
-
-
-def test_outlines() -> None:
-    x, y = curves.superellipse(40, 4.0).T
-    np.testing.assert_allclose(x**4 + y**4, 1.0)
-    corners = curves.rectangle(2.0, 1.0, 0.25, 3)
-    assert len(corners) == 16
-    np.testing.assert_allclose(np.ptp(corners, axis=0), [2.0, 1.0])
-    assert len(curves.polygon(6, per_side=3)) == 18
-
-
 @pytest.mark.parametrize("kind", furniture.LEG_KINDS)
 def test_legs_stand_on_the_floor(kind: str) -> None:
     part = furniture.leg(draw(), kind, 0.7, 0.05)
     assert part.points[:, 2].max() == pytest.approx(0.7, abs=0.02)
     assert part.points[:, 2].min() == pytest.approx(0.0, abs=0.02)
-
-
-def test_books_stay_on_their_shelf() -> None:
-    for seed in range(20):
-        row = furniture.books(Draw(np.random.default_rng(seed)), (0, 0, 0), (0.8, 0.3, 0.3), 0.6)
-        assert row.points[:, 0].min() >= 0
-        assert row.points[:, 0].max() < 0.95
-        assert row.points[:, 2].max() < 0.31
-
-
-def test_few_faces_become_at_least_200() -> None:
-    vertices, faces = finish.finished(kit.box((0, 0, 0), (1, 2, 3)), draw())
-    assert len(faces) >= 200
-    assert np.ptp(vertices, axis=0)[1] / np.ptp(vertices, axis=0)[0] == pytest.approx(2.0, rel=1e-6)
-
-
-def test_draw_is_in_range_and_details_scale() -> None:
-    coarse, fine = (Draw(np.random.default_rng(0), detail=k) for k in (0.1, 3.0))
-    assert coarse.round(12) == 5
-    assert fine.round(12) == 36
-    assert all(1 <= fine.whole(1, 3) <= 3 for _ in range(50))
-    assert {fine.pick("ab") for _ in range(50)} == {"a", "b"}
-    assert 0.55 <= Draw(np.random.default_rng(1)).detail <= 2.0

@@ -48,15 +48,6 @@ def test_icosphere() -> None:
     assert mesh.areas.max() < 1.6 * mesh.areas.min()
 
 
-def test_uv_sphere() -> None:
-    mesh = solids.uv_sphere(96)
-    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 1.0, rtol=1e-14)
-    assert (faces_at_edges(mesh) == 2).all()
-    assert euler(mesh) == 2
-    edges = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2)
-    assert (edges.max(axis=1) / edges.min(axis=1)).max() > 10, "needles at the poles"
-
-
 @pytest.mark.parametrize("make", [lambda: solids.icosphere(4), lambda: solids.uv_sphere(64)])
 @pytest.mark.parametrize("distance", [1.2, 2.0, 8.0])
 def test_visible_part_of_a_sphere(make, distance: float) -> None:
@@ -151,21 +142,6 @@ def test_closed_forms_of_formulas() -> None:
     np.testing.assert_allclose(saddle[:, 2], 0.6 * (saddle[:, 0] ** 2 - saddle[:, 1] ** 2), atol=1e-12)
 
 
-def test_the_trefoil_is_a_tube() -> None:
-    """Its sections are circles of one radius about the curve."""
-    n = 64
-    sections = formulas.make("trefoil", n).vertices.reshape(n, n, 3)
-    radii = np.linalg.norm(sections - sections.mean(axis=1, keepdims=True), axis=2)
-    np.testing.assert_allclose(radii, radii.mean(), rtol=1e-6)
-
-
-def test_formulas_as_a_collection() -> None:
-    collection = formulas.collection(n=12)
-    assert len(collection) == len(formulas.FORMULAS) >= 20
-    assert collection[3].key == "formula/torus"
-    assert collection[3].load().name == "torus"
-
-
 # ---- meshes of any number of faces -------------------------------------------------------------------------------
 
 
@@ -187,15 +163,3 @@ def test_refinement_keeps_the_surface_and_opens_no_gap() -> None:
         assert finer.areas.sum() == pytest.approx(mesh.areas.sum(), rel=1e-12)
         assert (faces_at_edges(finer) == 2).all()
         assert euler(finer) == 2
-
-
-def test_refinement_stops_at_once_where_nothing_is_asked() -> None:
-    mesh = solids.icosphere(1)
-    assert len(shapes.refined(mesh, 80).faces) == 80
-
-
-def test_soup() -> None:
-    mesh = shapes.soup(500, seed=2)
-    assert len(mesh.faces) == 500
-    assert mesh.longest_side == pytest.approx(1.0)
-    assert not np.array_equal(mesh.vertices, shapes.soup(500, seed=3).vertices)

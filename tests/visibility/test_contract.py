@@ -275,11 +275,15 @@ def test_who_renders(method: Method, occluder: Occluder) -> None:
         assert occluder.renderer != "none"
 
 
+def test_one_eye_is_a_row_of_its_own(occluder: Occluder) -> None:
+    assert np.array_equal(occluder.visible(POINTS, EYES[0]), occluder.visible(POINTS, EYES[:1])[0])
+
+
 @pytest.mark.parametrize(
     ("points", "eyes", "message"),
     [
         (POINTS, EYES.T, r"eyes must be \(n, 3\) float; got \(3, \d+\) float64\. Transpose it\?"),
-        (POINTS, EYES[0], r"eyes must be \(n, 3\) float; got \(3,\) float64"),
+        (POINTS, EYES[0, :2], r"eyes must be \(n, 3\) float; got \(2,\) float64"),
         (POINTS, [[0, 0, np.nan]], "eyes must be finite; row 0 is"),
         (POINTS.positions, EYES, r"points must be SurfacePoints; got ndarray\. Wrap free positions"),
         (
@@ -288,7 +292,7 @@ def test_who_renders(method: Method, occluder: Occluder) -> None:
             "face_ids must index the mesh's .* faces; got 1000000",
         ),
     ],
-    ids=["transposed", "one eye flat", "nan", "bare array", "another mesh"],
+    ids=["transposed", "two numbers", "nan", "bare array", "another mesh"],
 )
 def test_bad_arguments(occluder: Occluder, points: object, eyes: object, message: str) -> None:
     with pytest.raises(zo.ArgumentError, match=message):

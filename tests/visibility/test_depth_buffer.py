@@ -9,12 +9,12 @@ from tests.visibility.witness_twin import witness_test
 from zbuf_occlude import Mesh, OptionError, SurfacePoints, prepare, sample_surface, shapes, views
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.geometry.camera import Frusta
-from zbuf_occlude.gl.atlas import Atlas
 from zbuf_occlude.gl.buffers import Buffers
 from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.depth_pass import Atlas
 from zbuf_occlude.gl.tiles import single_pictures
 from zbuf_occlude.visibility import depth_buffer
-from zbuf_occlude.visibility.depth_test import depth_test, project
+from zbuf_occlude.visibility.pyrender import depth_test, window_places
 
 CHAIR = shapes.make("chair", 3).normalized()
 EYES = views.fibonacci(7).eyes
@@ -37,7 +37,7 @@ class Drawn(NamedTuple):
 
     def undecided(self, resolution: int) -> np.ndarray:
         """Points so near a pixel's border, or the middle of one, that float32 may put them on its other side."""
-        x, y, _ = project(self.view, self.frustum, self.points.positions, (resolution, resolution))
+        x, y, _ = window_places(self.view, self.frustum, self.points.positions, (resolution, resolution))
         return np.asarray(np.min([np.abs(2 * v - np.round(2 * v)) for v in (x, y)], axis=0) < 2e-3)
 
 

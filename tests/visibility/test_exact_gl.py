@@ -13,7 +13,7 @@ from tests.scenes import row_in_a_plane
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape, best_shape
+from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, Shape, best_shape
 from zbuf_occlude.visibility import exact_gl, oracle
 
 
@@ -195,7 +195,7 @@ def test_packets_are_smaller_where_points_are_sparse(shapes: tuple[tuple[float, 
 def work_of(mesh: zo.Mesh, points: zo.SurfacePoints, gl: GlContext) -> exact_pass.Work:
     eyes = zo.views.paper100().eyes[::20] * mesh.diagonal + mesh.centre
     contact = 1e-5 * mesh.diagonal
-    engine = exact_pass.ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact, counting=True)
+    engine = exact_pass.ExactPass(gl, mesh, contact, counting=True)
     uploaded = engine.upload(points.positions, points.face_ids)
     engine.visible(uploaded, eyes)
     uploaded.release()

@@ -1,13 +1,15 @@
 """`hidden_point_removal`: Katz 2007 where it is right, where it has no hull, and its radius."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, two_plates
-from zbuf_occlude.visibility import find_method, hidden_point_removal, oracle
+from zbuf_occlude import extras
+from zbuf_occlude.visibility import find_method, oracle
 
 EYES = zo.views.paper100(4.0).eyes[::9]
 
@@ -80,8 +82,8 @@ def test_bad_radius(radius: float) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only on Linux are the libraries looked for")
 def test_a_missing_system_library_is_an_answer_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hidden_point_removal, "LIBRARIES", {"libnowhere.so.7": "libnowhere7"})
-    row = find_method("hidden_point_removal")
+    monkeypatch.setitem(extras.DEBIAN, "libnowhere.so.7", "libnowhere7")
+    row = replace(find_method("hidden_point_removal"), libraries=("libnowhere.so.7",))
     assert row.missing() == "needs libnowhere.so.7 for open3d; on Debian: apt install libnowhere7"
     with pytest.raises(zo.UnavailableError, match="method 'hidden_point_removal' needs libnowhere"):
-        zo.prepare(box(), "hidden_point_removal")
+        row.load()

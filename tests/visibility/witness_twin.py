@@ -7,9 +7,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.camera import Frusta
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.point_data import MOST_HIDDEN
+from zbuf_occlude.gl.point_pass import MOST_HIDDEN
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.visibility.depth_test import project
+from zbuf_occlude.visibility.pyrender import window_places
 
 
 def votes(
@@ -20,7 +20,7 @@ def votes(
     Parameters
     ----------
     depths, view, frustum, points, tolerance
-        As in `zbuf_occlude.visibility.depth_test`.
+        As in `pyrender.depth_test`.
     low : (n, 2) int
         Column and row of the lower left of each point's four pixels.
 
@@ -35,7 +35,7 @@ def votes(
     point's own depth.
     """
     size = depths.shape[1], depths.shape[0]
-    x, y, depth = project(view, frustum, points.positions, size)
+    x, y, depth = window_places(view, frustum, points.positions, size)
     normals = points.normals @ view[:3, :3].T
     positions = points.positions @ view[:3, :3].T + view[:3, 3]
     plane = (normals * positions).sum(axis=1)
@@ -70,7 +70,7 @@ def witness_test(
     Parameters
     ----------
     depths, view, frustum, points, tolerance
-        As in `zbuf_occlude.visibility.depth_test`.
+        As in `pyrender.depth_test`.
     seen : (height, width) int
         The face that each pixel's depth is of; -1 where nothing is.
     corners : (f, 3, 3) float64
@@ -89,7 +89,7 @@ def witness_test(
     is visible; else their votes are weighed by nearness against `MOST_HIDDEN`.
     """
     height, width = depths.shape
-    x, y, _ = project(view, frustum, points.positions, (width, height))
+    x, y, _ = window_places(view, frustum, points.positions, (width, height))
     low = np.floor(np.stack([x, y], axis=1) - 0.5).astype(np.int32)
     nearest = votes(depths, view, frustum, points, low, tolerance=tolerance)
     visible = np.asarray(~nearest.any(axis=(1, 2)))

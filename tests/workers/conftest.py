@@ -1,4 +1,4 @@
-"""Fixtures of the farm's tests."""
+"""Fixtures of the workers' tests."""
 
 from pathlib import Path
 
@@ -13,5 +13,5 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         path.write_bytes(b"")
         return True
 
-    for finishing in ("manifest", "convert", "export"):
+    for finishing in ("generate", "export"):
         monkeypatch.setattr(f"zbuf_occlude.dataset.{finishing}.write_contact_sheet", write)

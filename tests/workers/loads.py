@@ -7,7 +7,7 @@ import threading
 import numpy as np
 
 from zbuf_occlude import Mesh, MeshError
-from zbuf_occlude.jit import pool as threads
+from zbuf_occlude.jit import threads
 
 CORNERS = np.concatenate([np.eye(3), -np.eye(3)])
 FACES = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])

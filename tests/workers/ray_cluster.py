@@ -64,7 +64,7 @@ def nodes(importable_in_actors: None) -> Iterator[Nodes]:
 
 
 def test_a_cluster_is_started_where_none_is_named(tmp_path: Path) -> None:
-    run = partial(engine.run_jobs, n_workers=1, limits=AMPLE)
+    run = partial(engine.run_ray, n_workers=1, limits=AMPLE)
     assert generate(plan_of(ball), tmp_path / "out", run=run)["failures"] == {}
     assert not ray.is_initialized()
 
@@ -72,7 +72,7 @@ def test_a_cluster_is_started_where_none_is_named(tmp_path: Path) -> None:
 def test_files_are_written_and_verified_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
     plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
     generate(plan, tmp_path / "whole")
-    run = partial(engine.run_jobs, n_workers=2, limits=AMPLE, address=nodes.cluster.address)
+    run = partial(engine.run_ray, n_workers=2, limits=AMPLE, address=nodes.cluster.address)
     manifest = generate(plan, tmp_path / "out", run=run)
     assert not ray.is_initialized()
     assert manifest["counts"]["clouds"] == plan.n_clouds
@@ -94,7 +94,7 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
     try:
         ray.init(address=nodes.cluster.address, log_to_driver=False)
         assert len([node for node in ray.nodes() if node["Alive"]]) == 2
-        run = partial(engine.run_jobs, n_workers=2, limits=AMPLE)
+        run = partial(engine.run_ray, n_workers=2, limits=AMPLE)
         assert generate(plan, tmp_path / "out", run=run, progress=progress)["failures"] == {}
         deadline = time.monotonic() + 60
         while sum(node["Alive"] for node in ray.nodes()) != 1:
@@ -109,7 +109,7 @@ def test_two_nodes_one_killed_in_mid_run(tmp_path: Path, nodes: Nodes) -> None:
 
 def test_no_cluster_at_the_address(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match=r"a Ray cluster must answer at 127\.0\.0\.1:1: .*refused"):
-        engine.run_jobs(
+        engine.run_ray(
             Making(plan_of(ball), tmp_path, False), [0], none, n_workers=1, limits=AMPLE, address="127.0.0.1:1"
         )
     assert not ray.is_initialized()

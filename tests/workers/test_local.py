@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from functools import partial
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import numba
@@ -15,14 +14,14 @@ from tests.dataset.test_generate import files
 from tests.processes import ended
 from tests.workers.loads import bad, ball, hang, suicide, swell, tell
 from zbuf_occlude import DatasetError
-from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.folder import claim
+from zbuf_occlude.dataset.folder import occupy
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.workers import local, pool, server
-from zbuf_occlude.workers.local import run_jobs
+from zbuf_occlude.workers import local, pool
+from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.pool import Message
 
 RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
@@ -42,7 +41,7 @@ def out(tmp_path: Path) -> Path:
 
 def run(plan: Plan, out: Path, limits: Limits = AMPLE, n_workers: int = 2) -> dict[str, str]:
     """Make a dataset; return the failures."""
-    document = generate(plan, out, run=partial(run_jobs, n_workers=n_workers, limits=limits), limits=limits)
+    document = generate(plan, out, run=partial(run_local, n_workers=n_workers, limits=limits), limits=limits)
     failures: dict[str, str] = document["failures"]
     return failures
 
@@ -80,23 +79,19 @@ def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: p
     assert files(out) == files(tmp_path / "alone")
 
 
-def test_a_mesh_that_kills_its_workers_is_a_failure(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "KILLS", 2)
-    failures = run(plan_of(ball, suicide, ball, ball), out)
-    assert failures == {"m1": "the worker was killed by signal 9 at it, 2 times"}
-    assert mesh_ids(out) == [0, 2, 3]
-
-
 @pytest.mark.parametrize(
     ("load", "limits", "words"),
     [
         (hang, Limits(seconds=4), ("timed out", "4 s", "--mesh-seconds")),
         (swell, Limits(gigabytes=1.2), ("1.2 GB", "--mesh-gigabytes")),
+        (suicide, AMPLE, ("killed by signal 9 at it, 2 times",)),
+        (bad, AMPLE, ("m1 is bad",)),
     ],
 )
-def test_a_mesh_that_exceeds_its_limits_is_a_failure(
-    out: Path, load: object, limits: Limits, words: tuple[str, ...]
+def test_a_mesh_that_cannot_be_made_is_a_failure(
+    out: Path, monkeypatch: pytest.MonkeyPatch, load: object, limits: Limits, words: tuple[str, ...]
 ) -> None:
+    monkeypatch.setattr(pool, "KILLS", 2)
     failures = run(plan_of(ball, load), out, limits)
     assert list(failures) == ["m1"]
     assert all(word in failures["m1"] for word in words)
@@ -105,13 +100,8 @@ def test_a_mesh_that_exceeds_its_limits_is_a_failure(
 
 def test_an_error_that_any_worker_would_meet_ends_the_run(out: Path) -> None:
     """A folder where a file belongs: writing it fails as it does on a full disk."""
-    (out / "ply_data_train0.h5" / "in the way").mkdir(parents=True)
     plan = plan_of(ball, ball, ball)
-    with pytest.raises(DatasetError, match="other files"):
-        run(plan, out)
-    (out / "ply_data_train0.h5" / "in the way").rmdir()
-    (out / "ply_data_train0.h5").rmdir()
-    claim(plan, out)
+    occupy(plan, out)
     (out / "ply_data_train0.h5").mkdir()
     with pytest.raises(DatasetError, match=r"What was finished is kept, and the same command resumes\."):
         run(plan, out)
@@ -147,10 +137,6 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     parent.stdout.close()
 
 
-def test_a_mesh_error_is_a_failure_not_an_end(out: Path) -> None:
-    assert run(plan_of(ball, bad, ball), out) == {"m1": "m1 is bad"}
-
-
 def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not that of the first run of this process, when the server that they are forked from began."""
     for value in ("one", "two"):
@@ -163,39 +149,18 @@ def test_workers_find_the_environment_of_now(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
 def test_nothing_that_a_fork_would_break_is_where_workers_are_forked_from() -> None:
     program = (
-        "import gc, os, sys, zbuf_occlude.workers.warm, numba\n"
+        "import os, sys, zbuf_occlude.workers.preload, numba\n"
         "assert len(os.listdir('/proc/self/task')) == 1, 'threads'\n"
         "assert not {'moderngl', 'glcontext'} & set(sys.modules), 'OpenGL'\n"
         "try: numba.threading_layer()\n"
         "except ValueError: pass\n"
         "else: raise AssertionError('OpenMP')\n"
-        "assert gc.isenabled() and gc.get_freeze_count() > 100_000, 'garbage'\n"
-        "assert 'scipy' not in sys.modules, 'hidden from numba only, and only from its import'\n"
     )
-    environment = {**os.environ, **server.ENVIRONMENT}
+    environment = {**os.environ, **local.ENVIRONMENT}
     child = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300
     )
     assert child.returncode == 0, child.stderr
-
-
-@pytest.mark.long
-def test_a_worker_that_was_killed_leaves_no_words_of_pythons_own(tmp_path: Path) -> None:
-    """Of a mesh that takes too long the summary says all there is to say; numba's locks are nobody's business."""
-    options = [
-        "--limit=1",
-        "--method=oracle",
-        "--views=paper100",
-        "--points=50000",
-        "--mesh-seconds=0.001",
-        "--workers=1",
-    ]
-    command = [sys.executable, "-m", "zbuf_occlude", "generate", *options, "--out", str(tmp_path / "out")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 1
-    assert "timed out after 0.001 s" in ended.stderr
-    assert "resource_tracker" not in ended.stderr
-    assert ended.stderr.rstrip().splitlines()[-1].startswith("error: ")
 
 
 def test_a_temporary_folder_of_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
@@ -211,30 +176,33 @@ def test_a_temporary_folder_of_a_long_name_is_no_obstacle(tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux alone")
-@pytest.mark.parametrize("n_dead", [2, 3])
-def test_servers_that_die_are_replaced_and_three_in_a_row_an_error(
-    out: Path, monkeypatch: pytest.MonkeyPatch, n_dead: int
-) -> None:
-    """Not an interruption, which is what the end of a file means to a command line."""
-    deaths, fork = iter(range(n_dead)), ForkServerProcess._Popen
-
-    def lost(process: object) -> object:
-        if next(deaths, None) is None:
-            return fork(process)
-        raise EOFError
-
-    monkeypatch.setattr(ForkServerProcess, "_Popen", staticmethod(lost))
-    if n_dead < local.SERVERS:
-        run(plan_of(ball), out, n_workers=1)
-    else:
-        with pytest.raises(DatasetError, match="the process that workers are forked from must live; 3 in a row ended"):
-            run(plan_of(ball), out, n_workers=1)
+def test_a_server_that_was_killed_is_replaced(out: Path, tmp_path: Path) -> None:
+    """With the workers that it has forked."""
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from tests.workers.test_local import *\n"
+        "class Orphaned(local.LocalWorker):\n"
+        "    def listen(self):\n"
+        "        messages = super().listen()\n"
+        "        if messages and not killed and messages[-1][0] == 'mesh':\n"
+        "            killed.append(int(Path(f'/proc/{self.process.pid}/stat').read_text().split()[3]))\n"
+        "            os.kill(killed[0], signal.SIGKILL)\n"
+        "        return messages\n"
+        "killed, local.LocalWorker = [], Orphaned\n"
+        "assert run(plan_of(*[ball] * 12), Path(sys.argv[1])) == {}\n"
+        "assert killed\n"
+    )
+    child = subprocess.run([sys.executable, "-c", program, str(out)], capture_output=True, text=True, timeout=300)
+    assert child.returncode == 0, child.stderr
+    generate(plan_of(*[ball] * 12), tmp_path / "alone")
+    assert files(out) == files(tmp_path / "alone")
 
 
 def test_an_interrupt_while_the_server_starts_is_no_traceback() -> None:
     code = (
         "import multiprocessing, os, signal, time\n"
-        "from zbuf_occlude.workers.server import start_server\n"
+        "from zbuf_occlude.workers.local import start_server\n"
         "signal.signal(signal.SIGINT, lambda *_: None)\n"
         "start_server()\n"
         "for _ in range(40):\n"

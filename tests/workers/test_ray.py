@@ -47,8 +47,6 @@ def test_all_of_them_were_run(outcome: str) -> None:
 
 def test_the_extra_is_named_when_ray_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    run = partial(
-        engine.run_jobs, Making(plan_of(ball), tmp_path, False), [0], lambda *_: (), n_workers=1, limits=AMPLE
-    )
+    run = partial(engine.run_ray, Making(plan_of(ball), tmp_path, False), [0], lambda *_: (), n_workers=1, limits=AMPLE)
     with pytest.raises(UnavailableError, match=r"pip install 'zbuf-occlude\[ray\]'"):
         run()

@@ -1,12 +1,13 @@
-"""The command line: one command a file, imported when it is called or asked for help."""
+"""The command line: each command is imported when it is called or asked for help."""
 
 from importlib import import_module
 from typing import Any
 
 import click
 
-from zbuf_occlude.cli.surroundings import check_surroundings
-from zbuf_occlude.workers.server import start_server
+from zbuf_occlude.cli.panels import CommandGroup
+from zbuf_occlude.cli.shell import check_surroundings
+from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
@@ -27,16 +28,26 @@ COMMANDS = {
     "methods": "List the methods of hidden-surface removal, and what they need.",
     "doctor": "Say what works on this machine, and the command that would fix what does not.",
 }
-"""Name and one line of each command; the module of the same name holds it as `command`."""
+"""Name and one line of each command; `NAME_command` of its module is it."""
 
-OLD_NAMES = ("experiment", "figure")
-"""Commands that go on working, and say by what they are replaced."""
+_MODULES = {
+    "comparison": ("compare", "report"),
+    "classifiers": ("train", "evaluate"),
+    "datasets": ("status", "verify", "merge", "convert", "show"),
+    "lists": ("methods", "sensors", "doctor"),
+    "one_view": ("visible", "depth"),
+    "one_scan": ("scan",),
+    # commands that go on working, and say by what they are replaced
+    "experiment": ("experiment",),
+    "figure": ("figure",),
+}
+"""Module to the commands in it, where it is not the one of the same name."""
 
 WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
 """Arguments by which `generate` starts no process on this machine."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(CommandGroup):
     """A group that lists its commands without importing them."""
 
     def list_commands(self, context: click.Context) -> list[str]:
@@ -53,9 +64,10 @@ class LazyGroup(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import the command's module and return the command."""
-        if name not in COMMANDS and name not in OLD_NAMES:
+        home = next((module for module, names in _MODULES.items() if name in names), name)
+        if name not in COMMANDS and home not in _MODULES:
             return None
-        command: click.Command = import_module(f"zbuf_occlude.cli.{name}").command
+        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{name}_command")
         return command
 
     def invoke(self, context: click.Context) -> Any:
@@ -69,7 +81,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118})
 @click.version_option(package_name="zbuf-occlude")
 def group() -> None:
     """Complete triangle meshes in, occluded point clouds out.

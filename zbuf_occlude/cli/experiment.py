@@ -4,18 +4,16 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import OutFolder
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
-from zbuf_occlude.cli.summary import SOME_FAILED, counted
+from zbuf_occlude.cli.shared_options import OutFolder
+from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
+from zbuf_occlude.paper.real_scans import UPS
 from zbuf_occlude.paper.results import read_results, read_study
-from zbuf_occlude.paper.study_report import write_study
-from zbuf_occlude.paper.study_tables import answers
-from zbuf_occlude.paper.sydney import UPS
+from zbuf_occlude.paper.study_report import answers, write_study
 
 BOTH, ALL = "table3", "all"
 """The paper's experiments together, and what `experiment` called them."""
@@ -64,50 +62,47 @@ TEXT = """
 """
 
 
-@click.command()
-@click.argument("name", type=click.Choice([ELEVATION, AUGMENTATION, REALISM, ALL]))
+@click.command(cls=Command)
+@click.argument("name", type=Name([ELEVATION, AUGMENTATION, REALISM, ALL]))
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the study.")
 @click.option("--quick", is_flag=True, help=f"{QUICK.summary[0].upper()}{QUICK.summary[1:]}; else {FULL.summary}.")
 @click.option(
     "--modelnet",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help="ModelNet40's folder, ROOT/CLASS/{train,test}/*.off; for elevation ModelNet10's will do.  "
-    "[default: the built-in shapes]",
+    help="ModelNet40's folder, or ModelNet10's for elevation.  [default: the built-in shapes]",
 )
 @click.option(
     "--sydney",
     "scans",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help="The unpacked Sydney Urban Objects dataset, for Test 3 on real scans; may be given later.",
+    help="Sydney Urban Objects, unpacked: Test 3, on real scans.",
 )
 @click.option(
     "--sydney-up",
     "scans_up",
-    type=click.Choice(UPS),
-    help="Which direction of the scans' files is up.  [default: found from the scans]",
+    type=Name(UPS),
+    help="Up direction of the scans.  [default: found from the scans]",
 )
 @click.option(
     "--real",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Labelled sweeps of real drives, in KITTI's layout (velodyne, label_2, calib) or Argoverse 2's (logs of "
-    "feather files), for a fourth test of realism; may be given later.",
+    help="Labelled sweeps of real drives, of KITTI or Argoverse 2: a fourth test.",
 )
 @click.option(
     "--voxels",
     type=int,
     metavar="N",
-    help="Take each object as the surface of N^3 voxels, as ModelNet10 is often passed on; 30 is usual.",
+    help="Take each object as the surface of N^3 voxels; 30 is usual.",
 )
 @click.option(
     "--budget",
     "budgets",
-    type=click.Choice(list(BUDGETS)),
+    type=Name(list(BUDGETS)),
     multiple=True,
-    help=f"How long the classifiers of 4.3 are trained: each is shown as many clouds, or each cloud as often. "
-    f"Repeatable; another one later is added to what is there.  [default: {CLOUDS}]",
+    help=f"Training of 4.3: as many clouds each, or each cloud as often; repeatable.  [default: {CLOUDS}]",
 )
 @click.option("--models", metavar="NAME,...", help=f"Of {', '.join(model.name for model in MODELS)}.")
 @click.option("--seeds", type=click.IntRange(1), metavar="N", help="Train each classifier with the seeds 0 to N - 1.")
@@ -115,17 +110,16 @@ TEXT = """
     "--objects",
     type=int,
     metavar="N",
-    help="Objects of each class; in 4.3 this many to train and, as in the paper, 1/4 as many to validate, 5/8 to test.",
+    help="Objects of each class to train; in 4.3 also 1/4 to validate, 5/8 to test.",
 )
-@click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes each of several, 4.2 the last.")
+@click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes all of several, 4.2 the last.")
 @click.option(
     "--epochs",
     type=click.IntRange(1),
     metavar="N",
-    help="Epochs, at most: of each classifier under --budget epochs; under --budget clouds of the one with the fewest "
-    "clouds, and the others are shown as many clouds.",
+    help="Epochs at most; under --budget clouds of the classifier with the fewest clouds.",
 )
-def command(name: str, **options: Any) -> None:
+def experiment_command(name: str, **options: Any) -> None:
     """Repeat the paper's experiments with classifiers; now `zbuf-occlude paper NAME` (`table3` for `all`).
 
     `zbuf-occlude paper NAME --help` says what an experiment does and writes.
@@ -136,10 +130,10 @@ def command(name: str, **options: Any) -> None:
     run_experiment(new, **options)
 
 
-def paper_command(name: str) -> click.Command:
+def experiment_named(name: str) -> click.Command:
     """Return the command of an experiment."""
-    options = {str(parameter.name) for parameter in command.params} - {"name"} - UNUSED[name]
-    return derived(command, name, options, run_experiment, TEXTS[name] + TEXT)
+    options = {str(parameter.name) for parameter in experiment_command.params} - {"name"} - UNUSED[name]
+    return derived(experiment_command, name, options, run_experiment, TEXTS[name] + TEXT)
 
 
 def run_experiment(
@@ -196,7 +190,7 @@ class Bars(Progress):
     def plan(self, n_clouds: int, n_trials: int) -> None:
         """Begin the bar of the clouds."""
         self._n_trials = n_trials
-        self._bar = tqdm(total=n_clouds, unit=" clouds", desc="clouds", smoothing=0.05)
+        self._bar = progress_bar(n_clouds, "clouds", "clouds")
 
     def clouds(self, n: int) -> None:
         """Move the bar of the clouds."""
@@ -206,7 +200,7 @@ class Bars(Progress):
         """Move the bar of the classifiers, which is begun by the first."""
         if self._n_trials:
             self._bar.close()
-            self._bar = tqdm(total=self._n_trials, desc="classifiers", smoothing=0.05, bar_format=_FORMAT)
+            self._bar = progress_bar(self._n_trials, "classifiers", "classifiers", bar_format=_FORMAT)
             self._n_trials = 0
         self._bar.set_postfix_str(key, refresh=False)
         self._bar.update(max(0.0, share - self._shares.get(key, 0.0)))

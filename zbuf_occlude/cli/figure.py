@@ -6,54 +6,54 @@ from typing import Any
 import click
 
 from zbuf_occlude import shapes
-from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
+from zbuf_occlude.cli.shared_options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
+from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask
-from zbuf_occlude.paper.sydney import find_frame, largest_scan, read_scan
+from zbuf_occlude.paper.real_scans import find_frame, largest_scan, read_scan
 from zbuf_occlude.views import PAPER_DISTANCE
 
 DPI = 150
 WITH_SCAN = "fig7"
 
 
-@click.command()
-@click.argument("name", type=click.Choice(list(FIGURES)))
-@click.argument("mesh_file", type=click.Path(path_type=Path), required=False, metavar="[MESH]")
+@click.command(cls=Command)
+@click.argument("name", type=Name(list(FIGURES)))
+@click.argument("mesh_file", type=MeshPlace(), required=False, metavar="[MESH]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The PNG.")
 @method_options("exact")
 @click.option(
     "--sydney",
     type=click.Path(path_type=Path),
     metavar="ROOT",
-    help=f"The unpacked Sydney Urban Objects dataset: {WITH_SCAN} then shows its car of the most points, from three "
-    "sides.",
+    help=f"Sydney Urban Objects, unpacked: {WITH_SCAN} then shows its largest car.",
 )
 @click.option(
     "--distance",
     type=click.FloatRange(0, min_open=True),
     default=PAPER_DISTANCE,
     show_default=True,
-    help="Of the cameras from the object's centre, in multiples of its longest side.",
+    help="Of the cameras from the centre, in longest sides.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @up_option
-def command(name: str, **options: Any) -> None:
+def figure_command(name: str, **options: Any) -> None:
     """Draw a figure of the paper, of MESH or of a built-in shape; now `zbuf-occlude paper NAME`."""
     replaced(f"figure {name}", f"paper {name}")
     refuse_unused(name, unused(name))
     draw_figure(name, **options)
 
 
-def paper_command(name: str) -> click.Command:
+def figure_named(name: str) -> click.Command:
     """Return the command of a figure."""
-    options = {str(parameter.name) for parameter in command.params} - {"name"} - unused(name)
+    options = {str(parameter.name) for parameter in figure_command.params} - {"name"} - unused(name)
     figure = FIGURES[name]
     text = f"Draw the paper's Fig. {name[3:]}: {figure.summary}."
     return derived(
-        command, name, options, draw_figure, text + (" Of MESH or of a built-in shape." if figure.kind else "")
+        figure_command, name, options, draw_figure, text + (" Of MESH or of a built-in shape." if figure.kind else "")
     )
 
 
@@ -72,7 +72,7 @@ def draw_figure(
     mesh_file: Path | None = None,
     up: str | None = None,
     method: str = "exact",
-    settings: tuple[str, ...] = (),
+    settings: Settings = (),
     distance: float = PAPER_DISTANCE,
     sydney: Path | None = None,
 ) -> None:

@@ -7,47 +7,48 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from tqdm import tqdm
-from tqdm.contrib.logging import logging_redirect_tqdm
 
-from zbuf_occlude.cli.dry_run import check_place, costs, describe
-from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.engine import engine_options, pop_engine, shard_option, share_of
-from zbuf_occlude.cli.options import (
+from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
+from zbuf_occlude.cli.shared_options import (
+    VIEWS,
     MeshPlace,
     OutFolder,
     SampleSize,
+    Settings,
     choice_options,
     chosen_method,
     collect,
     distance_option,
+    engine_options,
     given,
     method_options,
     parse_settings,
+    pop_engine,
+    shard_option,
+    share_of,
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.overview import overview
-from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
-from zbuf_occlude.cli.summary import SOME_FAILED, summary
+from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate, progress_of
 from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
-from zbuf_occlude.dataset.rehearsal import compile_ahead, is_compiled, is_plain, rehearse
+from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, rehearse, was_rehearsed
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE
-from zbuf_occlude.views import forms
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
 
-LIMIT = "A mesh that takes more is a failure, not the end of the run."
+LIMIT = "Limit of a mesh; one that exceeds it is skipped and reported."
 
 
 def use_preset(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
@@ -63,28 +64,33 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     return name
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
-@click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder.")
+@click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder of the dataset.")
 @click.option(
     "--shapes",
-    type=click.Choice(["classes", FORMULAS]),
+    type=Name(["classes", FORMULAS]),
     default="classes",
     show_default=True,
-    help=f"Without MESH_OR_DIR: eight classes of 75 objects, or {FORMULAS}: surfaces given by formulas (paper 4.1).",
+    help="Without MESH_OR_DIR: eight classes of 75 objects, or surfaces of formulas.",
 )
 @click.option(
     "--preset",
-    type=click.Choice([row.name for row in PRESETS]),
+    type=Name([row.name for row in PRESETS]),
     is_eager=True,
     callback=use_preset,
-    help="; ".join(f"{row.name}: {row.summary}" for row in PRESETS) + ". Options given with it override it.",
+    help="Defaults of a published dataset; other options override them.",
 )
 @method_options(also=(AUTO,))
 @scan_options(SURFACE)
-@click.option("--views", default="modelnet8", show_default=True, help=f"Camera positions: {forms()}.")
+@click.option(
+    "--views",
+    default="modelnet8",
+    show_default=True,
+    help=VIEWS,
+)
 @distance_option
-@click.option("--points", type=click.IntRange(1), help="Points sampled on each object before HSR.  [default: 20000]")
+@click.option("--points", type=click.IntRange(1), help="Points sampled on each object.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
 @click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
 @click.option(
@@ -92,60 +98,53 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     type=SampleSize(),
     default="2048",
     show_default=True,
-    help="Points of each cloud; all: every visible one, so that clouds are of unequal size.",
+    help="Points kept in each cloud; all: every visible one.",
 )
 @click.option(
     "--subset",
-    type=click.Choice(SUBSETS),
+    type=Name(SUBSETS),
     default="random",
     show_default=True,
-    help="Which of a cloud's visible points; fps: each the farthest from those before it (extra `fps`).",
+    help="Which visible points are kept; fps: farthest-point sampling.",
 )
 @click.option(
     "--format",
     "format",
-    type=click.Choice([row.name for row in FORMATS]),
+    type=Name([row.name for row in FORMATS]),
     default="hdf5",
     show_default=True,
     is_eager=True,
     callback=use_format,
-    help="; ".join(f"{row.name}: {row.summary}" for row in FORMATS) + ".",
+    help="Files of the dataset.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
     "--scale",
-    type=click.Choice(SCALES),
+    type=Name(SCALES),
     default="cloud",
     show_default=True,
-    help="cloud: each cloud is centred, its longest side 1 (centre and factor are stored); object: the whole object "
-    "is; mesh: as in the file.",
+    help="What gets the longest side 1: each cloud, the object, or nothing (mesh).",
 )
 @click.option(
     "--frame",
-    type=click.Choice(FRAMES),
+    type=Name(FRAMES),
     default="object",
     show_default=True,
-    help="object: the mesh's axes, z up; in a published layout those of its original, y up in most; z-up: z up there "
-    "too; camera: x right, y up, looking along -z. The pose (z up) is stored always.",
+    help="Axes: the object's, z up in published layouts too, or the camera's.",
 )
-@with_option(
-    "What points have besides their positions: normals of their faces, turned towards the camera; base colours of OBJ, "
-    "PLY, glTF (grey where there are none)."
-)
+@with_option("Attributes of the points: normals towards the camera, base colours.")
 @up_option
 @choice_options
 @engine_options
 @click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
 @click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
-@shard_option("Make only this machine's share, I from 0; then `zbuf-occlude merge`.")
-@click.option(
-    "--require-gpu", is_flag=True, help="Refuse to render in software, and, with --method auto, not to render."
-)
-@click.option("--overwrite", is_flag=True, help="Replace a dataset that is in the folder.")
-@click.option("--dry-run", is_flag=True, help="Say what would be made, and what that would take.")
+@shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
+@click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
+@click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")
+@click.option("--dry-run", is_flag=True, help="Report what would be made, with the disk space and time it would take.")
 @click.pass_context
-def command(
+def generate_command(
     context: click.Context,
     /,
     meshes: tuple[Path, ...],
@@ -153,7 +152,7 @@ def command(
     shapes: str,
     preset: str | None,
     method: str,
-    settings: tuple[str, ...],
+    settings: Settings,
     format: str,
     limit: int | None,
     up: str | None,
@@ -231,7 +230,7 @@ def command(
     made = Recipe(
         method=method,
         reason=choice.reason,
-        method_options=parse_settings(method, settings) if method != AUTO else dict.fromkeys(settings),
+        method_options=parse_settings(method, settings) if method != AUTO else dict(settings),
         n_points=None if density is not None else points or 20_000,
         density=density,
         complete=row.complete,
@@ -240,8 +239,8 @@ def command(
     )
     plan = Plan(collection, resolve(made, collection), format)
     row.check(plan)
-    if setup is not None and plan.views.rotations is not None:
-        raise click.UsageError("--views must be places about the object for a sensor; these are cameras of a file.")
+    if setup is not None and setup.range is not None and plan.views.rotations is not None:
+        raise click.UsageError("--range must go without cameras of a file, which stand where they are. Leave it out.")
     if require_gpu and not find_method(plan.recipe.method).needs_gl:
         if method != AUTO:
             raise click.UsageError(f"--require-gpu must go with a method that renders; {method} does not.")
@@ -254,14 +253,14 @@ def command(
     share = share_of(shard)
     if dry_run:
         for each in plans:
-            check_place(*each, overwrite=overwrite)
+            check_folder(*each, overwrite=overwrite)
         missing: OccludeError | None = None
         try:
             rehearse(plan.recipe, require_gpu)
         except (GlError, UnavailableError) as error:  # where it is planned may not be where it is made
             missing = error
         for each in plans:
-            echo(describe(*each))
+            echo(intended(*each))
         for one, _ in plans if missing is None else ():
             echo(costs(one))
         if missing is not None:
@@ -270,20 +269,27 @@ def command(
     if not is_plain(plan.recipe):
         with without_scipy():
             rehearse(plan.recipe, require_gpu)
-    if not is_compiled(plan.recipe):
+    if not was_rehearsed(plan.recipe):
         echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
         with without_scipy():
             compile_ahead(plan.recipe)
+    from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none
+
     failed = False
     for one, folder in plans:
         mine = len(one.groups[share[0] :: share[1]])
         total = sum(map(len, one.groups[share[0] :: share[1]])) * one.clouds_per_mesh
-        bar = tqdm(total=total, unit=" clouds", desc="generate", smoothing=0.05)
+        bar = progress_bar(total, "clouds", "generate")
+
+        def begun(*work: Any, bar: Any = bar) -> None:
+            bar.refresh()
+            run(*work)
+
         with bar, logging_redirect_tqdm():
             document = generate(
                 one,
                 folder,
-                run=run,
+                run=begun,
                 overwrite=overwrite,
                 share=share,
                 limits=limits,
@@ -291,7 +297,7 @@ def command(
                 written=files_beside(bar),
             )
         if document:
-            echo(summary(document, folder))
+            echo(what_was_made(document, folder))
             failed |= bool(document["failures"])
         else:
             done = progress_of(one, folder)["groups_done"]

@@ -3,42 +3,42 @@
 from collections.abc import Callable, Collection
 from functools import partial
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
-from zbuf_occlude.cli.echo import echo
-from zbuf_occlude.cli.options import given
-
-
-class PaperCommand(NamedTuple):
-    """A command: one line, and the module of this room whose `paper_command(name)` makes it."""
-
-    summary: str
-    module: str
-
+from zbuf_occlude.cli.panels import Command, CommandGroup
+from zbuf_occlude.cli.shared_options import given
+from zbuf_occlude.cli.shell import echo
 
 COMMANDS = {
-    "table1a": PaperCommand("Table 1A: HSR by vertices, and with far faces excluded.", "compare"),
-    "table1b": PaperCommand("Table 1B: exact HSR, and occupancy grids.", "compare"),
-    "table2": PaperCommand("Table 2: datasets by samples and size, with the row of one made here.", "show"),
-    "elevation": PaperCommand("4.2, Table 3A: classifiers against the camera's elevation.", "experiment"),
-    "augmentation": PaperCommand(
-        "4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.", "experiment"
-    ),
-    "table3": PaperCommand("Both of these: Table 3A and 3B.", "experiment"),
-    "realism": PaperCommand("Not the paper's: what a LiDAR and a street do to a classifier.", "experiment"),
-    "fig4": PaperCommand("Fig. 4: division of large faces.", "figure"),
-    "fig7": PaperCommand("Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.", "figure"),
-    "fig8": PaperCommand("Fig. 8: object with camera, result of HSR, cloud.", "figure"),
-    "fig9": PaperCommand("Fig. 9: objects made by formulas.", "figure"),
-    "fig10": PaperCommand("Fig. 10: clouds at four azimuths.", "figure"),
-    "fig11": PaperCommand("Fig. 11: clouds at four elevations.", "figure"),
-    "fig12": PaperCommand("Fig. 12: projected area of the visible part against elevation.", "figure"),
+    "table1a": "Table 1A: HSR by vertices, and with far faces excluded.",
+    "table1b": "Table 1B: exact HSR, and occupancy grids.",
+    "table2": "Table 2: datasets by samples and size, with the row of one made here.",
+    "elevation": "4.2, Table 3A: classifiers against the camera's elevation.",
+    "augmentation": "4.3, 4.4, Table 3B: training on occluded clouds, complete ones, or both.",
+    "table3": "Both of these: Table 3A and 3B.",
+    "realism": "Not the paper's: what a LiDAR and a street do to a classifier.",
+    "fig4": "Fig. 4: division of large faces.",
+    "fig7": "Fig. 7: mesh, sampling, grid, and an occluded cloud from three sides.",
+    "fig8": "Fig. 8: object with camera, result of HSR, cloud.",
+    "fig9": "Fig. 9: objects made by formulas.",
+    "fig10": "Fig. 10: clouds at four azimuths.",
+    "fig11": "Fig. 11: clouds at four elevations.",
+    "fig12": "Fig. 12: projected area of the visible part against elevation.",
 }
+"""Name and one line of each command."""
+
+_MAKERS = {
+    "table1": ("comparison", "table1_command"),
+    "table2": ("datasets", "table2_command"),
+    "fig": ("figure", "figure_named"),
+    "": ("experiment", "experiment_named"),
+}
+"""How names begin; module and function of this room that make the command, called with its name."""
 
 
-class PaperGroup(click.Group):
+class PaperGroup(CommandGroup):
     """The commands of the table, imported when one is called or asked for help."""
 
     def list_commands(self, context: click.Context) -> list[str]:
@@ -49,17 +49,18 @@ class PaperGroup(click.Group):
         """Import the command's module and return the command."""
         if name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"zbuf_occlude.cli.{COMMANDS[name].module}").paper_command(name)
+        module, maker = next(row for start, row in _MAKERS.items() if name.startswith(start))
+        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{module}"), maker)(name)
         return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands from the table."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, row.summary) for name, row in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.command(cls=PaperGroup)
-def command() -> None:
+def paper_command() -> None:
     """Repeat the paper: its tables, its figures, its experiments with classifiers."""
 
 
@@ -80,7 +81,7 @@ def derived(
         Its help.
     """
     params = [parameter for parameter in old.params if parameter.name in options]
-    return click.Command(name, params=params, callback=partial(run, name), help=text)
+    return Command(name, params=params, callback=partial(run, name), help=text)
 
 
 def replaced(old: str, new: str) -> None:

@@ -8,16 +8,17 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.echo import echo
+from zbuf_occlude.cli.shared_options import Setting, Settings
+from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.scenes.files import read_scene
+from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor
-from zbuf_occlude.sensors.scan import default_caster
-from zbuf_occlude.sensors.setup import SURFACE, Setup, document_of, parse_span
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
 from zbuf_occlude.visibility import find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -35,43 +36,43 @@ def sensor_options(sensor: str) -> Decorator:
             "--sensor",
             default=sensor,
             show_default=True,
-            help="A name of `zbuf-occlude sensors`, a YAML or CSV of your own, pinhole:width=320,height=240,fov=60"
-            + (", or surface: no sensor, points uniform over the visible surface." if sensor == SURFACE else "."),
+            help="Name of `zbuf-occlude sensors`, or YAML or CSV"
+            + ("; surface: no sensor." if sensor == SURFACE else "."),
         ),
         click.option(
             "--set-sensor",
-            metavar="KEY=VALUE",
+            type=Setting(),
             multiple=True,
-            help="A number of the sensor, e.g. columns=900, noise=0 (no imperfections); repeatable.",
+            help="Number of the sensor, e.g. columns=900, noise=0; repeatable.",
         ),
     )
 
 
 def scan_options(sensor: str) -> Decorator:
     """--sensor and what goes with it; `sensor` is the default."""
-    scenes = ", ".join(f"{kind.name} ({kind.summary})" for kind in KINDS)
+    scenes = ", ".join(kind.name for kind in KINDS)
     return _all_of(
         sensor_options(sensor),
         click.option(
-            "--range", "range_", metavar="M|A..B", help="Metres from sensor to object. [default: from the views]"
+            "--range", "range_", metavar="M|A..B", help="Metres from sensor to object.  [default: from the views]"
         ),
         click.option(
             "--size",
             metavar="CLASS=M,...|M|file",
             default="",
-            help="Longest sides in metres; file: the files are in metres. [default: by class]",
+            help="Longest sides, metres; file: as in the files.  [default: by class]",
         ),
-        click.option("--scene", default="none", show_default=True, help=f"{scenes}, or a JSON file (docs/sensors.md)."),
-        click.option("--hidden", metavar="A..B", help="Share of the object that others hide. [default: the scene's]"),
+        click.option("--scene", default="none", show_default=True, help=f"{scenes}, or a JSON file."),
+        click.option("--hidden", metavar="A..B", help="Share of the object that others hide.  [default: the scene's]"),
         click.option(
             "--keep",
             default="target",
             show_default=True,
             metavar="target|box|all",
-            help="Which points: the object's, those within its box (box:shift=.5,rotate,scale disturbs it), or all.",
+            help="Points of the object, in its box (box:shift=0.5,rotate,scale), or all.",
         ),
-        click.option("--keep-clean", is_flag=True, help="Keep the ranges without noise too."),
-        click.option("--sensor-height", type=float, help="Metres above the ground. [default: the scene's]"),
+        click.option("--keep-clean", is_flag=True, help="Store the ranges without noise too."),
+        click.option("--sensor-height", type=float, help="Metres above the ground.  [default: the scene's]"),
     )
 
 
@@ -120,7 +121,7 @@ def named_caster(context: click.Context) -> str:
     return str(name)
 
 
-def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
+def parse_sensor(name: str, settings: Settings) -> Sensor:
     """Return a sensor with the numbers that were set.
 
     Raises
@@ -128,13 +129,7 @@ def parse_sensor(name: str, settings: tuple[str, ...]) -> Sensor:
     OptionError
         As `zbuf_occlude.sensors.make`.
     """
-    numbers: dict[str, str] = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals or not key or not text:
-            raise OptionError(f"--set-sensor must be given KEY=VALUE; got {setting!r}.")
-        numbers[key.strip()] = text.strip()
-    sensor = sensors.make(name, **numbers)
+    sensor = sensors.make(name, **dict(settings))
     sensor.rays()  # for its errors
     return sensor
 
@@ -183,7 +178,7 @@ def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", read_scene(Path(scene))
     return Setup(
-        document_of(sensor),
+        sensor.document,
         range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,
         size=parse_sizes(given["size"]) if given["size"] else {},
         scene=scene,

@@ -16,7 +16,7 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import Views, paper100
 from zbuf_occlude.visibility import METHODS, find_method
 
@@ -163,7 +163,7 @@ class Case:
     label: str
     make: Callable[[], Question]  # called when its turn comes; may raise OccludeError
     subjects: Sequence[Subject]
-    judged: bool = True  # whether the answers are compared with the reference, or only timed
+    compared: bool = True  # whether the answers are compared with the reference, or only timed
     facts: dict[str, Any] | None = None  # copied into each row
     budget: float | None = None  # seconds of timed calls for each row, if other than the comparison's
 
@@ -209,7 +209,7 @@ def scaling(seed: int, budget: float | None = None) -> list[Case]:
             f"{n_points:,} points, about {n_faces:,} faces",
             partial(question, n_faces, n_points),
             subjects,
-            judged=False,
+            compared=False,
             facts={"sweep": sweep},
             budget=budget,
         )

@@ -20,7 +20,7 @@ class ChildFailed(Exception):  # noqa: N818  (the caller turns it into a result 
 class Child:
     """A spawned process that calls one function after the other; `begin` is called first there.
 
-    It ignores SIGINT, and ends when its parent is gone. Its messages to the parent are pairs of a kind (`told`,
+    It ignores SIGINT, and ends when its parent is gone. Its messages to the parent are pairs of a kind (`progress`,
     `returned` or `raised`) and a value.
     """
 
@@ -48,7 +48,7 @@ class Child:
         self.kill()
         raise ChildFailed(f"timed out after {timeout:g} s")
 
-    def finished(self, progress: Callable[..., None] = lambda *told: None) -> bool:
+    def finished(self, progress: Callable[..., None] = lambda *values: None) -> bool:
         """Receive a message: whether it was the last of a function, whose result is then in `result`.
 
         Otherwise `progress` is called with what the function passed to `report_progress`. Raises as `answer`.
@@ -87,7 +87,7 @@ _pipe: Any = None
 
 def report_progress(*values: Any) -> None:
     """In a child: report progress to the parent."""
-    _pipe.send(("told", values))
+    _pipe.send(("progress", values))
 
 
 def _serve(pipe: Connection, begin: Callable[[], None] | None) -> None:

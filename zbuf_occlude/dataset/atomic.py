@@ -31,9 +31,8 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
     exclusive : bool
         Leave a file that is there already.
     synced : bool
-        If not, the file appears when all of it is written; what of it the last seconds before a loss of power brought
-        may be lost. For files of unfinished work that say themselves whether they are whole: nothing waits for the
-        disk, and files that are soon removed may never go there.
+        If not, the file appears when all of it is written; a loss of power may take its last seconds. For files of
+        unfinished work that have checksums: nothing waits for the disk.
 
     Raises
     ------
@@ -50,7 +49,10 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
             file.flush()
             if synced:
                 os.fsync(file.fileno())
-        _publish(temporary, path, exclusive)
+        if exclusive:
+            _link(temporary, path)
+        else:
+            os.replace(temporary, path)
     except OSError as error:
         if error.errno is None:  # from inside NumPy
             raise OSError(errno.EIO, "it could not be written whole; is the disk full?", str(path)) from error
@@ -62,17 +64,15 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
             temporary.unlink()
 
 
-def _publish(temporary: Path, path: Path, exclusive: bool) -> None:
-    if exclusive:
-        try:
-            os.link(temporary, path)
-            return
-        except FileExistsError:
-            raise
-        except OSError:  # a file system without links
-            if path.exists():
-                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
-    os.replace(temporary, path)
+def _link(temporary: Path, path: Path) -> None:
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        os.replace(temporary, path)
 
 
 def leftovers(folders: Iterable[Path]) -> list[Path]:
@@ -129,20 +129,7 @@ DAMAGES = (
 
 @contextmanager
 def reading(path: Path, remedy: str = REMEDY) -> Iterator[None]:
-    """Say of a file or folder that cannot be read, or whose content is not what was written, which it is.
-
-    Parameters
-    ----------
-    path : Path
-        What is read in the block.
-    remedy : str
-        What to do.
-
-    Raises
-    ------
-    DatasetError
-        In place of whatever its reader raised.
-    """
+    """Turn whatever the reader of a damaged file or folder raises into a DatasetError that names it and the remedy."""
     try:
         yield
     except DatasetError:  # it was said already

@@ -13,7 +13,7 @@ from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import find_method, prepare
 
@@ -58,7 +58,7 @@ def by_default() -> Choice:
 def remark_on_renderer(method: str) -> str:
     """Say that a method would render in software beside an NVIDIA GPU; "" where it would not."""
     from zbuf_occlude.gl.context import GlContext  # late, as above
-    from zbuf_occlude.gl.nvidia import NVIDIA, fallen_to_software
+    from zbuf_occlude.gl.devices import NVIDIA, fallen_to_software
 
     if method == AUTO or not find_method(method).needs_gl or not NVIDIA.exists():
         return ""
@@ -69,19 +69,11 @@ def remark_on_renderer(method: str) -> str:
         return ""
 
 
-def choose(n_faces: int, n_points: int, *, gain: float, embree: bool) -> Choice:
+def choose_exact(n_faces: int, n_points: int, *, gain: float, embree: bool) -> Choice:
     """Choose among the methods that are exact, or all but so, by what docs/performance_exact.md says of their speed.
 
-    Parameters
-    ----------
-    n_faces : int
-        Of a typical mesh.
-    n_points : int
-        Asked about on it, before hidden-surface removal.
-    gain : float
-        How many times as fast as `exact` `exact_gl` was in a trial on this machine's GPU; 0 where it has none.
-    embree : bool
-        Whether the extra `embree` is installed.
+    `gain` is how many times as fast as `exact` `exact_gl` was in a trial on this machine's GPU, 0 where it has none;
+    `embree`, whether that extra is installed.
     """
     if gain > 1.0:
         return Choice("exact_gl", f"in a trial on the GPU here it was {gain:.1f} times as fast as `exact`")
@@ -116,7 +108,7 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     sizes = [size for mesh_id in _some(meshes) if (size := _sizes(meshes[mesh_id], recipe))]
     n_faces, n_points = np.median(sizes, axis=0) if sizes else (0, recipe.n_points or 0)
     embree = importlib.util.find_spec("embreex") is not None
-    choice = choose(int(n_faces), int(n_points), gain=gain, embree=embree)
+    choice = choose_exact(int(n_faces), int(n_points), gain=gain, embree=embree)
     return replace(recipe, method=choice.method, reason=choice.reason)
 
 
@@ -135,11 +127,8 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
             with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
                 loaded.append(meshes[mesh_id].load())
         mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
-        eyes = (
-            parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
-            .around(mesh.centre, mesh.longest_side)
-            .eyes
-        )
+        views = parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
+        eyes = views.around(mesh.centre, mesh.longest_side).eyes
         points = sample_surface(mesh, n_points=recipe.n_points or DENSE, seed=0)
         seconds = {}
         for method in ("exact", "exact_gl"):

@@ -1,42 +1,41 @@
-"""A batch: a few meshes made into clouds at a time, kept in one file of the work folder until they are in final files.
+"""Batches: a few meshes made into clouds at a time; and what is known of batches and groups that are done.
 
-The file begins with a line of JSON, what is known of the batch (`Batch`); then come its clouds, those of each final
-file together. It appears under its name when it is whole, so a batch is done when its file is there.
+A batch's clouds are kept in a file of the work folder until they are in final files. It begins with a line of JSON, its
+`Outcome`; then come the clouds, those of each final file together. It appears when it is whole, so a batch is done when
+its file is there. A group is done when ``groups/NUMBER.json``, the outcome of all its batches and its files, is there.
 """
 
+import hashlib
 import io
 import json
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.dataset import atomic, ragged
+from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.clouds import gather_clouds, record_type
 from zbuf_occlude.dataset.counts import Counts
-from zbuf_occlude.dataset.folder import WORK, sha256_of
+from zbuf_occlude.dataset.folder import GROUPS, WORK, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
-from zbuf_occlude.dataset.formats.packed import Archive, archive_name
-from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, occlude
-from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.scans import scan
+from zbuf_occlude.dataset.packed import Archive, archive_name
+from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, samplings
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Numbers, Plan
+from zbuf_occlude.dataset.records import Records, gather_clouds, laid_out, read_archive, record_type
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.meshes.collection import MeshEntry
+from zbuf_occlude.provenance import Origin
 
 REMEDY = "Run the same `zbuf-occlude generate` again."
-Records = NDArray[Any]
 
 
 class Piece(NamedTuple):
@@ -54,63 +53,105 @@ class Named(NamedTuple):
     n_bytes: int
     sha256: str
 
+    @classmethod
+    def of(cls, path: Path) -> "Named":
+        """Describe a file that was written."""
+        return cls(path.name, path.stat().st_size, sha256_of(path))
+
 
 @dataclass(frozen=True)
-class Batch:
-    """What is known of a batch that is done.
+class Outcome:
+    """What came of a batch, or of all batches of a group.
 
     Parameters
     ----------
     fingerprint : str
-        Of its plan.
+        Of the plan.
     counts : Counts
     failures : mapping of mesh key to reason
     given_up : mapping of mesh key to Limits
         Of the failures that exceeded limits, or ended their workers: the limits then.
     origins : mapping of mesh key to Origin
         What every mesh was made of.
-    renderer : str
+    renderers : list of str
     seconds : float
         That making it took.
     n_clouds : mapping of split to int
+    files : mapping of split to list of Named
+        Final files with clouds; an archive of the format packed may stand under several splits.
     pieces : mapping of file number to Piece
-        Where its clouds lie; none in the format packed.
-    archive : Named or None
-        The final file of a batch in the format packed.
+        Where a batch's clouds lie; none in the format packed.
     """
 
     fingerprint: str
-    counts: Counts
-    failures: Mapping[str, str]
-    given_up: Mapping[str, Limits]
-    origins: Mapping[str, Origin]
-    renderer: str
-    seconds: float
-    n_clouds: Mapping[str, int]
-    pieces: Mapping[int, Piece]
-    archive: Named | None
+    counts: Counts = field(default_factory=Counts)
+    failures: Mapping[str, str] = field(default_factory=dict)
+    given_up: Mapping[str, Limits] = field(default_factory=dict)
+    origins: Mapping[str, Origin] = field(default_factory=dict)
+    renderers: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    n_clouds: Mapping[str, int] = field(default_factory=dict)
+    files: Mapping[str, list[Named]] = field(default_factory=dict)
+    pieces: Mapping[int, Piece] = field(default_factory=dict)
+
+    @classmethod
+    def of_all(cls, fingerprint: str, parts: list["Outcome"], files: Mapping[str, list[Named]]) -> "Outcome":
+        """Sum up batches or groups; `files` are those besides their own."""
+        all_files = {split: list(of_split) for split, of_split in files.items()}
+        for part in parts:
+            for split, of_split in part.files.items():
+                all_files.setdefault(split, []).extend(of_split)
+        return cls(
+            fingerprint,
+            counts=sum((part.counts for part in parts), Counts()),
+            failures={key: reason for part in parts for key, reason in part.failures.items()},
+            given_up={key: limits for part in parts for key, limits in part.given_up.items()},
+            origins={key: origin for part in parts for key, origin in part.origins.items()},
+            renderers=sorted({renderer for part in parts for renderer in part.renderers}),
+            seconds=sum(part.seconds for part in parts),
+            n_clouds=dict(sum((Counter(part.n_clouds) for part in parts), Counter())),
+            files=all_files,
+        )
 
     @property
-    def document(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
-        return {
+    def made(self) -> dict[str, Origin]:
+        """What the meshes that did not fail were made of, by key."""
+        return {key: origin for key, origin in self.origins.items() if key not in self.failures}
+
+    def write(self, path: Path, clouds: Iterable[bytes | memoryview] = (), *, synced: bool) -> None:
+        """Write it, as a line of JSON with a checksum, and clouds behind it."""
+        names = {file.name for of_split in self.files.values() for file in of_split}
+        document = {
             **self.__dict__,
             "counts": self.counts.document,
             "given_up": {key: limits.document for key, limits in self.given_up.items()},
             "origins": {key: origin.document for key, origin in self.origins.items()},
+            "pieces": {str(file): piece for file, piece in self.pieces.items()},
+            "names": sorted(names),
         }
+        line = json.dumps({**document, "checksum": _checksum(document)}).encode() + b"\n"
+        path.parent.mkdir(exist_ok=True)
+        atomic.write(path, lambda file: file.writelines([line, *clouds]), synced=synced)
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> "Batch":
-        """Read back what `document` gave."""
+    def from_json(cls, line: bytes) -> "Outcome":
+        """Read back what `write` wrote; what is raised of damaged bytes is among `atomic.DAMAGES`."""
+        document = json.loads(line)
+        if document.pop("checksum") != _checksum(document):
+            raise ValueError("its checksum differs")
+        del document["names"]
         read: dict[str, Any] = {
             "counts": Counts.from_document(document["counts"]),
             "given_up": {key: Limits(*limits) for key, limits in document["given_up"].items()},
             "origins": {key: Origin.from_document(each) for key, each in document["origins"].items()},
+            "files": {split: [Named(*file) for file in of_split] for split, of_split in document["files"].items()},
             "pieces": {int(file): Piece(*piece) for file, piece in document["pieces"].items()},
-            "archive": document["archive"] and Named(*document["archive"]),
         }
         return cls(**{**document, **read})
+
+
+def _checksum(document: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 class Clouds:
@@ -140,26 +181,23 @@ class Clouds:
                 found[file] = [record.view(np.uint8).data for record in some]
             else:
                 buffer = io.BytesIO()
-                ragged.save(buffer, np.concatenate(some), self._plan.recipe)
+                np.savez(buffer, **laid_out(np.concatenate(some), self._plan.recipe))  # type: ignore[arg-type]
                 found[file] = [buffer.getbuffer()]
         return found
 
 
-def _places(plan: Plan, records: list[Records]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _places(plan: Plan, records: list[Records]) -> tuple[Numbers, Numbers]:
     """Return the file and the row of each cloud of some arrays of records."""
-    ids = [
+    mesh_ids, variations, view_ids = (
         np.concatenate([np.empty(0, np.int32), *(each[name] for each in records)])
         for name in ("mesh_id", "variation", "view_id")
-    ]
-    return plan.placement.of(ids[0], ids[1], ids[2])
+    )
+    return plan.places(mesh_ids, variations, view_ids)
 
 
-def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterable[Sampling]:
-    """Yield the samplings, or the scans, of a mesh."""
-    entry = plan.meshes[mesh_id]
-    if plan.recipe.setup is not None:
-        return scan(mesh, entry.label, plan, entry.key)
-    return occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
+def new_store(plan: Plan) -> Clouds | Archive:
+    """Return what collects the clouds of a batch."""
+    return Archive(plan) if plan.format == PACKED else Clouds(plan)
 
 
 def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> tuple[Counts, str, Origin]:
@@ -180,11 +218,6 @@ def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> tup
     return counts, renderer, mesh.origin
 
 
-def new_store(plan: Plan) -> Clouds | Archive:
-    """Return what collects the clouds of a batch."""
-    return Archive(plan) if plan.format == PACKED else Clouds(plan)
-
-
 def make_batch(
     plan: Plan,
     number: int,
@@ -194,74 +227,51 @@ def make_batch(
     lost: Mapping[int, GivenUp] = MappingProxyType({}),
     on_mesh: Callable[[int | None], None] = lambda mesh_id: None,
 ) -> None:
-    """Make one batch, and write its file.
+    """Make batch `number` of a plan, and write its file into the dataset's folder; failures of meshes are recorded.
 
-    Parameters
-    ----------
-    plan : Plan
-    number : int
-        Index into ``plan.batches``.
-    out : Path
-        The dataset's folder.
-    gl : GlContext or None
-    lost : mapping of mesh index to GivenUp
-        Meshes that are not tried again: each is a failure, with its reason.
-    on_mesh : callable
-        Called with the index of each mesh before it is begun, and with None before the batch is written.
-
-    Notes
-    -----
-    A mesh that cannot be used is recorded under ``failures`` with its reason; the batch goes on.
+    Meshes that are `lost` are failures and not tried again. `on_mesh` is called with the index of each mesh before it
+    is begun, and with None before the batch is written.
     """
     began = time.perf_counter()
     store, counts, renderer, n_clouds = new_store(plan), Counts(), "none", Counter[str]()
-    failures, origins = dict[str, str](), dict[str, Origin]()
-    for mesh_id in plan.batches[number]:
+    failures, origins, mesh_ids = dict[str, str](), dict[str, Origin](), plan.batches[number].mesh_ids
+    for mesh_id in mesh_ids:
         entry = plan.meshes[mesh_id]
         on_mesh(mesh_id)
         try:
             if mesh_id in lost:
                 raise MeshError(lost[mesh_id].reason)
-            of_mesh, renderer_of_mesh, origins[entry.key] = make_mesh(plan, mesh_id, gl, store)
+            of_mesh, renderer, origins[entry.key] = make_mesh(plan, mesh_id, gl, store)
         except (MeshError, ArgumentError) as error:  # options were tried before: it is the mesh's numbers
             failures[entry.key], origins[entry.key] = str(error), entry.origin_of_failure()
             continue
-        counts, renderer = counts + of_mesh, renderer_of_mesh
+        counts += of_mesh
         n_clouds[entry.split] += of_mesh.n_clouds
     on_mesh(None)
-    archive, pieces = None, dict[int, list[memoryview]]()
+    files, contents, pieces, begin = dict[str, list[Named]](), dict[int, list[memoryview]](), dict[int, Piece](), 0
     if isinstance(store, Archive):
-        path = out / archive_name(number)
-        store.write(path)
-        archive = Named(path.name, path.stat().st_size, sha256_of(path))
+        store.write(out / archive_name(number))
+        files = {split: [Named.of(out / archive_name(number))] for split in n_clouds}
     else:
-        pieces = store.pieces()
-    batch = Batch(
+        contents = store.pieces()
+    for file, content in contents.items():
+        crc32 = reduce(lambda before, part: zlib.crc32(part, before), content, 0)
+        pieces[file] = Piece(begin, sum(map(len, content)), crc32)
+        begin += pieces[file].n_bytes
+    outcome = Outcome(
         fingerprint=plan.fingerprint,
         counts=counts,
         failures=failures,
-        given_up={plan.meshes[i].key: lost[i].limits for i in plan.batches[number] if i in lost},
+        given_up={plan.meshes[i].key: lost[i].limits for i in mesh_ids if i in lost},
         origins=origins,
-        renderer=renderer,
+        renderers=[renderer] if renderer != "none" else [],
         seconds=time.perf_counter() - began,
         n_clouds=n_clouds,
-        pieces=_laid_out(pieces),
-        archive=archive,
+        files=files,
+        pieces=pieces,
     )
-    line = json.dumps(batch.document).encode()
-    header = b"%d %b\n" % (zlib.crc32(line), line)
-    (out / WORK).mkdir(exist_ok=True)
-    lines: list[bytes | memoryview] = [header, *(piece for of_file in pieces.values() for piece in of_file)]
-    atomic.write(batch_path(out, number), lambda file: file.writelines(lines), synced=False)  # it has checksums
-
-
-def _laid_out(pieces: Mapping[int, list[memoryview]]) -> dict[int, Piece]:
-    found, begin = dict[int, Piece](), 0
-    for file, of_file in pieces.items():
-        n_bytes = sum(map(len, of_file))
-        found[file] = Piece(begin, n_bytes, reduce(lambda before, piece: zlib.crc32(piece, before), of_file, 0))
-        begin += n_bytes
-    return found
+    parts = (part for content in contents.values() for part in content)
+    outcome.write(batch_path(out, number), parts, synced=False)  # it has checksums
 
 
 def batch_path(out: Path, number: int) -> Path:
@@ -269,50 +279,78 @@ def batch_path(out: Path, number: int) -> Path:
     return out / WORK / f"{number:06d}.batch"
 
 
-def read_batch(plan: Plan, out: Path, number: int, *, closely: bool = False) -> tuple[Batch | None, str]:
-    """Return a batch that is done; of any other None and, where there is a damaged file of it, what is wrong.
+def group_path(out: Path, number: int) -> Path:
+    """Return where what is known of a group is written."""
+    return out / GROUPS / f"{number:06d}.json"
 
-    Parameters
-    ----------
-    plan : Plan
-    out : Path
-    number : int
-    closely : bool
-        Compare the checksums of its clouds too.
+
+def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outcome | None, str]:
+    """Return the outcome of a batch or group that is done; else None and, where there is something, what is wrong.
+
+    With `closely` the checksums of clouds and files are compared too.
 
     Raises
     ------
     DatasetError
         It belongs to another plan.
     """
-    path = batch_path(out, number)
     try:
         with open(path, "rb") as file:
-            checksum, _, line = file.readline().partition(b" ")
-            if zlib.crc32(line[:-1]) != int(checksum):
-                return None, f"{path.name} is damaged"
-            batch, begin = Batch.from_document(json.loads(line)), file.tell()
-            n_bytes = sum(piece.n_bytes for piece in batch.pieces.values())
-            if path.stat().st_size != begin + n_bytes:
-                return None, f"{path.name} is damaged"
-            for piece in batch.pieces.values() if closely else ():
+            outcome = Outcome.from_json(file.readline())
+            n_bytes = sum(piece.n_bytes for piece in outcome.pieces.values())
+            if path.stat().st_size != file.tell() + n_bytes:
+                raise ValueError("its size differs")
+            for piece in outcome.pieces.values() if closely else ():
                 if zlib.crc32(file.read(piece.n_bytes)) != piece.crc32:
-                    return None, f"{path.name} is damaged"
+                    raise ValueError("its checksum differs")
     except FileNotFoundError:
         return None, ""
-    except (ValueError, LookupError, TypeError, AttributeError):
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None, f"{path.name} is damaged"
-    if batch.fingerprint != plan.fingerprint:
-        raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {batch.fingerprint}.")
-    if batch.archive is not None and not is_there(out, batch.archive, closely=closely):
-        return None, f"{batch.archive.name} is damaged or missing"
-    return batch, ""
+    if outcome.fingerprint != plan.fingerprint:
+        raise DatasetError(f"{path} must belong to plan {plan.fingerprint}; it is of plan {outcome.fingerprint}.")
+    for named in {named for of_split in outcome.files.values() for named in of_split}:
+        final = path.parents[1] / named.name
+        if not final.is_file() or final.stat().st_size != named.n_bytes or (closely and Named.of(final) != named):
+            return None, f"{named.name} is missing or damaged"
+    return outcome, ""
 
 
-def is_there(out: Path, file: Named, *, closely: bool = False) -> bool:
-    """Whether a file is there, with the size, and closely the checksum, that it had."""
-    path = out / file.name
-    return path.is_file() and path.stat().st_size == file.n_bytes and (not closely or sha256_of(path) == file.sha256)
+def read_groups(plan: Plan, out: Path) -> Iterator[Outcome]:
+    """Yield the outcomes of all groups of a dataset.
+
+    Raises
+    ------
+    DatasetError
+        One is not done.
+    """
+    for number in range(len(plan.groups)):
+        group, fault = read_outcome(plan, group_path(out, number))
+        if group is None:
+            raise DatasetError(
+                f"{out} must have all {len(plan.groups)} groups of files; group {number} is not done"
+                f"{fault and f': {fault}'}. Run the `zbuf-occlude generate` that made the others first."
+            )
+        yield group
+
+
+def check_origins(entries: Iterable[MeshEntry], origins: Mapping[str, Origin], out: Path) -> None:
+    """Raise DatasetError unless meshes are what data in a folder were made of, their `origins` by key."""
+    for entry in entries:
+        then = origins.get(entry.key)
+        if then is None or (now := entry.origin_now(then)).sha256 == then.sha256:
+            continue
+        what = f"sha256 {now.sha256[:12]}..." if now.sha256 else "no longer readable"
+        raise DatasetError(
+            f"{entry.key} must be what the data in {out} were made of, sha256 {then.sha256[:12]}...; it is {what}. "
+            "Put it back, choose another folder, or make all clouds again with --overwrite."
+        )
+
+
+def worth_another_try(entry: MeshEntry, origin: Origin, given_up: Limits | None, limits: Limits) -> bool:
+    """Whether the cause of a mesh's failure may be gone: the file is another, or the limits are wider."""
+    wider = given_up is not None and limits.allow_more_than(given_up)
+    return wider or entry.origin_of_failure() != origin
 
 
 def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
@@ -325,7 +363,7 @@ def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
     """
     records = np.empty(CLOUDS_PER_FILE, record_type(plan.recipe))
     is_filled = np.zeros(len(records), bool)
-    for batch in plan.batches.of_groups[plan.files[number].group]:
+    for batch in plan.batches_of[plan.files[number].group]:
         piece = _read_piece(plan, batch_path(out, batch), number)
         _, rows = _places(plan, [piece])
         records[rows], is_filled[rows] = piece, True
@@ -334,14 +372,13 @@ def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
 
 def _read_piece(plan: Plan, path: Path, number: int) -> Records:
     with reading(path, REMEDY), open(path, "rb") as file:
-        piece = json.loads(file.readline().partition(b" ")[2])["pieces"].get(str(number))
+        piece = Outcome.from_json(file.readline()).pieces.get(number)
         if piece is None:
             return np.empty(0, record_type(plan.recipe))
-        begin, n_bytes, crc32 = piece
-        file.seek(begin, io.SEEK_CUR)
-        content = file.read(n_bytes)
-        if zlib.crc32(content) != crc32:
+        file.seek(piece.begin, io.SEEK_CUR)
+        content = file.read(piece.n_bytes)
+        if zlib.crc32(content) != piece.crc32:
             raise ValueError("its checksum differs")
         if plan.recipe.sample_size is None:
-            return ragged.load(io.BytesIO(content), plan.recipe)
+            return read_archive(io.BytesIO(content), plan.recipe)
         return np.frombuffer(content, record_type(plan.recipe))

@@ -1,12 +1,14 @@
-"""Counts: everything that is counted while clouds are made, added up from mesh to shard to dataset."""
+"""Counts: what is counted while clouds are made, added up from mesh to dataset, and what that says of the whole."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
+
+import numpy as np
 
 BAD_VIEW = 0.01
 """A view of whose checked points a larger share is wrong counts as a bad one."""
+CONFIDENCE = 0.95
 
 
 class WorstView(NamedTuple):
@@ -73,20 +75,17 @@ class Counts:
     faces_dropped: Mapping[str, int] = field(default_factory=dict)
 
     def __add__(self, other: "Counts") -> "Counts":
-        """Return the counts of both."""
-        numbers = {
-            each.name: getattr(self, each.name) + getattr(other, each.name)
-            for each in fields(self)
-            if each.name not in ("worst", "most_stacked", "faces_dropped")
-        }
-        dropped = Counter(self.faces_dropped)
-        dropped.update(other.faces_dropped)
-        return Counts(
-            **numbers,
-            worst=_larger(self.worst, other.worst),
-            most_stacked=_larger(self.most_stacked, other.most_stacked),
-            faces_dropped=dict(dropped),
-        )
+        """Return the counts of both; of equally bad views or meshes the first."""
+        added: dict[str, Any] = {}
+        for name in (each.name for each in fields(self)):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if name in ("worst", "most_stacked"):
+                added[name] = max(filter(None, (mine, theirs)), key=lambda each: each.share, default=None)
+            elif name == "faces_dropped":
+                added[name] = {reason: mine.get(reason, 0) + theirs.get(reason, 0) for reason in {**mine, **theirs}}
+            else:
+                added[name] = mine + theirs
+        return Counts(**added)
 
     @property
     def document(self) -> dict[str, Any]:
@@ -100,11 +99,53 @@ class Counts:
         read = {"worst": worst and WorstView(*worst), "most_stacked": most and WorstMesh(*most)}
         return cls(**{**document, **read})
 
+    @property
+    def error(self) -> dict[str, Any]:
+        """How wrong the checked answers are; None where nothing was checked. ``interval`` is of all answers' share."""
+        n, n_views = self.n_checked, self.n_views_checked
+        return {
+            "false_visible": self.false_visible / n if n else None,
+            "false_hidden": self.false_hidden / n if n else None,
+            "interval": list(interval(self.false_visible + self.false_hidden, n)) if n else None,
+            "n_checked": n,
+            "n_views_checked": n_views,
+            "bad_views": self.n_bad_views / n_views if n_views else None,
+            "worst_view": None if self.worst is None else self.worst._asdict(),
+        }
 
-Worst = TypeVar("Worst", WorstView, WorstMesh)
+    @property
+    def stacked(self) -> dict[str, Any] | None:
+        """How much of the surface has another sheet too near; None of methods without a tolerance."""
+        if self.most_stacked is None:
+            return None
+        share = self.n_stacked / self.n_looked_at
+        return {"share": share, "n_looked_at": self.n_looked_at, "most": self.most_stacked._asdict()}
 
 
-def _larger(one: Worst | None, other: Worst | None) -> Worst | None:
-    """Return the one of the larger share, the first of equals."""
-    known = [each for each in (one, other) if each is not None]
-    return max(known, key=lambda each: each.share, default=None)
+def interval(n_wrong: int, n: int) -> tuple[float, float]:
+    """Return the interval that holds the true share with `CONFIDENCE`, where `n_wrong` of `n` random answers are wrong.
+
+    Answers of one mesh or view may err together, which is not taken into account.
+
+    References
+    ----------
+    C. J. Clopper, E. S. Pearson: The use of confidence or fiducial limits illustrated in the case of the binomial.
+    Biometrika 26 (1934), doi:10.1093/biomet/26.4.404.
+    """
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = 0.0 if n_wrong == 0 else _share_of_tail(n_wrong - 1, n, 1.0 - tail)
+    high = 1.0 if n_wrong == n else _share_of_tail(n_wrong, n, tail)
+    return low, high
+
+
+def _share_of_tail(most: int, n: int, probability: float) -> float:
+    """Return the share at which at most `most` of `n` are wrong with that probability; by halving."""
+    i = np.arange(most)
+    log_ways = np.concatenate([[0.0], np.cumsum(np.log(n - i) - np.log(i + 1.0))])  # of choosing 0, 1, ..., most
+    wrong = np.arange(most + 1)
+    low, high = 0.0, 1.0
+    while high - low > 1e-12 * high:
+        share = (low + high) / 2.0
+        at_most = np.exp(log_ways + wrong * np.log(share) + (n - wrong) * np.log1p(-share)).sum()
+        low, high = (share, high) if at_most > probability else (low, share)
+    return high

@@ -9,8 +9,6 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -161,12 +159,7 @@ def sha256_of(path: Path) -> str:
 def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
     """Return the SHA-256 of files of a dataset by name, and of those that say what labels, meshes and files there are.
 
-    Parameters
-    ----------
-    out : Path
-    names : iterable of str
-    known : mapping of file name to checksum
-        Of files that are not read again.
+    Files whose checksum is `known` are not read again.
     """
     beside = {name for name in (SHAPE_NAMES, MESH_KEYS, *map(list_of, SPLITS)) if (out / name).exists()}
     found = {}
@@ -176,38 +169,50 @@ def checksums(out: Path, names: Iterable[str], known: Mapping[str, str] = Mappin
     return found
 
 
-class State(Enum):
-    """What a folder is."""
-
-    EMPTY = "empty, or not there"
-    FOREIGN = "somebody's"
-    UNFINISHED = "a dataset of ours, not finished"
-    FINISHED = "a dataset of ours"
+def write_names(plan: Plan, out: Path) -> None:
+    """Write what labels and mesh ids stand for."""
+    atomic.write_lines(out / SHAPE_NAMES, plan.classes)
+    atomic.write_lines(out / MESH_KEYS, [entry.key for entry in plan.meshes])
 
 
-@dataclass(frozen=True)
-class Found:
-    """What a folder is, the plan of a dataset of ours, and why it is none."""
+def plan_in(out: Path) -> Plan | None:
+    """Return the plan of the dataset in a folder; None of an empty folder, and of one that is not there.
 
-    state: State
-    plan: Plan | None = None
-    reason: str = ""
-
-
-def look(out: Path) -> Found:
-    """Find out what a folder is; nothing is changed."""
+    Raises
+    ------
+    DatasetError
+        It holds something else.
+    """
     if not out.is_dir() or not set(out.iterdir()) - set(atomic.leftovers([out])):
-        return Found(State.EMPTY)
+        return None
     if not (out / PLAN).exists():
-        return Found(State.FOREIGN, reason=f"{out} must be empty or hold a dataset; it has other files.")
+        raise DatasetError(f"{out} must be empty or hold a dataset; it has other files. Choose another folder.")
     try:
-        plan = read_plan(out)
+        return read_plan(out)
     except DatasetError as error:
-        return Found(State.FOREIGN, reason=str(error))
-    return Found(State.FINISHED if (out / MANIFEST).exists() else State.UNFINISHED, plan)
+        raise DatasetError(f"{error} Choose another folder.") from None
 
 
-def claim(plan: Plan, out: Path) -> None:
+def holds(plan: Plan, out: Path) -> bool:
+    """Whether a folder holds this plan's dataset, finished or not; False where it is empty.
+
+    Raises
+    ------
+    DatasetError
+        It holds something else, or another plan.
+    """
+    theirs = plan_in(out)
+    if theirs is None or theirs.fingerprint == plan.fingerprint:
+        return theirs is not None
+    differences = plan.differences(theirs.document) or ["the views are others"]
+    more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
+    raise DatasetError(
+        f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "
+        f"in which {'; '.join(differences[:3])}{more}. Choose another folder, or generate with --overwrite."
+    )
+
+
+def occupy(plan: Plan, out: Path) -> None:
     """Make the folder this plan's, or find that it is already; nothing in it is removed.
 
     Raises
@@ -215,39 +220,13 @@ def claim(plan: Plan, out: Path) -> None:
     DatasetError
         It holds something else, or another plan.
     """
-    if look_for(plan, out) is State.EMPTY:
+    if not holds(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
             document = {"fingerprint": plan.fingerprint, **plan.document}
             atomic.write_json(out / PLAN, document, exclusive=True)
         except FileExistsError:  # another run was faster
-            _check_same(plan, read_plan(out), out)
-
-
-def look_for(plan: Plan, out: Path) -> State:
-    """Find out what a folder is, which a plan's dataset is to be in; nothing is changed.
-
-    Raises
-    ------
-    DatasetError
-        It holds something else, or another plan.
-    """
-    found = look(out)
-    if found.state is State.FOREIGN:
-        raise DatasetError(f"{found.reason} Choose another folder.")
-    if found.plan is not None:
-        _check_same(plan, found.plan, out)
-    return found.state
-
-
-def _check_same(plan: Plan, theirs: Plan, out: Path) -> None:
-    if theirs.fingerprint != plan.fingerprint:
-        differences = plan.differences(theirs.document) or ["the views are others"]
-        more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
-        raise DatasetError(
-            f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "
-            f"in which {'; '.join(differences[:3])}{more}. Choose another folder, or generate with --overwrite."
-        )
+            holds(plan, out)
 
 
 @contextmanager
@@ -306,17 +285,24 @@ def removable(out: Path) -> list[tuple[Path, Plan]]:
     DatasetError
         The folder, or something in it, is not ours.
     """
-    datasets = [(each, found.plan) for each in (out / ORIGINAL, out) if (found := look(each)).plan is not None]
-    if (found := look(out)).state is State.FOREIGN:
-        raise DatasetError(f"{found.reason} Choose another folder.")
-    for folder, plan in datasets:
-        if others := sorted_out(folder, plan)[1]:
+    plan, original = plan_in(out), _original(out)
+    datasets = [(out / ORIGINAL, original)] if original else []
+    datasets += [(out, plan)] if plan else []
+    for folder, each in datasets:
+        if others := sorted_out(folder, each)[1]:
             more = f" and {len(others) - 1} more" if len(others) > 1 else ""
             raise DatasetError(
                 f"{folder} must hold nothing but its dataset to be overwritten; it has other files: {others[0]}{more}. "
                 "Nothing was removed. Move them away, or choose another folder."
             )
     return datasets
+
+
+def _original(out: Path) -> Plan | None:
+    """Return the plan of the complete clouds of a dataset; None where there are none of ours."""
+    with suppress(DatasetError):
+        return plan_in(out / ORIGINAL)
+    return None
 
 
 def remove_work(out: Path, plan: Plan) -> None:
@@ -339,7 +325,7 @@ def sorted_out(out: Path, plan: Plan) -> tuple[list[str], list[str]]:
             ours = whole in folders or whole.startswith((f"{WORK}/export", f"{STORED}/"))
             if os.path.islink(os.path.join(path, name)) or not ours:
                 subfolders.remove(name)
-                if here or name != ORIGINAL or look(out / ORIGINAL).plan is None:
+                if here or name != ORIGINAL or _original(out) is None:
                     others.append(f"{whole}/")
         for name in files:
             whole = f"{here}{name}"

@@ -3,7 +3,8 @@
     for job, result in workers.do(todo):                # ("batch", 17) or ("file", 3)
         todo.extend_first(schedule.done(job, result))   # the files of a group that is complete; its record at its end
 
-The same call again resumes: a batch is done when its file is in the work folder, a group when its record is there.
+The same call again resumes: a batch is done when its file is in the work folder, a group when its record is there. The
+manifest, written last, says how the dataset was made, what failed and how wrong it is.
 """
 
 import logging
@@ -14,27 +15,45 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from zbuf_occlude.dataset.batch import Batch, Named, batch_path, clouds_of_file, make_batch, read_batch
-from zbuf_occlude.dataset.export import export_here, stored_plan
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.batch import (
+    Named,
+    Outcome,
+    batch_path,
+    check_origins,
+    clouds_of_file,
+    group_path,
+    make_batch,
+    read_groups,
+    read_outcome,
+    worth_another_try,
+)
+from zbuf_occlude.dataset.export import export_here, frame_in_words, stored_plan
 from zbuf_occlude.dataset.folder import (
+    CONTACT_SHEET,
     MANIFEST,
     STORED,
-    claim,
+    checksums,
     locked,
+    occupy,
     read_manifest,
     remove,
     remove_work,
-    sha256_of,
+    write_names,
 )
 from zbuf_occlude.dataset.formats import PACKED, find_format
-from zbuf_occlude.dataset.group import Group, check_origins, group_path, read_group, worth_another_try
-from zbuf_occlude.dataset.manifest import finish
+from zbuf_occlude.dataset.gallery import write_contact_sheet
+from zbuf_occlude.dataset.packed import STEPS
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.gl.devices import fallen_to_software
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin, versions
 from zbuf_occlude.visibility import find_method
-from zbuf_occlude.workers.task import Run, run_here
+from zbuf_occlude.workers import Run, run_here
+
+SHOWN = 16
+"""The picture is drawn of the clouds of at most this many files."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -43,15 +62,7 @@ Job = tuple[Literal["batch", "file"], int]
 
 @dataclass(frozen=True)
 class Making:
-    """The task of making a dataset.
-
-    Parameters
-    ----------
-    plan : Plan
-    out : Path
-    needs_gl : bool
-        Whether batches are made, and their method renders.
-    """
+    """The task of making a dataset; `needs_gl` where batches are made, and their method renders."""
 
     plan: Plan
     out: Path
@@ -86,30 +97,14 @@ def write_file(plan: Plan, number: int, out: Path) -> Named | None:
         return None
     path = out / module.file_name(file.split, file.number)
     module.write(path, records, plan, file.number)
-    return Named(path.name, path.stat().st_size, sha256_of(path))
+    return Named.of(path)
 
 
 class Schedule:
-    """What is still to be done in a dataset's folder.
+    """What is still to be done in a dataset's folder, of some groups.
 
-    Parameters
-    ----------
-    plan : Plan
-    out : Path
-    groups : range
-        Those to be made here.
-    limits : Limits
-        Failures within narrower limits are tried again.
-    on_batch, on_file : callable
-        Called with the number of clouds planned in each batch that is done, and with 1 for each file that is written;
-        at once for those of a run before.
-
-    Attributes
-    ----------
-    todo : list of Job
-        The jobs to begin with.
-    made : float
-        `time.perf_counter()` when the last batch was done.
+    `todo` has the jobs to begin with. `on_batch` is called with the number of clouds planned in each batch that is
+    done, and `on_file` with 1 for each file that is written; at once for those of a run before.
 
     Raises
     ------
@@ -128,94 +123,86 @@ class Schedule:
     ) -> None:
         self.plan, self.out, self._limits = plan, out, limits
         self._on_batch, self._on_file = on_batch, on_file
-        self._has_files = plan.format != PACKED
-        self._batches_left, self._files_left = dict[int, int](), dict[int, int]()
-        self._written: dict[int, Named] = {}
+        self._files_of = plan.files_of if plan.format != PACKED else [range(0)] * len(plan.groups)
+        self._left = dict[int, int]()
+        self._written = dict[int, Named]()
         self.todo: list[Job] = []
         self.made = time.perf_counter()
         for group in groups:
-            if self._is_done(group):
-                self._progress(plan.batches.of_groups[group])
-                on_file(len(plan.files.of_group(group)) * self._has_files)
+            if self._is_done(f"group {group}", group_path(out, group), plan.groups[group].tolist(), closely=False):
+                on_batch(len(plan.groups[group]) * plan.clouds_per_mesh)
+                on_file(len(self._files_of[group]))
                 continue
-            missing = [batch for batch in plan.batches.of_groups[group] if not self._is_made(batch)]
-            self._batches_left[group] = len(missing)
-            self.todo += [("batch", batch) for batch in missing] or self._files_of(group)
+            group_path(out, group).unlink(missing_ok=True)
+            missing: list[Job] = []
+            for number in plan.batches_of[group]:
+                mesh_ids = plan.batches[number].mesh_ids
+                if self._is_done(f"batch {number}", batch_path(out, number), mesh_ids, closely=True):
+                    on_batch(len(mesh_ids) * plan.clouds_per_mesh)
+                else:
+                    missing.append(("batch", number))
+            self._left[group] = len(missing)
+            self.todo += missing or self._begin_files(group)
 
     def done(self, job: Job, result: Named | None) -> list[Job]:
         """Take note of a job that is done; return the jobs that can be done now."""
         what, number = job
-        if what == "file":
-            return self._file_written(number, result)
-        self._progress(range(number, number + 1))
-        self.made = time.perf_counter()
-        group = self.plan.batches.group_of(number)
-        self._batches_left[group] -= 1
-        return [] if self._batches_left[group] else self._files_of(group)
+        if what == "batch":
+            group, mesh_ids = self.plan.batches[number]
+            self._on_batch(len(mesh_ids) * self.plan.clouds_per_mesh)
+            self.made = time.perf_counter()
+        else:
+            group = self.plan.files[number].group
+            self._on_file(1)
+            if result is not None:
+                self._written[number] = result
+        self._left[group] -= 1
+        if self._left[group]:
+            return []
+        if what == "batch":
+            return self._begin_files(group)
+        self._record(group)
+        return []
 
-    def _files_of(self, group: int) -> list[Job]:
-        """Return the jobs of a group whose batches are all made."""
-        files = list(self.plan.files.of_group(group)) if self._has_files else []
-        self._files_left[group] = len(files)
+    def _begin_files(self, group: int) -> list[Job]:
+        """Return the jobs of a group whose batches are all made; without any, the group is done."""
+        files = self._files_of[group]
+        self._left[group] = len(files)
         if not files:
             self._record(group)
         return [("file", file) for file in files]
 
-    def _file_written(self, number: int, file: Named | None) -> list[Job]:
-        if file is not None:
-            self._written[number] = file
-        self._on_file(1)
-        group = self.plan.files[number].group
-        self._files_left[group] -= 1
-        if not self._files_left[group]:
-            self._record(group)
-        return []
-
     def _record(self, group: int) -> None:
         """Write the record of a group, whose files are written; its batches are not needed any more."""
-        plan, found, files = self.plan, list[Batch](), dict[str, list[Named]]()
-        for number in plan.batches.of_groups[group]:
-            batch, fault = read_batch(plan, self.out, number)
+        plan, batches, files = self.plan, list[Outcome](), dict[str, list[Named]]()
+        for number in plan.batches_of[group]:
+            batch, fault = read_outcome(plan, batch_path(self.out, number))
             if batch is None:
                 raise DatasetError(f"batch {number} of {self.out} must be done; it is not{fault and f': {fault}'}.")
-            found.append(batch)
-            for split in batch.n_clouds if batch.archive is not None else ():
-                files.setdefault(split, []).append(batch.archive)  # type: ignore[arg-type]  # not None
-        for number in plan.files.of_group(group):
+            batches.append(batch)
+        for number in self._files_of[group]:
             if number in self._written:
                 files.setdefault(plan.files[number].split, []).append(self._written.pop(number))
-        Group.of_batches(plan, found, files).write(self.out, group)
-        for number in plan.batches.of_groups[group]:
+        Outcome.of_all(plan.fingerprint, batches, files).write(group_path(self.out, group), synced=True)
+        for number in plan.batches_of[group]:
             batch_path(self.out, number).unlink(missing_ok=True)
 
-    def _progress(self, batches: range) -> None:
-        self._on_batch(sum(len(self.plan.batches[i]) for i in batches) * self.plan.clouds_per_mesh)
-
-    def _is_done(self, number: int) -> bool:
-        group, fault = read_group(self.plan, self.out, number)
-        if group is not None:
-            mesh_ids = self.plan.groups[number].tolist()
-            check_origins([self.plan.meshes[i] for i in mesh_ids], group.made, self.out)
-            again = worth_another_try(self.plan, mesh_ids, group, self._limits)
+    def _is_done(self, what: str, path: Path, mesh_ids: list[int], *, closely: bool) -> bool:
+        """Whether a batch or group is there, whole, and none of its failures is worth another try."""
+        outcome, fault = read_outcome(self.plan, path, closely=closely)
+        if outcome is not None:
+            entries = [self.plan.meshes[i] for i in mesh_ids]
+            check_origins(entries, outcome.made, self.out)
+            again = [
+                entry.key
+                for entry in entries
+                if entry.key in outcome.failures
+                and worth_another_try(entry, outcome.origins[entry.key], outcome.given_up.get(entry.key), self._limits)
+            ]
             fault = f"{again[0]}, which failed, is tried again" if again else ""
         if fault:
-            _LOG.warning("group %d is made again: %s", number, fault)
-            group_path(self.out, number).unlink(missing_ok=True)
-        return group is not None and not fault
-
-    def _is_made(self, number: int) -> bool:
-        batch, fault = read_batch(self.plan, self.out, number, closely=True)
-        if batch is not None:
-            mesh_ids = self.plan.batches[number]
-            made = {key: origin for key, origin in batch.origins.items() if key not in batch.failures}
-            check_origins([self.plan.meshes[i] for i in mesh_ids], made, self.out)
-            again = worth_another_try(self.plan, mesh_ids, batch, self._limits)
-            fault = f"{again[0]}, which failed, is tried again" if again else ""
-        if fault:
-            _LOG.warning("batch %d is made again: %s", number, fault)
-        if batch is not None and not fault:
-            self._progress(range(number, number + 1))
-        return batch is not None and not fault
+            _LOG.warning("%s is made again: %s", what, fault)
+        return outcome is not None and not fault
 
 
 def generate(
@@ -268,7 +255,7 @@ def generate(
     row.check(plan)
     if overwrite:
         remove(out)
-    claim(plan, out)
+    occupy(plan, out)
     began, limits = time.perf_counter(), limits or Limits()
     if (finished := read_manifest(out)) is not None:
         if is_sound(plan, finished, out, limits):
@@ -327,38 +314,134 @@ def is_sound(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits)
     check_origins(plan.meshes, made, out)
     for entry in plan.meshes:
         if (tried := manifest.get("tries", {}).get(entry.key)) is not None:
-            wider = tried["limits"] is not None and limits.allow_more_than(Limits(*tried["limits"]))
-            if wider or entry.origin_of_failure() != Origin.from_document(tried["origin"]):
+            given_up = None if tried["limits"] is None else Limits(*tried["limits"])
+            if worth_another_try(entry, Origin.from_document(tried["origin"]), given_up, limits):
                 _LOG.warning("%s, which failed, is tried again", entry.key)
                 return False
     return True
+
+
+def finish(plan: Plan, out: Path, seconds: Mapping[str, float]) -> dict[str, Any]:
+    """Write what belongs to the whole dataset, the manifest last; return the manifest.
+
+    Raises
+    ------
+    DatasetError
+        A group is not done, a mesh has changed since it was used, or no mesh has a cloud.
+    """
+    began, module = time.perf_counter(), find_format(plan.format).load()
+    whole = Outcome.of_all(plan.fingerprint, list(read_groups(plan, out)), {})
+    check_origins(plan.meshes, whole.made, out)
+    if not any(whole.n_clouds.values()):
+        raise DatasetError(_nothing_made(plan, whole))
+    names = {split: [file.name for file in whole.files[split]] for split in plan.splits if split in whole.files}
+    known = {file.name: file.sha256 for of_split in whole.files.values() for file in of_split}
+    write_names(plan, out)
+    getattr(module, "finish", lambda *arguments: None)(out, plan, names)
+    shown = {split: of_split[:SHOWN] for split, of_split in names.items()}
+    write_contact_sheet(out / CONTACT_SHEET, module.read(out, plan, shown))
+    document = {
+        **summed_up(plan, whole, {**seconds, "finishing": time.perf_counter() - began}),
+        "files": names,
+        "sha256": checksums(out, known, known),
+    }
+    document["counts"]["clouds_by_split"] = {split: whole.n_clouds[split] for split in names}
+    atomic.write_json(out / MANIFEST, document)
+    remove_work(out, plan)
+    return document
+
+
+def _nothing_made(plan: Plan, whole: Outcome) -> str:
+    """Say why there is no cloud, and what to do."""
+    setup = plan.recipe.setup
+    if whole.failures:
+        why = next(iter(whole.failures.values()))
+    elif setup is None:
+        why = "its views see nothing. Choose other --views."
+    else:
+        sensor = setup.made_sensor
+        reach = f"{sensor.imperfections.range_min:g} to {sensor.imperfections.range_max:g} m"
+        why = f"its views see nothing; {sensor.name} measures at {reach}. Choose --views, --range and --size by that."
+    return f"at least one mesh must give a cloud; none of {len(plan.meshes)} did. The first failed so: {why}"
+
+
+def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[str, Any]:
+    """Return the manifest, but for what it says of files; `seconds` are of the steps of this run.
+
+    ``error`` holds fractions of the checked pairs of view and point: *false_visible* (the dataset has the point, the
+    oracle says hidden) and *false_hidden* (the other way round); of the checked views the share of those that are wrong
+    in more than `counts.BAD_VIEW` of their checked points, and the worst. ``origins`` says what each mesh was made of,
+    ``stacked`` how much of the surface has another sheet nearer than the method's tolerance, ``tries`` what was there
+    of those that failed, and the limits they had.
+    """
+    counts = whole.counts
+    return {
+        "fingerprint": plan.fingerprint,
+        "seed": plan.recipe.seed,
+        "format": plan.format,
+        "options": plan.document["recipe"],
+        "versions": versions(),
+        "renderer": ", ".join(whole.renderers) or "none",
+        "renderer_remark": next(filter(None, map(fallen_to_software, whole.renderers)), ""),
+        "classes": plan.classes,
+        **frame_in_words(plan),
+        "counts": {
+            "meshes": len(plan.meshes),
+            "meshes_failed": len(whole.failures),
+            "views": len(plan.views),
+            "variations": plan.recipe.variations,
+            "clouds": counts.n_clouds,
+            "views_that_see_nothing": counts.n_blind_views,
+            "views_inside_the_bounding_box": counts.n_inside,
+            "clouds_with_repeated_points": counts.n_with_repeats,
+            "faces_dropped": dict(counts.faces_dropped),
+            "meshes_without_colors": counts.n_without_colors,
+        },
+        "failures": dict(whole.failures),
+        "tries": {
+            key: {
+                "origin": whole.origins[key].document,
+                "limits": whole.given_up[key].document if key in whole.given_up else None,
+            }
+            for key in whole.failures
+        },
+        "origins": {key: origin.document for key, origin in whole.made.items()},
+        # how far positions may be off along each axis, in longest sides; float32 alone is nothing beside it
+        "rounding": 0.5 / STEPS if find_format(plan.format).keeps_points else 0.0,
+        "error": counts.error,
+        "stacked": counts.stacked,
+        "seconds": {
+            **{name: round(value, 3) for name, value in seconds.items()},
+            "workers": round(whole.seconds, 3),
+        },
+    }
 
 
 def progress_of(plan: Plan, out: Path) -> dict[str, Any]:
     """Return how far a dataset is that is not finished, as plain data for `zbuf-occlude status`."""
     if find_format(plan.format).exported_from:
         return progress_of(stored_plan(plan), out / STORED)
-    n_batches = n_groups = n_clouds = 0
-    seconds, failures, again = 0.0, dict[str, str](), dict[str, str]()
-    for number, batches in enumerate(plan.batches.of_groups):
-        group, fault = read_group(plan, out, number)
+    n_batches = n_groups = 0
+    found, again = list[Outcome](), dict[str, str]()
+    for number, batches in enumerate(plan.batches_of):
+        group, fault = read_outcome(plan, group_path(out, number))
         if group is not None:
-            n_groups += 1
-            found: list[tuple[int, Batch | Group]] = [(len(batches), group)]
-        else:
-            made = [(batch, *read_batch(plan, out, batch)) for batch in batches]
-            found = [(1, batch) for _, batch, _ in made if batch is not None]
-            again |= {f"batch {i}": fault for i, _, fault in made if fault} | (
-                {f"group {number}": fault} if fault else {}
-            )
-        for n, each in found:
-            n_batches, n_clouds, seconds = n_batches + n, n_clouds + each.counts.n_clouds, seconds + each.seconds
-            failures |= each.failures
+            n_batches, n_groups = n_batches + len(batches), n_groups + 1
+            found.append(group)
+            continue
+        again |= {f"group {number}": fault} if fault else {}
+        for i in batches:
+            batch, fault = read_outcome(plan, batch_path(out, i))
+            again |= {f"batch {i}": fault} if fault else {}
+            if batch is not None:
+                n_batches += 1
+                found.append(batch)
+    whole = Outcome.of_all(plan.fingerprint, found, {})
     return {
         "batches_done": n_batches,
         "groups_done": n_groups,
-        "clouds": n_clouds,
-        "failures": failures,
+        "clouds": whole.counts.n_clouds,
+        "failures": dict(whole.failures),
         "to_make_again": again,
-        "worker_seconds_left": (len(plan.batches) - n_batches) * seconds / n_batches if n_batches else None,
+        "worker_seconds_left": (len(plan.batches) - n_batches) * whole.seconds / n_batches if n_batches else None,
     }

@@ -1,28 +1,49 @@
-"""The flow, spelled out for one mesh: surface points -> views -> visibility mask."""
+"""The flow for one mesh: surface points -> views -> visibility mask; or places of a sensor -> first hits."""
 
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
-from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstView
-from zbuf_occlude.dataset.plan import Recipe
-from zbuf_occlude.dataset.stacked import count_stacked
+from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstMesh, WorstView
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.records import ScanPoints, further_fields
+from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.predicates import of_one_sign, volumes
 from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_surface
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.jit.compiler import njit
+from zbuf_occlude.jit.vec3 import cross, dot, minus
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import CONTACT
 
 CHECKED_POINTS = 64
 """At least this many points of each view that is checked are asked again of the oracle, where there are as many."""
 
 MOST_TESTS = 1_000_000_000
 """Pairs times faces that the oracle goes through for one sampling: a second. Huge meshes are checked at fewer pairs."""
+
+CHECKED_SCANS = 4
+"""Of the scans of each variation at most this many are checked; of many meshes fewer of each (`Plan.n_checked`)."""
+
+SHEET_POINTS = 1024
+"""Points of a mesh that are looked at for another sheet: its share is known to 3 %, for about a millisecond."""
+
+SCAN_ARRAYS = {
+    "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
+    "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
+}  # fmt: skip
+"""For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -51,22 +72,18 @@ class Sampling(NamedTuple):
     renderer: str
 
 
-def occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
-    """Yield the samplings of one mesh, variation by variation; `zbuf_occlude.dataset.scans` does it for sensors.
+def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
+    """Yield the samplings, or the scans, of a mesh, variation by variation.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        In its own units; the cameras stand around its centre at multiples of its longest side.
-    recipe : Recipe
-    views : Views
-        Distances in longest sides, about the origin.
-    key : str
-        The mesh's key; all randomness comes from it and the recipe's seed.
-    gl : GlContext or None
-    n_checked : int
-        About this many pairs of view and point of each variation are asked again of the oracle.
+    All randomness comes from the mesh's key and the recipe's seed.
     """
+    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
+    if setup is not None:
+        return _scan(mesh, entry.label, setup, plan, entry.key)
+    return _occlude(mesh, plan.recipe, plan.views_of(entry.key), entry.key, gl, plan.n_checked)
+
+
+def _occlude(mesh: Mesh, recipe: Recipe, views: Views, key: str, gl: Any, n_checked: int) -> Iterator[Sampling]:
     views = views.around(mesh.centre, mesh.longest_side)
     with ExitStack() as stack:
         occluder, renderer = None, "none"
@@ -155,3 +172,152 @@ def check(
         n_bad_views=int((shares > BAD_VIEW).sum()),
         worst=place._replace(share=float(shares[worst]), view=int(some_views[worst])),
     )
+
+
+def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterator[Sampling]:
+    """Yield the scans of a mesh; of complete clouds the whole object, nothing is scanned.
+
+    A checked pair (`Counts`) is a ray; false visible: its hit lies behind the oracle's, false hidden: before it.
+    """
+    recipe = plan.recipe
+    standing, size = in_metres(mesh, label, setup)
+    floor = float(standing.bounds[0, 2])
+    for variation in range(recipe.variations):
+        seeds = partial(_seed, recipe.seed, key, variation)
+        views = plan.views_of(key)
+        if views.rotations is not None:  # cameras of a file, which stand where the mesh is
+            eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
+            views = Views.of_cameras(eyes, views.rotations, views.windows)
+        places = sensor_places(views, size, floor, setup, seeds)
+        if recipe.complete:
+            whole = standing_points(mesh, label, recipe, key, variation)
+            mask = np.ones((len(places), len(whole)), dtype=bool)
+            yield Sampling(whole, mask, places, count_clouds(mask.sum(axis=1), recipe), "none")
+            continue
+        rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
+        n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
+        checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
+        found, counts, renderer = [], Counts(), "none"
+        for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
+            renderer = capture.occluder.renderer
+            if number in checked and len(capture.scan):
+                counts += _check_rays(capture, rng, key, variation, number)
+            found.append((capture.scan, capture.hidden, capture.reached))
+        scans = [scan for scan, _, _ in found]
+        face_ids = np.concatenate([np.where(scan.instances == 0, scan.face_ids, -1) for scan in scans])
+        points = ScanPoints(
+            np.concatenate([scan.positions for scan in scans]),
+            face_ids,
+            np.concatenate([scan.normals for scan in scans]),
+            columns={
+                name: np.concatenate([_column(name, scan, mesh, standing) for scan in scans])
+                for name in further_fields(recipe)
+            },
+            facts={
+                "size": np.full(len(scans), size),
+                "hidden": np.array([hidden for _, hidden, _ in found]),
+                "hidden_reached": np.array([reached for _, _, reached in found]),
+            },
+        )
+        lengths = np.array([len(scan) for scan in scans])
+        mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
+        counts += count_clouds(lengths, recipe) + Counts(n_inside=int(standing.in_box(places.eyes).sum()))
+        yield Sampling(points, mask, places, counts, renderer)
+
+
+def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:
+    """Sample the whole of a mesh, as `pipeline.sample` does, where and as large as it stands before the sensor."""
+    assert recipe.setup is not None
+    points = sample(mesh, recipe, seed_of(recipe.seed, key, variation))
+    _, size = in_metres(mesh, label, recipe.setup)
+    positions = (points.positions - mesh.centre) * (size / mesh.longest_side)
+    return ScanPoints(positions, points.face_ids, points.normals, points.colors, facts={"size": np.array([size])})
+
+
+def _column(name: str, scan: Scan, mesh: Mesh, standing: Mesh) -> NDArray[Any]:
+    return _colors_met(scan, mesh, standing) if name == "color" else np.asarray(getattr(scan, SCAN_ARRAYS[name]))
+
+
+def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
+    """Return the colours (n, 3) of where a scan's rays met the target, without noise; all else is grey."""
+    colors = np.full((len(scan), 3), GREY, dtype=np.uint8)
+    mine = np.flatnonzero(scan.instances == 0)
+    if mesh.colors is not None and len(mine):
+        face_ids = scan.face_ids[mine]
+        met = scan.origin + scan.clean_ranges[mine, None] * scan.directions[mine]
+        colors[mine] = mesh.colors.at(face_ids, barycentric(standing.corners[face_ids], met))
+    return colors
+
+
+def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> Counts:
+    """Ask the oracle about a random few of a scan's rays and count where the method errs."""
+    scan = capture.scan
+    directions = scan.directions[rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)]
+    found = capture.occluder.first_hits(scan.origin[None], directions).distances
+    with prepare(capture.scene.mesh, "oracle") as oracle:
+        truth = oracle.first_hits(scan.origin[None], directions).distances
+    within = CONTACT * capture.scene.mesh.diagonal
+    with np.errstate(invalid="ignore"):  # both miss
+        behind, before = found - truth > within, truth - found > within
+    share = float((behind | before).mean())
+    return Counts(
+        n_checked=len(truth),
+        false_visible=int(behind.sum()),
+        false_hidden=int(before.sum()),
+        n_views_checked=1,
+        n_bad_views=int(share > BAD_VIEW),
+        worst=WorstView(share, key, variation, view),
+    )
+
+
+def _seed(seed: int, key: str, variation: int, what: str, view: int) -> np.random.SeedSequence:
+    return seed_of(seed, f"{key}/{what}", variation, view)
+
+
+def count_stacked(mesh: Mesh, points: SurfacePoints, tolerance: float, key: str) -> Counts:
+    """Look at some points of a mesh for another face along their normal, on either side, within the tolerance.
+
+    Faces nearer than the contact tolerance touch: neither hides the other, so they do not count.
+    """
+    contact = CONTACT * mesh.diagonal
+    if not tolerance > contact or not len(points):
+        return Counts()
+    some = np.unique(np.linspace(0, len(points) - 1, SHEET_POINTS).astype(np.intp))
+    axis = int(np.ptp(mesh.bounds, axis=0).argmax())
+    some = some[np.argsort(points.positions[some, axis], kind="stable")]
+    found = _have_another(
+        mesh.corners, points.positions[some], points.normals[some], points.face_ids[some], axis, contact, tolerance
+    )
+    n_stacked = int(found.sum())
+    return Counts(n_looked_at=len(some), n_stacked=n_stacked, most_stacked=WorstMesh(n_stacked / len(some), key))
+
+
+@njit(cache=True, _nrt=True)
+def _have_another(corners: Any, positions: Any, normals: Any, face_ids: Any, axis: Any, least: Any, most: Any) -> Any:
+    """Whether the normal's line meets another face farther than `least` and not farther than `most` away, (n,) bool.
+
+    `positions` and `normals` (n, 3) ascend along `axis`; `face_ids` are of the points' own faces.
+    """
+    found = np.zeros(len(positions), np.bool_)
+    along = positions[:, axis].copy()
+    for face in range(len(corners)):
+        a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
+        low = min(a[axis], b[axis], c[axis]) - most
+        high = max(a[axis], b[axis], c[axis]) + most
+        for i in range(np.searchsorted(along, low), len(positions)):
+            if along[i] > high:
+                break
+            point, normal = positions[i], normals[i]
+            near = not found[i] and face_ids[i] != face
+            for other in range(3):
+                near &= min(a[other], b[other], c[other]) - most <= point[other]
+                near &= max(a[other], b[other], c[other]) + most >= point[other]
+            if not near:
+                continue
+            line = (normal[0], normal[1], normal[2])
+            u, v, w = volumes(point, line, a, b, c)
+            own = cross(minus(b, a), minus(c, a))
+            slope = abs(dot(line, own))
+            height = abs(dot(minus(a, point), own))
+            found[i] = of_one_sign(u, v, w) and least * slope < height <= most * slope
+    return found

@@ -1,28 +1,34 @@
-"""The plan of a dataset: meshes x views x variations, in groups, batches and files. The same input, the same plan."""
+"""The plan of a dataset: meshes x views x variations, and the file and row of every cloud before it is made.
+
+Meshes are dealt at random to groups. A *group* is a few final files, whose clouds are mixed at random; machines share
+groups. A *batch* is a few meshes of a group, which a worker makes at a time. A view that sees nothing, or a mesh that
+fails, leaves its rows empty and moves no other cloud. So the same input gives the same plan, and that the same files.
+"""
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from importlib.util import find_spec
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.dataset.classes import CLASSES_OF
-from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE, Batches, Files, MeshIds, Placement, deal
-from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
+from zbuf_occlude.errors import MeshError, OptionError, UnavailableError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import MAX_POINTS
 from zbuf_occlude.meshes.collection import SPLITS, MeshCollection, MeshEntry
-from zbuf_occlude.scenes.pool import Pool
-from zbuf_occlude.seeds import seed_of
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views, is_drawn
 from zbuf_occlude.views import parse as parse_views
+
+Numbers = NDArray[np.intp]
 
 SCALES = ("cloud", "object", "mesh")
 FRAMES = ("object", "z-up", "camera")
@@ -33,15 +39,42 @@ MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 8
 """Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
+CLOUDS_PER_FILE = 2048
+"""Clouds of a full file."""
 CLOUDS_PER_GROUP = 4 * CLOUDS_PER_FILE
-"""Clouds of a group, about: its files are written, and shared among machines, together."""
+"""Approximate number of clouds of a group."""
 CLOUDS_PER_BATCH, FEWEST_PER_BATCH, BATCHES = 500, 125, 32
 """Clouds of a batch in a large dataset: seconds of work. A small one has `BATCHES` batches, if that many have the
 fewest clouds, so that workers end together."""
-
 PAIRS_CHECKED = 37_000
 """Pairs of view and point of a dataset that are asked again of the oracle: where none of as many is wrong, fewer than
-0.01 % of all are, with 95 % confidence (`dataset/confidence.py`)."""
+0.01 % of all are, with 95 % confidence (`dataset/counts.py`)."""
+
+MODELNET40 = (
+    "airplane", "bathtub", "bed", "bench", "bookshelf", "bottle", "bowl", "car", "chair", "cone", "cup", "curtain",
+    "desk", "door", "dresser", "flower_pot", "glass_box", "guitar", "keyboard", "lamp", "laptop", "mantel", "monitor",
+    "night_stand", "person", "piano", "plant", "radio", "range_hood", "sink", "sofa", "stairs", "stool", "table",
+    "tent", "toilet", "tv_stand", "vase", "wardrobe", "xbox",
+)  # fmt: skip
+"""Alphabetical; `shape_names.txt` of modelnet40_ply_hdf5_2048."""
+SCANOBJECTNN = (
+    "bag", "bin", "box", "cabinet", "chair", "desk", "display", "door", "shelf", "table", "bed", "pillow", "sink",
+    "sofa", "toilet",
+)  # fmt: skip
+"""`training_data/shape_names_ext.txt` of hkust-vgd/scanobjectnn."""
+MVP = (
+    "airplane", "cabinet", "car", "chair", "lamp", "sofa", "table", "watercraft", "bed", "bench", "bookshelf", "bus",
+    "guitar", "motorbike", "pistol", "skateboard",
+)  # fmt: skip
+"""`cat_name` in test.py of paul007pl/VRCNet."""
+CLASSES_OF = {
+    "modelnet40-c": MODELNET40,
+    "modelnet-o": MODELNET40,
+    "modelnet40-normal": MODELNET40,
+    "scanobjectnn": SCANOBJECTNN,
+    "mvp": MVP,
+}
+"""Formats whose labels are numbers in a published list, counted from 0; others number the classes at hand."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +201,21 @@ class Recipe:
         return None if self.scanning is None else Setup(**self.scanning)
 
 
+class PlannedBatch(NamedTuple):
+    """A few meshes of one group, made together."""
+
+    group: int
+    mesh_ids: list[int]
+
+
+class PlannedFile(NamedTuple):
+    """File `number` of a split, with clouds of one group."""
+
+    group: int
+    split: str
+    number: int
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Meshes x views x variations, dealt to groups of files.
@@ -195,8 +243,8 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        computed = ("classes", "fingerprint", "split_of", "groups", "batches", "files")
-        return {name: getattr(self, name) for name in ("meshes", "recipe", "format", "views", *computed)}
+        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups", "batches")
+        return {name: getattr(self, name) for name in names}
 
     @cached_property
     def classes(self) -> list[str]:
@@ -234,36 +282,90 @@ class Plan:
 
     @cached_property
     def clouds_per_group(self) -> int:
-        """Clouds of a group, about."""
+        """Approximate number of clouds of a group."""
         return CLOUDS_PER_GROUP
 
     @cached_property
     def clouds_per_batch(self) -> int:
-        """Clouds of a batch, about."""
+        """Approximate number of clouds of a batch."""
         return min(CLOUDS_PER_BATCH, max(FEWEST_PER_BATCH, self.n_clouds // BATCHES))
 
     @cached_property
-    def groups(self) -> list[MeshIds]:
-        """Mesh indices of each group, ascending: the clouds of a group are mixed, and written into files of its own."""
-        n_groups = max(1, min(round(self.n_clouds / self.clouds_per_group), len(self.meshes)))
-        return deal(len(self.meshes), n_groups, seed_of(self.recipe.seed, "groups"))
+    def groups(self) -> list[NDArray[np.int32]]:
+        """Mesh indices of each group, ascending.
+
+        Of each run of neighbouring meshes every group gets one, at random: so all groups have the same share of each
+        class and split, whatever the order of the meshes.
+        """
+        n_meshes = len(self.meshes)
+        n_groups = max(1, min(round(self.n_clouds / self.clouds_per_group), n_meshes))
+        hands = np.tile(np.arange(n_groups), (-(-n_meshes // n_groups), 1))
+        rng = np.random.default_rng(seed_of(self.recipe.seed, "groups"))
+        group_of = rng.permuted(hands, axis=1).ravel()[:n_meshes]
+        ends = np.cumsum(np.bincount(group_of, minlength=n_groups))[:-1]
+        return np.split(np.argsort(group_of, kind="stable").astype(np.int32), ends)
 
     @cached_property
-    def batches(self) -> Batches:
-        """Mesh indices of each batch, group by group; the number of workers does not matter."""
-        return Batches(self.groups, max(1, self.clouds_per_batch // self.clouds_per_mesh))
+    def batches(self) -> list[PlannedBatch]:
+        """All batches, group by group; the number of workers does not matter."""
+        size = max(1, self.clouds_per_batch // self.clouds_per_mesh)
+        return [
+            PlannedBatch(group, mesh_ids[begin : begin + size].tolist())
+            for group, mesh_ids in enumerate(self.groups)
+            for begin in range(0, len(mesh_ids), size)
+        ]
 
     @cached_property
-    def files(self) -> Files:
-        """The files, group by group."""
-        n_meshes = np.array([np.bincount(self.split_of[ids], minlength=len(SPLITS)) for ids in self.groups])
-        return Files(-(-n_meshes * self.clouds_per_mesh // CLOUDS_PER_FILE))
+    def batches_of(self) -> list[range]:
+        """Indices of the batches of each group."""
+        return _ranges((batch.group for batch in self.batches), len(self.groups))
 
     @cached_property
-    def placement(self) -> Placement:
-        """The file and row of every cloud."""
-        n_variations, n_views = self.recipe.variations, len(self.views)
-        return Placement(self.groups, self.split_of, self.files, n_variations, n_views, self.recipe.seed)
+    def files(self) -> list[PlannedFile]:
+        """All files, group by group."""
+        found, n_before = list[PlannedFile](), Counter[str]()
+        for group, mesh_ids in enumerate(self.groups):
+            for split, n_meshes in zip(SPLITS, self._per_split(mesh_ids), strict=True):
+                n_files = -(-int(n_meshes) * self.clouds_per_mesh // CLOUDS_PER_FILE)
+                found += [PlannedFile(group, split, n_before[split] + i) for i in range(n_files)]
+                n_before[split] += n_files
+        return found
+
+    @cached_property
+    def files_of(self) -> list[range]:
+        """Indices of the files of each group."""
+        return _ranges((file.group for file in self.files), len(self.groups))
+
+    def places(self, mesh_ids: Numbers, variations: Numbers, view_ids: Numbers) -> tuple[Numbers, Numbers]:
+        """Return the file of each of some clouds (n,), an index into `files`, and the row there."""
+        files, rows = np.empty(len(mesh_ids), int), np.empty(len(mesh_ids), int)
+        samples = np.asarray(variations, int) * len(self.views) + view_ids
+        group_of, rank_of, first_file = self._ranks
+        groups, splits = group_of[mesh_ids], self.split_of[mesh_ids]
+        for group, split in np.unique(np.stack([groups, splits], axis=1), axis=0).tolist():
+            mine = (groups == group) & (splits == split)
+            n_clouds = int(self._per_split(self.groups[group])[split]) * self.clouds_per_mesh
+            numbers = rank_of[mesh_ids[mine]].astype(int) * self.clouds_per_mesh + samples[mine]
+            found = _shuffled(self.recipe.seed, SPLITS[split], group, n_clouds)[numbers]
+            files[mine] = first_file[group, SPLITS[split]] + found // CLOUDS_PER_FILE
+            rows[mine] = found % CLOUDS_PER_FILE
+        return files, rows
+
+    @cached_property
+    def _ranks(self) -> tuple[NDArray[np.int32], NDArray[np.int32], dict[tuple[int, str], int]]:
+        """Each mesh's group and its rank there among those of its split; the first file of a group's split."""
+        group_of, rank_of = np.empty(len(self.meshes), np.int32), np.empty(len(self.meshes), np.int32)
+        for group, mesh_ids in enumerate(self.groups):
+            group_of[mesh_ids] = group
+            for split in range(len(SPLITS)):
+                mine = mesh_ids[self.split_of[mesh_ids] == split]
+                rank_of[mine] = np.arange(len(mine))
+        first_file = {file[:2]: i for i, file in reversed(list(enumerate(self.files)))}
+        return group_of, rank_of, first_file
+
+    def _per_split(self, mesh_ids: NDArray[np.int32]) -> Numbers:
+        """Count the meshes of each split."""
+        return np.bincount(self.split_of[mesh_ids], minlength=len(SPLITS))
 
     @cached_property
     def pool(self) -> Pool:
@@ -311,6 +413,21 @@ class Plan:
         """A hash of `document`, the reason left out: two runs with one fingerprint make the same dataset."""
         decisive = self.document | {"recipe": self.document["recipe"] | {"reason": ""}}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _ranges(owners: Iterable[int], n_owners: int) -> list[range]:
+    """Return the indices of what each of some owners has; `owners` ascend."""
+    ends = np.searchsorted(list(owners), np.arange(n_owners + 1)).tolist()
+    return [range(begin, end) for begin, end in pairwise(ends)]
+
+
+@lru_cache(maxsize=2 * len(SPLITS))
+def _shuffled(seed: int, split: str, group: int, n_clouds: int) -> Numbers:
+    """Return the place of each cloud of a group's split: a random permutation."""
+    in_order = np.random.default_rng(seed_of(seed, "order/" + split, group)).permutation(n_clouds)
+    places = np.empty_like(in_order)
+    places[in_order] = np.arange(n_clouds)
+    return places
 
 
 def _changed(name: str, then: Any, now: Any) -> Iterator[str]:

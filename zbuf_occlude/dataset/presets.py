@@ -2,12 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
-from zbuf_occlude.checks import find_row
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 MODELNET8 = ("airplane", "bed", "bookshelf", "bottle", "car", "chair", "lamp", "table")
@@ -57,108 +55,86 @@ class Preset:
     name : str
     summary : str
         One line.
+    n_objects : int
+        As many as its paper has.
     options : mapping
         What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
     choose : callable
         Picks the meshes out of all there are.
-    n_objects : int
-        As many as its paper has.
     original : bool
         Whether a complete cloud of each object is wanted too, as a dataset in the folder `folder.ORIGINAL`.
     """
 
     name: str
     summary: str
-    options: Mapping[str, Any]
-    choose: Callable[[MeshCollection], MeshCollection]
     n_objects: int
+    options: Mapping[str, Any]
+    choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved
     original: bool = False
 
+
+_OF_PAPER = {"format": "packed", "method": "exact"}
+_OF_MODELNET40_C = {"format": "modelnet40-c", "splits": "test", "size": "2"}
 
 PRESETS: tuple[Preset, ...] = (
     Preset(
         "paper-modelnet40",
         "section 4.1: 200 objects x 100 views x 10 variations, about 3,000 visible points each",
-        MappingProxyType(
-            {"views": "paper100", "variations": 10, "points": 8_000, "format": "packed", "method": "exact"}
-        ),
-        two_hundred,
         200,
+        {"views": "paper100", "variations": 10, "points": 8_000, **_OF_PAPER},
+        two_hundred,
     ),
     Preset(
         "paper-modelnet8",
         "section 4.3: 8 classes x 75 objects x 25 views, 12,000 points each (the first 1,024 are the paper's smaller "
         "clouds), and a complete cloud of each object",
-        MappingProxyType(
-            {"views": "modelnet8", "points": 60_000, "sample_size": 12_000, "format": "packed", "method": "exact"}
-        ),
-        seventy_five_each,
         600,
+        {"views": "modelnet8", "points": 60_000, "sample_size": 12_000, **_OF_PAPER},
+        seventy_five_each,
         original=True,
     ),
     Preset(
         "pcn",
         "PCN's layout: 8 random poses at distance 1, its camera, 16,384 complete points",
-        MappingProxyType(
-            {
-                "views": "random-so3:8",
-                "distance": "1",
-                "format": "pcn",
-                "sensor": "pcn",
-                "size": "1",
-            }
-        ),
-        MeshCollection.interleaved,
         30_974,
+        {"views": "random-so3:8", "distance": "1", "format": "pcn", "sensor": "pcn", "size": "1"},
     ),
     Preset(
         "mvp",
         "MVP's layout: 26 even poses, 2,048 points",
-        MappingProxyType({"views": "fibonacci:26", "format": "mvp", "method": "exact"}),
-        MeshCollection.interleaved,
         4_000,
+        {"views": "fibonacci:26", "format": "mvp", "method": "exact"},
     ),
     Preset(
         "modelnet40-c-occlusion",
         "ModelNet40-C's corruption by occlusion: the split test, 5 poses from above at 1.5 longest sides, its camera",
-        MappingProxyType(
-            {
-                "views": "random:5@30..60",
-                "distance": "1.5",
-                "format": "modelnet40-c",
-                "splits": "test",
-                "sensor": "modelnet40-c",
-                "size": "2",
-                "sample_size": "1024",
-            }
-        ),
-        MeshCollection.interleaved,
         2_468,
+        {
+            "views": "random:5@30..60",
+            "distance": "1.5",
+            "sensor": "modelnet40-c",
+            "sample_size": "1024",
+            **_OF_MODELNET40_C,
+        },
     ),
     Preset(
         "modelnet40-c-lidar",
         "ModelNet40-C's corruption lidar: the split test, 5 poses at 2.5 longest sides, its bands of 1 degree",
-        MappingProxyType(
-            {
-                "views": "random:5@22.5..22.5",
-                "distance": "2.5",
-                "format": "modelnet40-c",
-                "splits": "test",
-                "sensor": "modelnet40-c-lidar",
-                "size": "2",
-                "sample_size": "768",
-                "scale": "object",
-            }
-        ),
-        MeshCollection.interleaved,
         2_468,
+        {
+            "views": "random:5@22.5..22.5",
+            "distance": "2.5",
+            "sensor": "modelnet40-c-lidar",
+            "sample_size": "768",
+            "scale": "object",
+            **_OF_MODELNET40_C,
+        },
     ),
     Preset(
         "modelnet-o",
         "ModelNet-O's layout: 20 poses, farthest-point samples of 2,048",
-        MappingProxyType({"views": "fibonacci:20", "subset": "fps", "format": "modelnet-o", "method": "exact"}),
-        MeshCollection.interleaved,
         12_311,
+        {"views": "fibonacci:20", "subset": "fps", "format": "modelnet-o", "method": "exact"},
     ),
 )
 

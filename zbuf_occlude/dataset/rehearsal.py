@@ -1,26 +1,49 @@
-"""Before workers start: the method asked about one triangle, and one tiny mesh through the whole job to compile all."""
+"""Before workers start: try the method, compile all by one tiny mesh, and measure what the dataset would take."""
 
+import math
 import tempfile
-from contextlib import ExitStack
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.batch import make_batch
+from zbuf_occlude.dataset.batch import make_batch, make_mesh, new_store
+from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.packed import Archive
 from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.errors import GlError
+from zbuf_occlude.dataset.records import record_type
+from zbuf_occlude.errors import ArgumentError, GlError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.jit import compiler
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.meshes.files import load_mesh
+from zbuf_occlude.meshes.load import load_mesh
+from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors import make
-from zbuf_occlude.sensors.setup import Setup, document_of
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
 
+OPEN_GROUPS = 2
+"""Groups whose batches and files may both be on the disk."""
+LEAST_MESHES, MOST_MESHES, SECONDS = 2, 64, 3.0
+"""This many meshes are made at least and at most, where there are as many; between these, what the time allows."""
 _PYRAMID = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nf 1 4 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n"
+
+
+@contextmanager
+def _context_for(recipe: Recipe) -> Iterator[Any]:
+    """Open the GL context that a method needs, or none."""
+    if not find_method(recipe.method).needs_gl:
+        yield None
+        return
+    from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+    with GlContext.open() as gl:
+        yield gl
 
 
 def rehearse(recipe: Recipe, require_gpu: bool) -> None:
@@ -32,19 +55,14 @@ def rehearse(recipe: Recipe, require_gpu: bool) -> None:
         What any mesh would have met; also a software renderer when a GPU is required.
     """
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
-    with ExitStack() as stack:
-        gl = None
-        if find_method(recipe.method).needs_gl:
-            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
-
-            gl = stack.enter_context(GlContext.open())
-            if require_gpu and gl.is_software:
-                raise GlError(
-                    f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
-                    "See `zbuf-occlude doctor`, or leave --require-gpu out."
-                )
-        occluder = stack.enter_context(prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})))
-        occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
+    with _context_for(recipe) as gl:
+        if require_gpu and gl is not None and gl.is_software:
+            raise GlError(
+                f"--require-gpu needs a hardware renderer; this is {gl.renderer!r}. "
+                "See `zbuf-occlude doctor`, or leave --require-gpu out."
+            )
+        with prepare(triangle, recipe.method, gl=gl, **dict(recipe.method_options or {})) as occluder:
+            occluder.visible(sample_surface(triangle, n_points=1), [[0, 0, 4]])
 
 
 def is_plain(recipe: Recipe) -> bool:
@@ -53,42 +71,100 @@ def is_plain(recipe: Recipe) -> bool:
     return not (row.needs_gl or row.extra or recipe.method_options)
 
 
-def is_compiled(recipe: Recipe) -> bool:
-    """Whether a job of this kind was rehearsed here."""
-    return compiler.is_compiled(_kind(recipe))
+def was_rehearsed(recipe: Recipe) -> bool:
+    """Whether all that a job of this kind calls is compiled."""
+    return compiler.compiled_before(_kind(recipe))
 
 
 def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
-        small = replace(small, scanning=asdict(Setup(document_of(make("hdl-64e")), size="file", method=recipe.method)))
-    with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
-        gl = None
-        if find_method(recipe.method).needs_gl:
-            from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
-
-            gl = stack.enter_context(GlContext.open())
+        small = replace(small, scanning=asdict(Setup(make("hdl-64e").document, size="file", method=recipe.method)))
+    with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
         make_batch(Plan(MeshCollection.from_paths([path]), small), 0, Path(place), gl)
-        if recipe.setup is not None:
+        if recipe.setup is not None:  # ask as scans of large things in scenes do
             mesh = load_mesh(path)
-            occluder = stack.enter_context(prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})))
-            _ask_all_ways(occluder, mesh)
+            eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
+            rays = np.random.default_rng(0).normal(size=(10_000, 3))
+            with prepare(mesh, recipe.method, gl=gl, **dict(recipe.method_options or {})) as occluder:
+                occluder.first_hits([eye], rays)
+                occluder.first_hits([eye, eye + mesh.longest_side], rays[:2])
+                occluder.visible(sample_surface(mesh, n_points=10_000, seed=0), [eye])
     compiler.note_compiled(_kind(recipe))
 
 
-def _ask_all_ways(occluder: Occluder, mesh: Mesh) -> None:
-    """Ask as scans of large things in scenes do: many rays in no order, rays of several places, and what hides what."""
-    eye = mesh.centre + np.array([0.0, 0.0, 4.0 * mesh.longest_side])
-    points = sample_surface(mesh, n_points=10_000, seed=0)
-    rays = np.random.default_rng(0).normal(size=(10_000, 3))
-    occluder.first_hits([eye], rays)
-    occluder.first_hits([eye, eye + mesh.longest_side], rays[:2])
-    occluder.visible(points, [eye])
-
-
 def _kind(recipe: Recipe) -> str:
-    """The method's name; scans cast rays, which other functions do."""
+    """Return the method's name; scans cast rays, which other functions do."""
     return recipe.method if recipe.setup is None else f"{recipe.method}-scans"
+
+
+class Estimate(NamedTuple):
+    """What a dataset would take.
+
+    Parameters
+    ----------
+    n_meshes, n_failed : int
+        Made for it; of them those that failed.
+    processor_seconds : float
+        Of all meshes of the plan, from their files to final ones.
+    uncertainty : float
+        Two standard errors of that: meshes differ.
+    n_bytes, peak_bytes : float
+        Of the dataset; on the disk at any moment.
+    """
+
+    n_meshes: int
+    n_failed: int
+    processor_seconds: float
+    uncertainty: float
+    n_bytes: float
+    peak_bytes: float
+
+
+def estimate(plan: Plan) -> Estimate:
+    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay.
+
+    Raises
+    ------
+    GlError, UnavailableError
+        The method cannot run here.
+    """
+    chosen = np.random.default_rng(seed_of(plan.recipe.seed, "estimate")).permutation(len(plan.meshes)).tolist()
+    made: list[tuple[float, int, bool]] = []
+    with tempfile.TemporaryDirectory() as folder, _context_for(plan.recipe) as gl:
+        _time_mesh(plan, chosen[0], gl, Path(folder))  # loads what was compiled
+        began = time.perf_counter()
+        for mesh_id in chosen[:MOST_MESHES]:
+            if len(made) >= LEAST_MESHES and time.perf_counter() - began > SECONDS:
+                break
+            made.append(_time_mesh(plan, mesh_id, gl, Path(folder)))
+    n, (seconds, sizes, failed) = len(plan.meshes), zip(*made, strict=True)
+    spread = float(np.std(seconds, ddof=1)) if len(made) > 1 else seconds[0]
+    n_bytes, row = n * float(np.mean(sizes)), find_format(plan.format)
+    size, files, peak = plan.recipe.sample_size, n_bytes, n_bytes
+    if plan.format != PACKED:
+        files = n_bytes if size is None else plan.n_clouds * record_type(plan.recipe).itemsize
+        peak = files + n_bytes if row.exported_from else files * (1 + min(1.0, OPEN_GROUPS / len(plan.groups)))
+    uncertainty = 2 * n * spread / math.sqrt(len(made)) if len(made) < n else 0.0
+    return Estimate(len(made), sum(failed), n * float(np.mean(seconds)), uncertainty, files, peak)
+
+
+def _time_mesh(plan: Plan, mesh_id: int, gl: Any, folder: Path) -> tuple[float, int, bool]:
+    """Make a mesh; return the processor's seconds, the bytes written, and whether it failed."""
+    began, store, failed = time.process_time(), new_store(plan), False
+    try:
+        make_mesh(plan, mesh_id, gl, store)
+    except (MeshError, ArgumentError):
+        failed = True
+    made = time.process_time()
+    if isinstance(store, Archive):
+        store.write(folder / "archive")
+        return time.process_time() - began, (folder / "archive").stat().st_size, failed
+    pieces = [piece for of_file in store.pieces().values() for piece in of_file]
+    with open(folder / "batch", "wb") as file:
+        file.writelines(pieces)
+    writing = time.process_time() - made
+    return made - began + 2 * writing, sum(map(len, pieces)), failed  # in a batch, then in files

@@ -4,20 +4,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.clouds import record_type
-from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
-from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.meshes.collection import SPLITS
-
-Numbers = NDArray[np.intp]
-IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
-"""What tells clouds apart."""
+from zbuf_occlude.dataset.atomic import REMEDY, reading
+from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Numbers, Plan
+from zbuf_occlude.dataset.records import IDS, Records, record_type
+from zbuf_occlude.errors import DatasetError
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +28,12 @@ class Source:
         The numbers of a split's clouds in the order of its files; splits without clouds are not there.
     take : callable
         Returns the records (`record_type`) of some numbers, in the order of the numbers.
-    complete : callable, optional
-        Returns a record of an object's whole surface, hidden points too, from its mesh's index and a number of points;
-        only where all points of the objects are kept.
     blocks_of : callable
         Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
         where neighbours in the order are.
+    complete : callable, optional
+        Returns a record of an object's whole surface, hidden points too, from its mesh's index and a number of points;
+        only where all points of the objects are kept.
     sizes : mapping of split to list of int
         How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
     ids : callable
@@ -45,8 +42,8 @@ class Source:
 
     plan: Plan
     order: dict[str, Numbers]
-    take: Callable[[Numbers], NDArray[Any]]
-    blocks_of: Callable[[Numbers], NDArray[Any] | None] = lambda numbers: None
+    take: Callable[[Numbers], Records]
+    blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
@@ -64,7 +61,7 @@ class Source:
             if size:
                 yield number, numbers[end - size : end]
 
-    def batches(self, split: str, size: int = CLOUDS_PER_FILE, *, in_any_order: bool = False) -> Iterator[NDArray[Any]]:
+    def batches(self, split: str, size: int = CLOUDS_PER_FILE, *, in_any_order: bool = False) -> Iterator[Records]:
         """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""
         numbers = self.order[split]
         if in_any_order and (blocks := self.blocks_of(numbers)) is not None:
@@ -73,27 +70,30 @@ class Source:
             yield self.take(numbers[start : start + size])
 
 
-class Arranged(NamedTuple):
-    """Clouds as they stand in files: numbers of each split in order, and how many of them each file has."""
+def open_dataset(folder: Path) -> Source:
+    """Return the clouds of a complete dataset of a format that is read back.
 
-    order: dict[str, Numbers]
-    sizes: dict[str, list[int]]
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset, it is damaged, or it is an export in a layout of others.
+    """
+    plan, manifest = read_finished(folder)
+    row = find_format(plan.format)
+    if row.exported_from:
+        raise DatasetError(
+            f"{folder} must be in a format that is read back; it is an export for the loaders of {plan.format}. "
+            f"Make the {row.exported_from} dataset, and its export by `zbuf-occlude convert`."
+        )
+    source: Source = row.load().read(folder, plan, manifest["files"])
+    if source.n_clouds != (expected := manifest["counts"]["clouds_by_split"]):
+        raise DatasetError(
+            f"{folder} must have the clouds that its manifest counts, {expected}; it has {source.n_clouds}. {REMEDY}"
+        )
+    return source
 
 
-def arranged(plan: Plan, files: Numbers, rows: Numbers) -> Arranged:
-    """Arrange clouds by their files, indices into ``plan.files``, and their rows there."""
-    numbers = np.lexsort((rows, files))
-    n_clouds = np.bincount(files, minlength=len(plan.files))
-    split_of_file = np.array([file.split for file in plan.files])
-    split_of = split_of_file[files[numbers]]
-    present = [split for split in SPLITS if (split_of == split).any()]
-    return Arranged(
-        {split: numbers[split_of == split] for split in present},
-        {split: n_clouds[split_of_file == split].tolist() for split in present},
-    )
-
-
-def kept(whole: Callable[[Path], NDArray[Any]]) -> Callable[[Path, Numbers], NDArray[Any]]:
+def kept(whole: Callable[[Path], Records]) -> Callable[[Path, Numbers], Records]:
     """Return a `load` for `source_of_files` that reads files whole and keeps the last one in memory."""
     last = lru_cache(maxsize=1)(whole)
     return lambda path, rows: last(path)[rows]
@@ -103,7 +103,7 @@ def source_of_files(
     plan: Plan,
     files: dict[str, list[Path]],
     count: Callable[[Path], int],
-    load: Callable[[Path, Numbers], NDArray[Any]],
+    load: Callable[[Path, Numbers], Records],
     *,
     read_ids: Callable[[Path], NDArray[Any]] | None = None,
 ) -> Source:
@@ -125,45 +125,36 @@ def source_of_files(
     DatasetError
         A file cannot be read, here or when its clouds are taken.
     """
-    paths = [path for split in files for path in files[split]]
+    paths, sizes, order = [path for split in files for path in files[split]], list[int](), dict[str, Numbers]()
+    for split in files:
+        begin = sum(sizes)
+        for path in files[split]:
+            with reading(path):
+                sizes.append(count(path))
+        order[split] = np.arange(begin, sum(sizes))
+    ends = np.cumsum(sizes)
 
-    def counted(path: Path) -> int:
-        with reading(path):
-            return count(path)
-
-    sizes = {split: [counted(path) for path in files[split]] for split in files}
-    ends = np.cumsum([size for split in files for size in sizes[split]])
-
-    def take(numbers: Numbers) -> NDArray[Any]:
+    def take(numbers: Numbers) -> Records:
         owners = np.searchsorted(ends, numbers, side="right")
         records = np.empty(len(numbers), record_type(plan.recipe))
         for owner in np.unique(owners):
             mine = owners == owner
-            begin = ends[owner - 1] if owner else 0
             with reading(paths[owner]):
-                records[mine] = load(paths[owner], numbers[mine] - begin)
-                check_indices(records["label"][mine], records["mesh_id"][mine], plan)
+                records[mine] = load(paths[owner], numbers[mine] - (ends[owner] - sizes[owner]))
+                for name, n in (("label", len(plan.classes)), ("mesh_id", len(plan.meshes))):
+                    found = records[name][mine]
+                    if (strange := found[(found < 0) | (found >= n)]).size:
+                        raise ValueError(f"{name} {strange.flat[0]}, where there are {n}")
         return records
 
-    order, begin = {}, 0
-    for split in files:
-        order[split] = np.arange(begin, begin := begin + sum(sizes[split]))
-
     def ids() -> NDArray[Any]:
-        found: list[NDArray[Any]] = []
-        for path, size in zip(paths, (size for split in files for size in sizes[split]), strict=True):
+        found = np.empty(sum(sizes), IDS)
+        for path, end, size in zip(paths, ends.tolist(), sizes, strict=True):
             with reading(path):
                 whole = load(path, np.arange(size)) if read_ids is None else read_ids(path)
-            found.append(np.empty(size, IDS))
             for name in IDS.names or ():
-                found[-1][name] = whole[name]
-        return np.concatenate(found)
+                found[name][end - size : end] = whole[name]
+        return found
 
-    return Source(plan, order, take, sizes=sizes, ids=ids)
-
-
-def check_indices(labels: NDArray[Any], mesh_ids: NDArray[Any], plan: Plan) -> None:
-    """Raise ValueError for labels and mesh ids that the plan does not have; `atomic.reading` says of which file."""
-    for name, found, n in (("label", labels, len(plan.classes)), ("mesh_id", mesh_ids, len(plan.meshes))):
-        if (strange := found[(found < 0) | (found >= n)]).size:
-            raise ValueError(f"{name} {strange.flat[0]}, where there are {n}")
+    n_files = iter(sizes)
+    return Source(plan, order, take, sizes={split: [next(n_files) for _ in files[split]] for split in files}, ids=ids)

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.batch import Clouds, samplings
+from zbuf_occlude.dataset.batch import Clouds
 from zbuf_occlude.dataset.folder import read_finished, sha256_of
 from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.pipeline import samplings
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.ragged import all_finite
+from zbuf_occlude.dataset.records import Records
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -20,7 +21,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.visibility.oracle import BAND
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
-from zbuf_occlude.workers.task import Run, run_here
+from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
 """The clouds held against their meshes are of this many files, chosen at random, where there are more."""
@@ -55,7 +56,7 @@ class Verdict:
     faults: list[str]
 
 
-class Found(NamedTuple):
+class FileVerdict(NamedTuple):
     """The faults of a file, and the clouds of each split that were read in it."""
 
     faults: list[str]
@@ -66,13 +67,7 @@ class Found(NamedTuple):
 class Verifying:
     """The task of verifying a dataset: a job is the name of a file, its checksum and then its clouds.
 
-    Parameters
-    ----------
-    plan : Plan
-    out : Path
-    files : mapping of split to list of file names
-        As in the manifest; of an export none.
-    sha256 : mapping of file name to checksum
+    `files` by split and `sha256` are as in the manifest; of an export `files` is empty.
     """
 
     plan: Plan
@@ -82,28 +77,29 @@ class Verifying:
 
     needs_gl = False
 
-    def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> Found:
+    def do(self, job: str, gl: Any = None, lost: Any = None, on_mesh: Any = None) -> FileVerdict:
         """Look at a file."""
         if not (self.out / job).is_file():
-            return Found([f"{job} must be there; it is missing."], {})
+            return FileVerdict([f"{job} must be there; it is missing."], {})
         try:
             if (digest := sha256_of(self.out / job)) != self.sha256[job]:
-                return Found([f"{job} must have the checksum {self.sha256[job][:12]}...; it has {digest[:12]}..."], {})
+                fault = f"{job} must have the checksum {self.sha256[job][:12]}...; it has {digest[:12]}..."
+                return FileVerdict([fault], {})
             files = {split: [job] for split, names in self.files.items() if job in names}
-            return self._read(files) if files else Found([], {})
+            return self._read(files) if files else FileVerdict([], {})
         except DatasetError as error:  # it was written so, or else the checksum would differ
-            return Found([str(error)], {})
+            return FileVerdict([str(error)], {})
         except OSError as error:
-            return Found([f"{job} must be readable; it is not ({error.strerror or error})."], {})
+            return FileVerdict([f"{job} must be readable; it is not ({error.strerror or error})."], {})
 
-    def _read(self, files: Mapping[str, list[str]]) -> Found:
+    def _read(self, files: Mapping[str, list[str]]) -> FileVerdict:
         """Read every cloud of a file; note what cannot be a cloud of this dataset."""
         source: Source = find_format(self.plan.format).load().read(self.out, self.plan, files)
         faults, n_clouds = [], Counter[str]()
         for split in source.order:
             for records in source.batches(split, in_any_order=True):
                 n_clouds[split] += len(records)
-                if not all_finite(records["data"]):
+                if not np.isfinite(np.concatenate(records["data"])).all():
                     faults.append(f"all positions must be finite; some of split {split} are not.")
                 if "normals" in self.plan.recipe.attributes:
                     lengths = np.linalg.norm(np.concatenate(records["normal"]), axis=1)
@@ -111,7 +107,7 @@ class Verifying:
                         faults.append(f"all normals must be of length 1; some of split {split} are not.")
                 if records["n_visible"].min() < 1:
                     faults.append(f"every cloud must come from a visible point; some of split {split} do not.")
-        return Found(faults, n_clouds)
+        return FileVerdict(faults, n_clouds)
 
 
 def verify(
@@ -147,9 +143,9 @@ def verify(
     plan, manifest = read_finished(out)
     row, n_expected = find_format(plan.format), manifest["counts"]["clouds_by_split"]
     files = {} if row.exported_from else manifest["files"]
-    task, found = Verifying(plan, out, files, manifest["sha256"]), dict[str, Found]()
+    task, found = Verifying(plan, out, files, manifest["sha256"]), dict[str, FileVerdict]()
 
-    def done(job: str, result: Found) -> tuple[str, ...]:
+    def done(job: str, result: FileVerdict) -> tuple[str, ...]:
         found[job] = result
         progress(sum(result.n_clouds.values()))
         return ()
@@ -164,15 +160,17 @@ def verify(
         for split, expected in n_expected.items():
             if n_clouds[split] != expected:
                 faults.append(f"split {split} must have {expected} clouds; it has {n_clouds[split]}.")
-    n_checked, rate = 0, None
+    verdict = Verdict(len(mine), sum(n_clouds.values()), 0, None, faults)
     some = _some_files(files, set(jobs), plan.recipe.seed)
-    if some and not faults and meshes is not None:
-        source = row.load().read(out, plan, some)
+    if some and not faults and meshes is not None and not (plan.recipe.setup and plan.recipe.complete):
+        source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
+        everything = np.concatenate(list(source.order.values()))
+        records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
         if plan.recipe.setup is None:
-            n_checked, rate = ask_oracle(source, plan, manifest, meshes, n_samples, faults)
-        elif not plan.recipe.complete:  # whole objects are no scans
-            n_checked = scan_again(source, plan, meshes, n_samples, faults)
-    return Verdict(len(mine), sum(n_clouds.values()), n_checked, rate, faults)
+            _ask_oracle(records, plan, manifest, meshes, rng, verdict)
+        else:
+            _scan_again(records, plan, meshes, n_samples, verdict)
+    return verdict
 
 
 def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) -> dict[str, list[str]]:
@@ -183,60 +181,55 @@ def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) 
     return {split: of_split for split, of_split in found.items() if of_split}
 
 
-def scan_again(source: Source, plan: Plan, meshes: MeshCollection, n_samples: int, faults: list[str]) -> int:
-    """Scan the objects of some clouds again, and compare those clouds whole; return how many points were compared.
+def _scan_again(records: Records, plan: Plan, meshes: MeshCollection, n_samples: int, verdict: Verdict) -> None:
+    """Scan the objects of some clouds again, and compare those clouds whole.
 
     The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
     """
     by_key = {entry.key: entry for entry in meshes}
-    missing = [entry.key for entry in plan.meshes if entry.key not in by_key]
-    if missing:
-        faults.append(f"the meshes given must have {missing[0]}; they have not. Give those that it was made of.")
-        return 0
+    if missing := [entry.key for entry in plan.meshes if entry.key not in by_key]:
+        verdict.faults.append(f"the meshes given must have {missing[0]}; they have not. {_GIVE_MESHES}")
+        return
     remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
-    rng = np.random.default_rng(plan.recipe.seed)
-    everything = np.concatenate(list(source.order.values()))
-    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-    wanted = list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]
-    n_compared = 0
-    for mesh_id in wanted:
+    for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
         entry, store = remade.meshes[mesh_id], Clouds(remade)
         try:
             found = enumerate(samplings(remade, entry.load(), mesh_id, None))
             kept = [store.keep(sampling, entry.key, variation) for variation, sampling in found]
         except (MeshError, OptionError) as error:
-            faults.append(str(error))
+            verdict.faults.append(str(error))
             continue
         again = {(int(r["variation"]), int(r["view_id"])): r for part in kept for r in part}
         for record in records[records["mesh_id"] == mesh_id]:
             other = again.get((int(record["variation"]), int(record["view_id"])))
-            n_compared += len(record["data"])
+            verdict.n_checked += len(record["data"])
             if other is None or other["data"].tobytes() != record["data"].tobytes():
-                faults.append(
+                verdict.faults.append(
                     f"view {int(record['view_id'])} of {entry.key} must be what the plan gives; it is another scan."
                 )
-    return n_compared
 
 
-def ask_oracle(
-    source: Source, plan: Plan, manifest: dict[str, Any], meshes: MeshCollection, n_samples: int, faults: list[str]
-) -> tuple[int, float | None]:
-    """Ask about some points of some clouds; return how many, and what fraction of them is hidden."""
-    rng = np.random.default_rng(plan.recipe.seed)
-    everything = np.concatenate(list(source.order.values()))
-    records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
+def _ask_oracle(
+    records: Records,
+    plan: Plan,
+    manifest: dict[str, Any],
+    meshes: MeshCollection,
+    rng: np.random.Generator,
+    verdict: Verdict,
+) -> None:
+    """Ask about some points of some clouds which fraction of them is hidden."""
     by_key = {entry.key: entry for entry in meshes}
     n_checked = n_hidden = 0
     for record in records:
         key = plan.meshes[int(record["mesh_id"])].key
         if key not in by_key:
-            faults.append(f"the meshes given must have {key}; they have not. Give those that the dataset was made of.")
+            verdict.faults.append(f"the meshes given must have {key}; they have not. {_GIVE_MESHES}")
             break
         try:
             with Limits().watch():
                 mesh = by_key[key].load()
         except MeshError as error:
-            faults.append(str(error))
+            verdict.faults.append(str(error))
             continue
         rotation, translation = record["pose"][:3, :3], record["pose"][:3, 3]
         some = rng.choice(len(record["data"]), min(POINTS_PER_CLOUD, len(record["data"])), replace=False)
@@ -252,14 +245,17 @@ def ask_oracle(
             moved = np.sqrt(3.0) * manifest.get("rounding", 0.0) * mesh.longest_side / mesh.diagonal
             n_hidden += int(oracle.decided(hidden, eye, max(BAND, moved)).sum())
         n_checked += len(points)
+    verdict.n_checked, verdict.false_visible = n_checked, n_hidden / n_checked if n_checked else None
     promised = manifest["error"]["false_visible"]
     if n_checked and promised is not None:
         # the manifest's fraction is of all pairs of view and point; a cloud has the visible ones alone
         promised = min(1.0, promised / float(records["visible_fraction"].mean()))
         allowed = promised + DEVIATIONS * np.sqrt(promised * (1 - promised) / n_checked) + ROUNDING
         if n_hidden / n_checked > allowed:
-            faults.append(
+            verdict.faults.append(
                 f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
                 f"{n_hidden / n_checked:.2%} of {n_checked} are."
             )
-    return n_checked, n_hidden / n_checked if n_checked else None
+
+
+_GIVE_MESHES = "Give those that the dataset was made of."

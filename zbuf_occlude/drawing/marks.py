@@ -7,34 +7,21 @@ from zbuf_occlude.arrays import FloatArray, as_vectors
 from zbuf_occlude.geometry.camera import view_matrices
 
 COLOUR = (0x3D / 255, 0x6F / 255, 0xB4 / 255)
-"""What a surface is painted with unless told otherwise."""
+"""What a surface is painted with by default."""
 LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
 """Direction to the light in eye space: over the viewer's left shoulder."""
 LEAST_AREA, LARGEST_AREA = 0.25, 12.0
 """Of a mark, in typographic points squared."""
 
 
-def project(
+def project_to_picture(
     positions: ArrayLike, *, eye: ArrayLike, target: ArrayLike, up: ArrayLike | None = None, perspective: bool = True
 ) -> FloatArray:
-    """Project positions onto the picture plane through the target.
+    """Project positions (n, 3) in world space onto the picture plane through the target, its origin; (n, 3) float64.
 
-    Parameters
-    ----------
-    positions : (n, 3) float
-        World space.
-    eye, target : (3,) float
-        World space; the target falls on the picture's origin.
-    up : (3,) float, optional
-        What points upwards in the picture; as in `zbuf_occlude.geometry.camera.view_matrices` by default.
-    perspective : bool
-        Lines of sight through the eye; otherwise parallel.
-
-    Returns
-    -------
-    (n, 3) float64
-        x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
-        What lies behind a perspective eye gets NaN for x and y.
+    x to the right and y upwards, in world units at the target; eye depth along the axis, growing away from the eye.
+    What lies behind a perspective eye gets NaN for x and y. `up` points upwards in the picture; as in `view_matrices`
+    by default. Lines of sight are parallel where there is no `perspective`.
     """
     positions, eye, target = as_vectors(positions, "positions"), np.asarray(eye, float), np.asarray(target, float)
     x, y, back = axes_of_eye(eye, target, up) @ (positions - eye).T
@@ -68,14 +55,14 @@ def marks_of(
     Parameters are those of `zbuf_occlude.drawing.pictures.draw_cloud`; `colour` is RGB in [0, 1].
     """
     positions = as_vectors(positions, "positions")
-    screen = project(positions, eye=eye, target=target, up=up, perspective=perspective)
+    screen = project_to_picture(positions, eye=eye, target=target, up=up, perspective=perspective)
     keep = np.isfinite(screen[:, 0])
     order = np.flatnonzero(keep)[np.argsort(-screen[keep, 2], kind="stable")]
     base = np.broadcast_to(colour, (len(positions), 3)) if values is None else as_vectors(values, "values")
     lit, fade = np.full(len(positions), 0.8), 0.8
     if normals is not None:
         lit, fade = lambert(as_vectors(normals, "normals") @ axes_of_eye(eye, target, up).T), 0.4
-    return screen[order, :2], shade(base[order], lit[order], screen[order, 2], fade)
+    return screen[order, :2], lit_colours(base[order], lit[order], screen[order, 2], fade)
 
 
 def lambert(normals: FloatArray) -> FloatArray:
@@ -85,7 +72,7 @@ def lambert(normals: FloatArray) -> FloatArray:
     return np.where((normals == 0.0).all(axis=1), 1.0, lit)
 
 
-def shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
+def lit_colours(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> FloatArray:
     """Darken colours away from the light and fade them towards white with depth; (n, 3) RGB."""
     if not len(depth):
         return np.empty((0, 3))
@@ -97,7 +84,7 @@ def shade(base: FloatArray, lit: FloatArray, depth: FloatArray, fade: float) -> 
     return np.clip(colour + (1.0 - colour) * mist, 0.0, 1.0)
 
 
-def frame_of(places: FloatArray, radius: float | None) -> tuple[FloatArray, float]:
+def picture_frame(places: FloatArray, radius: float | None) -> tuple[FloatArray, float]:
     """Return middle (2,) and half the side of a square picture: about the target, or fitted to what is in it."""
     centre, half = np.zeros(2), 1.0 if radius is None else radius
     if radius is None and len(places):
@@ -116,18 +103,10 @@ def area_of_mark(places: FloatArray, half: float, side: float) -> float:
 
 
 def paint(picture: NDArray[np.uint32], places: FloatArray, diameter: float, colours: FloatArray) -> None:
-    """Paint round marks into the pixels of a picture, later ones over earlier ones.
+    """Paint round marks into the pixels of a picture (h, w) uint32, RGBA, in place; later ones over earlier ones.
 
-    Parameters
-    ----------
-    picture : (h, w) uint32
-        RGBA, a byte each; filled in place. May be a part of a larger picture.
-    places : (n, 2) float
-        Middles, in pixels to the right and down from the upper left corner. What is outside is left out.
-    diameter : float
-        In pixels.
-    colours : (n, 3) float
-        RGB in [0, 1].
+    `places` (n, 2) are middles, in pixels to the right and down from the upper left corner; what is outside is left
+    out. `diameter` is in pixels, `colours` (n, 3) are RGB in [0, 1]. The picture may be a part of a larger one.
     """
     reach, (height, width) = int(diameter / 2.0), picture.shape
     offsets = np.arange(-reach, reach + 1)

@@ -144,25 +144,9 @@ def pack_cloud(
 ) -> dict[str, Any]:
     """Pack a cloud as the viewer reads it; ``json_for_page`` puts it into a page.
 
-    Parameters
-    ----------
-    positions : (n, 3) float
-        World space.
-    centre : (3,) float
-    longest : float
-        The object's longest side; a position may lie at most so far from the centre.
-    normals : (n, 3) float, optional
-        Unit normals of either sign.
-    codes : (m,) int, optional
-        Index into `palette` for each point; where m < n only the first m points are shown.
-    palette : list of (r, g, b) in 0..255
-    emphasis : list of int
-        Codes that are drawn larger, unshaded and over the others.
-
-    Returns
-    -------
-    dict
-        n, positions (int16, step longest / 32767), normals (int8), codes (uint8), palette, emphasis; arrays as base64.
+    Positions (n, 3) lie at most `longest`, the object's longest side, from the centre; they become int16 of the step
+    longest / 32767, unit normals (n, 3) int8, codes (m,), indices into `palette` (r, g, b in 0..255), uint8; arrays as
+    base64. Where m < n only the first m points are shown. `emphasis` are codes drawn larger, unshaded, over the others.
     """
     positions = as_vectors(positions, "positions")
     shorts = np.clip(np.round((positions - np.asarray(centre)) / longest * 32767.0), -32767, 32767).astype("<i2")

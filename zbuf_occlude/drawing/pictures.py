@@ -14,12 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.drawing import marks
-from zbuf_occlude.drawing.marks import area_of_mark, axes_of_eye, frame_of, lambert, marks_of, project, shade
+from zbuf_occlude.drawing.marks import (
+    area_of_mark,
+    axes_of_eye,
+    lambert,
+    lit_colours,
+    marks_of,
+    picture_frame,
+    project_to_picture,
+)
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import njit
 
 COLOUR = to_hex(marks.COLOUR)
-"""What a surface is painted with unless told otherwise."""
+"""What a surface is painted with by default."""
+GREY = "#555555"
+"""Of axes and titles."""
 MESH_PIXELS = 1200
 """Side of the picture that `draw_mesh` rasterises; matplotlib scales it to the axes."""
 
@@ -32,6 +42,19 @@ def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figu
     for each in axes.flat:
         each.set_axis_off()
     return figure, axes
+
+
+def canvas(width: float, height: float, columns: int = 1, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure of a size in inches, and its axes (rows, columns), or (columns,) of one row; in one style."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, columns, squeeze=False, **options)
+    for axes in panels.flat:
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="#e6e6e6", linewidth=0.7)
+        axes.set_axisbelow(True)
+        axes.tick_params(labelsize=9, colors=GREY)
+    return figure, panels[0] if rows == 1 else panels
 
 
 def font_file_for(text: str) -> str | None:
@@ -70,7 +93,7 @@ def draw_cloud(
     positions : (n, 3) float
         World space.
     eye, target, up, perspective
-        As in `zbuf_occlude.drawing.marks.project`.
+        As in `zbuf_occlude.drawing.marks.project_to_picture`.
     normals : (n, 3) float, optional
         Unit normals, either sign; points are then lit from over the viewer's shoulder. Without them depth alone shades.
     values : (n, 3) float, optional
@@ -139,7 +162,9 @@ def draw_mesh(
     Faces that reach behind a perspective eye are left out. Costs O(pixels covered); independent of GL.
     """
     corners = mesh.corners
-    screen = project(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective).reshape(-1, 3, 3)
+    screen = project_to_picture(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective).reshape(
+        -1, 3, 3
+    )
     keep = np.isfinite(screen).all(axis=(1, 2))
     _frame(axes, screen[keep].reshape(-1, 3)[:, :2], radius)
     if not keep.any():
@@ -147,7 +172,7 @@ def draw_mesh(
     normals = mesh.face_normals / np.maximum(np.linalg.norm(mesh.face_normals, axis=1, keepdims=True), 1e-300)
     base = np.broadcast_to(to_rgb(colour), (*keep.shape, 3)) if face_colours is None else np.asarray(face_colours)
     lit = lambert(normals @ axes_of_eye(eye, target, up).T)
-    shaded = shade(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
+    shaded = lit_colours(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     pixels = screen[keep].copy()
     pixels[..., 0] = (pixels[..., 0] - left) / (right - left) * MESH_PIXELS
@@ -170,7 +195,7 @@ def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
     """Bare square axes about the target, or fitted to what is drawn; an axes already framed by `radius` stays."""
     axes.set_axis_off()
     axes.set_aspect("equal")
-    centre, half = frame_of(places, radius)
+    centre, half = picture_frame(places, radius)
     axes.set_xlim(centre[0] - half, centre[0] + half)
     axes.set_ylim(centre[1] - half, centre[1] + half)
 

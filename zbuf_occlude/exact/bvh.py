@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_alo
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inner, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.pool import n_blocks, shared, take, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take, take_block, together
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 TOP_NODES = 128

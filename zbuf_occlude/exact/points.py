@@ -11,7 +11,7 @@ from zbuf_occlude.geometry.hilbert import hilbert_order
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.pool import shared, take, together
+from zbuf_occlude.jit.threads import shared, take, together
 
 
 class Packets(NamedTuple):

@@ -35,8 +35,8 @@ from zbuf_occlude.exact.single_rays import SINGLE_RAYS, cast_singles
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.pool import n_blocks, shared_with_memory, take_block_from, take_end, together
 from zbuf_occlude.jit.simd import N_LANES, load, store
+from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block_from, take_end, together
 
 LEAVES_PER_RAY = 8
 """Fewer rays than a leaf per this many go one by one: an eye looks at all boxes of a BVH."""

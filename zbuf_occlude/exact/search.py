@@ -28,8 +28,8 @@ from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
 from zbuf_occlude.exact.view import EyeViews, view_of
 from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.pool import n_threads, shared, take, together
 from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, not_less, number, splat
+from zbuf_occlude.jit.threads import n_threads, shared, take, together
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""

@@ -15,7 +15,6 @@ from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO, Float32, Int64
 from zbuf_occlude.exact.ray_packets import nearer
 from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.pointer import reference
-from zbuf_occlude.jit.pool import shared_with_memory, take
 from zbuf_occlude.jit.simd import (
     absolute,
     dot3,
@@ -31,6 +30,7 @@ from zbuf_occlude.jit.simd import (
     splat3,
     store,
 )
+from zbuf_occlude.jit.threads import shared_with_memory, take
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 SINGLE_RAYS = 512

@@ -17,6 +17,9 @@ from zbuf_occlude.errors import ArgumentError
 WIDEST = 1.5
 """A single frustum may open so far to either side (tangent; 56 degrees); beyond, cube faces use their pixels better."""
 
+MARGIN = 0.05
+"""Free border around what a picture holds, as a fraction of it."""
+
 _CUBE_AXES = np.array(
     # right, up, backward: rows of the rotation from world to eye space
     [
@@ -141,6 +144,34 @@ def fitted_frusta(views: ArrayLike, positions: ArrayLike, margin: float = 0.0) -
     low, high = middle - opening * (0.5 + margin), middle + opening * (0.5 + margin)
     fits = in_front & (np.maximum(-low, high) <= WIDEST).all(axis=1)
     return fits, Frusta(low[:, 0], high[:, 0], low[:, 1], high[:, 1], nearest * (1 - 1e-3), farthest * (1 + 1e-3))
+
+
+def picture_frusta(views: FloatArray, positions: FloatArray, windows: FloatArray | None = None) -> Frusta:
+    """Return each camera's frustum for a picture with square pixels.
+
+    Parameters
+    ----------
+    views : (k, 4, 4) float
+        View matrices.
+    positions : (m, 3) float
+        World space: what the pictures hold, with a border of `MARGIN` of them, unless windows say otherwise.
+    windows : (k, 4) float, optional
+        Tangents left, right, bottom, top. Of one that is not square, the shorter side is widened.
+
+    Raises
+    ------
+    ArgumentError
+        An eye so near that no single picture holds the positions, or beside a window's.
+    """
+    fits, frusta = fitted_frusta(views, positions, margin=MARGIN)
+    if windows is not None:
+        left, right, bottom, top = windows.T
+        fits, frusta = frusta.near > 0, frusta._replace(left=left, right=right, bottom=bottom, top=top)
+    if not fits.all():
+        raise ArgumentError("the eye must be outside the mesh and see all of it; it is too near. Raise the distance.")
+    x, y = (frusta.left + frusta.right) / 2.0, (frusta.bottom + frusta.top) / 2.0
+    half = np.maximum(frusta.right - frusta.left, frusta.top - frusta.bottom) / 2.0
+    return frusta._replace(left=x - half, right=x + half, bottom=y - half, top=y + half)
 
 
 def cube_frusta(n: int, near: float, far: float, margin: float = 0.0) -> Frusta:

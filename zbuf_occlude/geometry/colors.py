@@ -20,21 +20,11 @@ GREY = 102
 
 
 class Material(NamedTuple):
-    """What a triangle is painted with.
+    """What a triangle is painted with."""
 
-    Parameters
-    ----------
-    factor : (float, float, float)
-        Red, green and blue in [0, 1], by which the colours of corners and texture are multiplied.
-    texture : (h, w, 3) uint8, optional
-        sRGB; the first row is at v = 1.
-    wrap : (str, str)
-        `REPEAT`, `CLAMP` or `MIRROR`, along u and v.
-    """
-
-    factor: tuple[float, float, float]
-    texture: Bytes | None = None
-    wrap: tuple[str, str] = (REPEAT, REPEAT)
+    factor: tuple[float, float, float]  # red, green, blue in [0, 1]; multiplies corners and texture
+    texture: Bytes | None = None  # (h, w, 3), sRGB; the first row is at v = 1
+    wrap: tuple[str, str] = (REPEAT, REPEAT)  # along u and v
 
 
 WHITE = Material((1.0, 1.0, 1.0))
@@ -58,7 +48,7 @@ class SurfaceColors:
     linear : bool
         Whether factors and corners are linear light, as in glTF, and not sRGB, as in all other formats.
     lacking : tuple of str
-        What was named but could not be read, in words.
+        What was named but could not be read, and why.
     """
 
     materials: tuple[Material, ...]
@@ -135,10 +125,7 @@ def of_trimesh(mesh: Any) -> SurfaceColors:
         return SurfaceColors((WHITE,), ids, np.repeat(np.asarray(visual.face_colors)[:, None, :3] / 255.0, 3, axis=1))
     if kind != "texture":
         return SurfaceColors.plain(n_faces)
-    image = next(
-        filter(None, (getattr(visual.material, name, None) for name in ("image", "baseColorTexture"))),
-        None,
-    )
+    image = getattr(visual.material, "image", None) or getattr(visual.material, "baseColorTexture", None)
     if image is None or visual.uv is None:
         red, green, blue = (float(each) / 255.0 for each in visual.material.main_color[:3])
         return SurfaceColors((Material((red, green, blue)),), ids)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.jit.pool import n_blocks, shared, take, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take, together
 
 PAIRS_PER_TASK = 20_000
 """Pairs of camera and point that are worth waking a thread for."""

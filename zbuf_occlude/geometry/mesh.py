@@ -1,6 +1,7 @@
 """Mesh: vertices and triangles as two arrays, with the few measures that everything else needs."""
 
 import math
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,13 +21,17 @@ from zbuf_occlude.arrays import (
     sealed,
 )
 from zbuf_occlude.errors import ArgumentError, MeshError
-from zbuf_occlude.geometry.colors import SurfaceColors, of_trimesh
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.colors import WHITE, SurfaceColors, of_trimesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.origin import UNKNOWN, Origin
+from zbuf_occlude.provenance import UNKNOWN, Origin
 
 NO_AREA = 1e-12
 """A face has no area when the length of its normal is at most this times its longest edge squared."""
+
+MeshLike = Any
+"""What `as_mesh` takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +66,14 @@ class Mesh:
     -----
     Nothing is merged, reordered or repaired here; `cleaned` drops duplicate and degenerate faces,
     and `load_mesh` calls it once.
+
+    Examples
+    --------
+    >>> mesh = zo.Mesh([[0, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="triangle")
+    >>> mesh
+    Mesh('triangle', 3 vertices, 1 faces)
+    >>> mesh.normalized().bounds.tolist()
+    [[-0.5, -0.25, 0.0], [0.5, 0.25, 0.0]]
     """
 
     vertices: FloatArray
@@ -73,12 +86,14 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices")
-        faces = as_array(self.faces, "faces", "(n, 3) int")
+        faces = as_array(self.faces, "faces", "(n, 3) int", "Triangulate first.")
         if len(vertices) == 0 or faces.size == 0:
             raise MeshError(
                 f"a mesh must have vertices and faces; {self.name} has {len(vertices)} vertices and "
                 f"{len(np.atleast_1d(faces))} faces. Is it a point cloud or an empty file?"
             )
+        if faces.ndim == 2 and faces.shape[1] == 4:
+            raise ArgumentError(f"faces must be triangles, (n, 3) int; got quads, {faces.shape}. Triangulate first.")
         faces = as_indices(faces, "faces", columns=3, upper=len(vertices))
         source = np.arange(len(faces)) if self.source_face_ids is None else self.source_face_ids
         source = as_indices(source, "source_face_ids", columns=None, upper=np.iinfo(np.int32).max)
@@ -88,9 +103,7 @@ class Mesh:
             raise MeshError(
                 f"colors must be of {len(faces)} faces; they are of {len(self.colors.material_ids)}. Select alike."
             )
-        object.__setattr__(self, "vertices", frozen(vertices))
-        object.__setattr__(self, "faces", frozen(faces))
-        object.__setattr__(self, "source_face_ids", frozen(source))
+        vars(self).update(vertices=frozen(vertices), faces=frozen(faces), source_face_ids=frozen(source))
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -106,18 +119,11 @@ class Mesh:
         origin: Origin,
         colors: SurfaceColors | None = None,
     ) -> "Mesh":
-        """Take over arrays that were checked already, float64 and int32, and that nobody else will change."""
+        """Take over arrays that were checked already, float64 and int32, and that no one else holds."""
         mesh = object.__new__(cls)
-        for key, value in (
-            ("vertices", sealed(vertices)),
-            ("faces", sealed(faces)),
-            ("name", name),
-            ("source_face_ids", sealed(source_face_ids)),
-            ("dropped", dropped),
-            ("origin", origin),
-            ("colors", colors),
-        ):
-            object.__setattr__(mesh, key, value)
+        arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces, "source_face_ids": source_face_ids}
+        vars(mesh).update({key: sealed(array) for key, array in arrays.items()})
+        vars(mesh).update(name=name, dropped=dropped, origin=origin, colors=colors)
         return mesh
 
     @classmethod
@@ -130,10 +136,30 @@ class Mesh:
         found = of_trimesh(mesh) if colors else None
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), name=name, colors=found)
 
+    def to_trimesh(self) -> Any:
+        """Return a ``trimesh.Trimesh`` with copies of vertices and faces, nothing merged."""
+        import trimesh
+
+        return trimesh.Trimesh(np.array(self.vertices), np.array(self.faces), process=False)
+
+    def to_open3d(self) -> Any:
+        """Return an ``open3d.geometry.TriangleMesh`` with copies of vertices and faces.
+
+        Raises
+        ------
+        UnavailableError
+            Open3D is not installed, or broken.
+        """
+        with importing("open3d", "Mesh.to_open3d"):
+            import open3d
+
+            floats, integers = open3d.utility.Vector3dVector, open3d.utility.Vector3iVector
+        return open3d.geometry.TriangleMesh(floats(np.array(self.vertices)), integers(np.array(self.faces)))
+
     @cached_property
     def corners(self) -> FloatArray:
         """Corner positions of every face, (f, 3 corners, 3)."""
-        return sealed(self.vertices.take(self.faces, axis=0))  # a third of the time of vertices[faces]
+        return sealed(self.vertices.take(self.faces, axis=0))  # three times as fast as vertices[faces]
 
     @cached_property
     def face_normals(self) -> FloatArray:
@@ -145,7 +171,7 @@ class Mesh:
     @cached_property
     def areas(self) -> FloatArray:
         """Areas of the faces, (f,) (paper Eq. 4)."""
-        x, y, z = self.face_normals.T.copy()  # in a third of the time of norm(axis=1), the same numbers
+        x, y, z = self.face_normals.T.copy()  # three times as fast as norm(axis=1), the same numbers
         return sealed(np.sqrt(x * x + y * y + z * z) / 2.0)
 
     @cached_property
@@ -217,7 +243,7 @@ class Mesh:
         colors = None if self.colors is None else self.colors.select(keep)
         return Mesh.of_checked(
             self.vertices,
-            self.faces.compress(keep, axis=0),  # a fourth of the time of faces[keep]
+            self.faces.compress(keep, axis=0),  # four times as fast as faces[keep]
             self.name,
             self.source_face_ids.compress(keep),
             dropped,
@@ -227,6 +253,48 @@ class Mesh:
 
     def _with_vertices(self, vertices: FloatArray) -> "Mesh":
         return Mesh(vertices, self.faces, self.name, self.source_face_ids, self.dropped, self.origin, self.colors)
+
+
+def as_mesh(mesh: MeshLike, *, colors: bool = False) -> Mesh:
+    """Return a Mesh of anything that is one.
+
+    Parameters
+    ----------
+    mesh : Mesh, path, trimesh.Trimesh, open3d TriangleMesh, or (vertices, faces)
+        Also any object with `vertices` and `faces` or `triangles`. A file is loaded and cleaned (`load_mesh`); arrays
+        are taken as they are, so that face ids index the faces that were given.
+    colors : bool
+        Take base colours too, of what has them.
+
+    Raises
+    ------
+    ArgumentError
+        None of these, or faces that are not triangles.
+    MeshError
+        As `load_mesh`.
+    """
+    if isinstance(mesh, Mesh):
+        return mesh
+    if isinstance(mesh, str | os.PathLike):
+        from zbuf_occlude.meshes.load import load_mesh  # late: reading files is a floor above
+
+        return load_mesh(mesh, colors=colors)
+    if isinstance(mesh, tuple | list) and len(mesh) == 2:
+        return Mesh(*mesh)
+    if hasattr(mesh, "to_legacy"):  # of Open3D's tensors
+        mesh = mesh.to_legacy()
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return Mesh.from_trimesh(mesh, colors=colors)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
+        faces, found = np.asarray(mesh.triangles), None
+        if colors and len(per_vertex := np.asarray(getattr(mesh, "vertex_colors", ()))):
+            found = SurfaceColors((WHITE,), np.zeros(len(faces), np.int32), per_vertex[faces])
+        return Mesh(np.asarray(mesh.vertices), faces, colors=found)
+    hint = " Make one mesh of a scene: scene.to_mesh()." if hasattr(mesh, "to_mesh") else ""
+    raise ArgumentError(
+        "mesh must be a path, a Mesh, (vertices, faces), or have vertices and faces or triangles, as those of trimesh "
+        f"and Open3D; got {type(mesh).__name__}.{hint}"
+    )
 
 
 def box_around(positions: FloatArray) -> Mesh:

@@ -1,25 +1,32 @@
 """Random points on a mesh's surface: Algorithms 1 and 2 of the paper (section 3.4)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_indices, as_numbers, as_vectors, describe, frozen, sealed
+from zbuf_occlude.arrays import (
+    FloatArray,
+    IntArray,
+    as_indices,
+    as_numbers,
+    as_vectors,
+    frozen,
+    sealed,
+    shape_and_dtype,
+)
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.colors import Bytes, barycentric
-from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
 from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.seeds import generator
+from zbuf_occlude.provenance import generator
 
 MAX_POINTS = int(np.iinfo(np.int32).max)
 """Counts and ids are int32."""
 
-CELLS = 2.0**16
-"""Of the curve that `curve_order` follows, along each axis."""
-
-_FEW = 16
+_CELLS, _FEW = 2.0**16, 16
 
 Seed = int | np.random.SeedSequence | np.random.Generator
 
@@ -43,6 +50,12 @@ class SurfacePoints:
     ------
     ArgumentError
         Wrong shapes, dtypes, lengths, or values that are not finite.
+
+    Examples
+    --------
+    >>> points = zo.SurfacePoints.free([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> points[[True, False]]
+    SurfacePoints(1 point)
     """
 
     positions: FloatArray
@@ -62,17 +75,19 @@ class SurfacePoints:
         if self.colors is not None:
             colors = np.asarray(self.colors)
             if colors.dtype != np.uint8 or colors.shape != positions.shape:
-                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {describe(self.colors)}.")
-            object.__setattr__(self, "colors", sealed(colors.copy()))
-        object.__setattr__(self, "positions", frozen(positions))
-        object.__setattr__(self, "face_ids", frozen(face_ids))
-        object.__setattr__(self, "normals", frozen(normals))
+                raise ArgumentError(f"colors must be ({len(positions)}, 3) uint8; got {shape_and_dtype(self.colors)}.")
+            vars(self).update(colors=frozen(colors))
+        vars(self).update(positions=frozen(positions), face_ids=frozen(face_ids), normals=frozen(normals))
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __repr__(self) -> str:
-        return f"SurfacePoints({len(self)})"
+        return f"SurfacePoints({len(self)} point{'s' * (len(self) != 1)})"
+
+    def __getitem__(self, which: ArrayLike) -> "SurfacePoints":
+        """Return `select` of a mask or indices."""
+        return self.select(which)
 
     @classmethod
     def free(cls, positions: ArrayLike) -> "SurfacePoints":
@@ -84,18 +99,28 @@ class SurfacePoints:
     def of_checked(
         cls, positions: FloatArray, face_ids: IntArray, normals: FloatArray, colors: Bytes | None = None
     ) -> "SurfacePoints":
-        """Take over arrays that were checked already, and that nobody else will change."""
+        """Take over arrays that were checked already, and that no one else holds."""
         points = object.__new__(cls)
-        for name, array in (("positions", positions), ("face_ids", face_ids), ("normals", normals)):
-            object.__setattr__(points, name, sealed(array))
-        object.__setattr__(points, "colors", None if colors is None else sealed(colors))
+        vars(points).update(positions=sealed(positions), face_ids=sealed(face_ids), normals=sealed(normals))
+        vars(points).update(colors=None if colors is None else sealed(colors))
         return points
+
+    @classmethod
+    def joined(cls, parts: Sequence["SurfacePoints"]) -> "SurfacePoints":
+        """Return points on one surface, one part after the other; at least one part."""
+        colors = [part.colors for part in parts if part.colors is not None]
+        return cls.of_checked(
+            np.concatenate([part.positions for part in parts]),
+            np.concatenate([part.face_ids for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate(colors) if len(colors) == len(parts) else None,
+        )
 
     def select(self, which: ArrayLike) -> "SurfacePoints":
         """Return the points that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
         if chosen.ndim != 1 or chosen.dtype.kind not in "biu":
-            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {describe(chosen)}.")
+            raise ArgumentError(f"which must be a mask or indices, (m,) bool or int; got {shape_and_dtype(chosen)}.")
         if chosen.dtype.kind == "b":
             if len(chosen) != len(self):
                 raise ArgumentError(f"which must pick among {len(self)} points; boolean it has {len(chosen)} entries.")
@@ -103,7 +128,7 @@ class SurfacePoints:
         rows = chosen.astype(np.intp, copy=False)
         try:
             return SurfacePoints.of_checked(
-                self.positions.take(rows, axis=0),  # a fourth of the time of positions[rows]
+                self.positions.take(rows, axis=0),  # four times as fast as positions[rows]
                 self.face_ids.take(rows),
                 self.normals.take(rows, axis=0),
                 None if self.colors is None else self.colors.take(rows, axis=0),
@@ -123,13 +148,14 @@ class SurfacePoints:
 
 
 def sample_surface(
-    mesh: Mesh, *, n_points: int | None = None, density: float | None = None, seed: Seed = 0
+    mesh: MeshLike, *, n_points: int | None = None, density: float | None = None, seed: Seed = 0
 ) -> SurfacePoints:
     """Sample points uniformly over a mesh's surface.
 
     Parameters
     ----------
     mesh : Mesh
+        Or anything else that is one (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
     n_points : int, optional
         Exactly this many points: each falls on a face with probability proportional to its area.
     density : float, optional
@@ -153,11 +179,16 @@ def sample_surface(
     Paper section 3.4, Algorithms 1 and 2. Departures: Algorithm 2's v1 and v2 are the *consecutive* edges b - a and
     c - b (with Eq. 1's v2 = c - a half of the points would fall outside the triangle); the exact count `n_points`
     is ours (a multinomial draw instead of Algorithm 1's stochastic rounding).
+
+    Examples
+    --------
+    >>> points = zo.sample_surface("chair.off", n_points=1000, seed=0)
+    >>> points.positions.shape
+    (1000, 3)
     """
     if (n_points is None) == (density is None):
         raise ArgumentError(f"give exactly one of n_points and density; got n_points={n_points}, density={density}.")
-    if not isinstance(mesh, Mesh):
-        raise ArgumentError(f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}.")
+    mesh = as_mesh(mesh)
     rng = generator(seed)
     if density is not None:
         counts = stochastic_counts(mesh.areas, density, rng)
@@ -209,24 +240,14 @@ def points_in_triangles(corners: FloatArray, counts: IntArray, rng: np.random.Ge
 
 
 def curve_order(points: SurfacePoints, lower: FloatArray, side: float) -> NDArray[np.int64]:
-    """Order points that come face by face along a Morton curve within each face.
+    """Return the indices (n,) that put points of ascending `face_ids` along a Morton curve within each face.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        Of ascending `face_ids`.
-    lower : (3,) float64
-        Lower corner of the cube of that `side` which is divided into 2^16 cells along each axis; what shares a cell
-        keeps its order.
-    side : float
-
-    Returns
-    -------
-    (n,) int64, a permutation for `SurfacePoints.select`.
+    The cube of lower corner `lower` (3,) and that `side` has 2^16 cells along each axis; what shares a cell keeps its
+    order.
     """
     n = len(points)
     codes, order, spare = np.zeros(n, dtype=np.int64), np.arange(n), np.empty(n, dtype=np.int64)
-    _sort_along_curve(points.positions, points.face_ids, lower, CELLS / side if side > 0 else 0.0, codes, order, spare)
+    _sort_along_curve(points.positions, points.face_ids, lower, _CELLS / side if side > 0 else 0.0, codes, order, spare)
     return order
 
 
@@ -285,7 +306,7 @@ def _sort_along_curve(positions, face_ids, lower, scale, codes, order, spare):
     for axis in range(3):
         least = lower[axis]
         for i in range(n):  # of several points at a time: no call, no branch, int64
-            bits = np.int64(min(max((positions[i, axis] - least) * scale, 0.0), CELLS - 1.0))
+            bits = np.int64(min(max((positions[i, axis] - least) * scale, 0.0), _CELLS - 1.0))
             bits = (bits | bits << 16) & 0x001F0000FF0000FF
             bits = (bits | bits << 8) & 0x100F00F00F00F00F
             bits = (bits | bits << 4) & 0x10C30C30C30C30C3

@@ -6,8 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from zbuf_occlude.errors import GlError
-from zbuf_occlude.gl.calls import UINT
-from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.gl.context import UINT, GlContext
 
 LARGEST = 1 << 27
 """Bytes of a buffer that shaders write answers into, at most: what llvmpipe and older drivers show of one."""
@@ -36,23 +35,10 @@ def parts(n_items: int, largest: int) -> list[slice]:
 
 
 class Buffers:
-    """A handful of storage buffers that live and die together.
+    """A handful of storage buffers that live and die together: name and contents of each, or its size in bytes.
 
-    Parameters
-    ----------
-    gl : GlContext
-    **contents : ndarray or int
-        Name and contents of each, or its size in bytes where there are none yet.
-
-    Raises
-    ------
-    GlError
-        A buffer could not be made, or is larger than a block may be.
-
-    Notes
-    -----
-    What is read is first copied, on the GPU, into a buffer that is there for that alone: a driver that sees a storage
-    buffer mapped moves it to the host's memory, where shaders are slow. While it waits, other threads of Python run.
+    Raises GlError where one cannot be made, or is larger than a block may be. What is read is first copied to a buffer
+    of its own: a driver that sees a storage buffer mapped moves it to the host's memory, where shaders are slow.
     """
 
     def __init__(self, gl: GlContext, **contents: np.ndarray[Any, Any] | int) -> None:
@@ -129,10 +115,7 @@ class Buffers:
         self._gl.check()
 
     def vertex_array(self, program: Any, vertices: str, indices: str) -> Any:
-        """Return a vertex array that draws triangles of positions (v, 3) float32, the input `in_position`.
-
-        It is the caller's, who releases it before the buffers.
-        """
+        """Return a vertex array that draws triangles of positions (v, 3) float32; the caller releases it first."""
         bound = self._buffers[vertices]
         content = [(bound, "3f", "in_position")]
         return bound.ctx.vertex_array(program, content, index_buffer=self._buffers[indices])

@@ -17,8 +17,7 @@ from typing import Any, Self
 import moderngl
 
 from zbuf_occlude.errors import GlError, OptionError
-from zbuf_occlude.gl.calls import Calls
-from zbuf_occlude.gl.devices import default_device
+from zbuf_occlude.gl.devices import VISIBLE, default_device, is_software
 from zbuf_occlude.gl.osmesa import OsMesaContext
 from zbuf_occlude.gl.shaders import compile_program
 
@@ -40,7 +39,7 @@ FIXES = {
 _LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
 """Environment variables of glcontext: other libraries than those that the system finds."""
 
-_SETTINGS = (ENVIRONMENT, "GLCONTEXT_DEVICE_INDEX", "CUDA_VISIBLE_DEVICES", *_LIBRARIES)
+_SETTINGS = (ENVIRONMENT, "GLCONTEXT_DEVICE_INDEX", VISIBLE, *_LIBRARIES)
 """Environment variables that decide which context opens."""
 
 # names of the OpenGL registry
@@ -50,12 +49,42 @@ _PATIENCE = 1_000_000_000  # nanoseconds of one wait
 _kept = threading.local()
 """The context that `GlContext.of_thread` opened in this thread, and the settings that it was opened by."""
 
-_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
+UINT, INT, FLOAT, SIZE = ctypes.c_uint, ctypes.c_int, ctypes.c_float, ctypes.c_ssize_t
+UINTS, INTS, FLOATS = ctypes.POINTER(UINT), ctypes.POINTER(INT), ctypes.POINTER(FLOAT)
+_POINTER, _TIME = ctypes.c_void_p, ctypes.c_uint64
 
 
-def is_software(renderer: str) -> bool:
-    """Whether a GL_RENDERER is a program for the CPU."""
-    return any(name in renderer.lower() for name in _SOFTWARE)
+class Calls:
+    """OpenGL's own functions where moderngl has none that does what is meant; `load` finds them by name and types."""
+
+    def __init__(self, load: Callable[..., Callable[..., Any]]) -> None:
+        self.gen_textures = load("glGenTextures", INT, UINTS)
+        self.active_texture = load("glActiveTexture", UINT)
+        self.bind_texture = load("glBindTexture", UINT, UINT)
+        self.tex_storage = load("glTexStorage2D", UINT, INT, UINT, INT, INT)
+        self.tex_parameter = load("glTexParameteri", UINT, UINT, INT)
+        self.read_pixels = load("glReadPixels", INT, INT, INT, INT, UINT, UINT, _POINTER)
+        self.delete_textures = load("glDeleteTextures", INT, UINTS)
+        self.gen_framebuffers = load("glGenFramebuffers", INT, UINTS)
+        self.bind_framebuffer = load("glBindFramebuffer", UINT, UINT)
+        self.framebuffer_texture = load("glFramebufferTexture", UINT, UINT, UINT, INT)
+        self.draw_buffers = load("glDrawBuffers", INT, UINTS)
+        self.delete_framebuffers = load("glDeleteFramebuffers", INT, UINTS)
+        self.viewport = load("glViewport", INT, INT, INT, INT)
+        self.scissor = load("glScissor", INT, INT, INT, INT)
+        self.clip_control = load("glClipControl", UINT, UINT)
+        self.clear_floats = load("glClearBufferfv", UINT, INT, FLOATS)
+        self.clear_ints = load("glClearBufferiv", UINT, INT, INTS)
+        self.gen_buffers = load("glGenBuffers", INT, UINTS)
+        self.bind_buffer = load("glBindBuffer", UINT, UINT)
+        self.buffer_data = load("glBufferData", UINT, SIZE, _POINTER, UINT)
+        self.delete_buffers = load("glDeleteBuffers", INT, UINTS)
+        self.clear_part = load("glClearBufferSubData", UINT, UINT, SIZE, SIZE, UINT, UINT, _POINTER)
+        self.copy_part = load("glCopyBufferSubData", UINT, UINT, SIZE, SIZE, SIZE)
+        self.get_part = load("glGetBufferSubData", UINT, SIZE, SIZE, _POINTER)
+        self.fence = load("glFenceSync", UINT, UINT, returns=_POINTER)
+        self.wait = load("glClientWaitSync", _POINTER, UINT, _TIME, returns=UINT)
+        self.delete_fence = load("glDeleteSync", _POINTER)
 
 
 class GlContext:
@@ -71,8 +100,7 @@ class GlContext:
 
     Notes
     -----
-    moderngl 5.13 loses 40 kB of the host's memory with each context (names of extensions, addresses of functions), so a
-    long run opens few of them.
+    moderngl 5.13 leaks 40 kB of host memory with each context, so a long run opens few.
     """
 
     def __init__(self, backend: str, device_index: int | None, native: Any, ctx: Any) -> None:
@@ -89,12 +117,12 @@ class GlContext:
         self.info: dict[str, Any] = ctx.info
         """The driver's limits and names; asked for once, as older drivers answer with errors for what they lack."""
         ctx.clear_errors()
-        self.call = Calls(self.function)
-        """OpenGL's own functions."""
         self.renderer: str = self.info["GL_RENDERER"]
         """GL_RENDERER, e.g. ``NVIDIA H100`` or ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
         self.version: str = self.info["GL_VERSION"]
         """GL_VERSION, e.g. ``4.5 (Core Profile) Mesa 22.3.6``."""
+        self.call = Calls(self.function)
+        """OpenGL's own functions."""
 
     @classmethod
     def open(cls, backend: str | None = None, device_index: int | None = None) -> Self:
@@ -138,7 +166,10 @@ class GlContext:
         failures = []
         for candidate in BACKENDS if backend is None else (backend,):
             try:
-                return cls(candidate, *_OPENERS[candidate](device_index))
+                if candidate == "osmesa":
+                    return cls("osmesa", None, *_open_osmesa())
+                index = default_device() if device_index is None else device_index
+                return cls("egl", index, *_open_egl(index))
             except GlError as error:
                 failures.append(f"{candidate}: {error}")
         raise GlError(
@@ -147,15 +178,10 @@ class GlContext:
 
     @classmethod
     def of_thread(cls) -> "GlContext":
-        """Return the context that this thread's callers without one share.
+        """Return the context that this thread's callers without one share; it closes when the thread ends.
 
-        It is opened by the first call, and by one after the settings changed or another library ended EGL's display;
-        it closes when the thread ends.
-
-        Raises
-        ------
-        GlError
-            No context could be opened, or this process was forked from one that has one.
+        It opens again when the settings changed or another library ended EGL's display. Raises GlError where none
+        opens, or in a process forked from one that has one.
         """
         settings = [os.environ.get(name) for name in _SETTINGS]
         kept, opened_by = getattr(_kept, "context", (None, None))
@@ -173,12 +199,9 @@ class GlContext:
         return is_software(self.renderer)
 
     def make_current(self) -> None:
-        """Make this the context that GL calls of this thread go to; needed only where a process has several.
+        """Make this the context that GL calls of this thread go to.
 
-        Raises
-        ------
-        GlError
-            It is closed, or of another thread, or of the process that this one was forked from, or its display ended.
+        Raises GlError where it is closed, of another thread or process, or its display ended.
         """
         if self._closed:
             raise GlError("a GlContext must be open to be used; it was closed. Open another: GlContext.open().")
@@ -207,13 +230,7 @@ class GlContext:
             )
 
     def function(self, name: str, *arguments: Any, returns: Any = None) -> Callable[..., Any]:
-        """Return an OpenGL function that moderngl does not wrap, by its C name and the ctypes of arguments and result.
-
-        Raises
-        ------
-        GlError
-            The driver has no such function.
-        """
+        """Return an OpenGL function by its C name and the ctypes of its arguments and result, or raise GlError."""
         address = self._native.load_opengl_function(name)
         if not address:
             raise GlError(f"{self.renderer} must have the function {name}; it has not. Is its driver very old?")
@@ -223,8 +240,7 @@ class GlContext:
     def program(self, *names: str, **constants: object) -> Any:
         """Return the program of shader files and constants (`shaders.compile_program`), compiled once a context.
 
-        It belongs to the context, since compiling costs more than a small mesh; do not release it. Set all its
-        uniforms before each use: another occluder may have left its own.
+        It belongs to the context. Set all its uniforms before each use: another occluder may have left its own.
         """
         key = (names, tuple(sorted(constants.items())))
         if key not in self._programs:
@@ -239,13 +255,7 @@ class GlContext:
             raise GlError(f"OpenGL must report no error; {self.renderer} reports {error}.")
 
     def wait(self) -> None:
-        """Wait until OpenGL has done all that it was asked; other threads of Python run meanwhile.
-
-        Raises
-        ------
-        GlError
-            The driver gives up: the GPU was reset, say.
-        """
+        """Wait until OpenGL has done all that it was asked; other threads of Python run meanwhile."""
         fence = self.call.fence(_COMMANDS_COMPLETE, 0)
         try:
             while (ended := self.call.wait(fence, _FLUSH, _PATIENCE)) == _TIMEOUT_EXPIRED:
@@ -304,8 +314,7 @@ def egl_fix() -> str:
     return f"unset {' '.join(named)}" if named else FIXES["egl"]
 
 
-def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
-    device_index = default_device() if device_index is None else device_index
+def _open_egl(device_index: int) -> tuple[Any, Any]:
     named_egl, named_gl = map(os.environ.get, _LIBRARIES)
     libegl = named_egl or find_library("EGL") or "libEGL.so.1"
     libgl = named_gl or find_library("GL") or find_library("OpenGL") or libegl
@@ -316,23 +325,19 @@ def _open_egl(device_index: int | None) -> tuple[int | None, Any, Any]:
         context = egl.create_context(
             mode="standalone", glversion=REQUIRED, libegl=libegl, libgl=libgl, device_index=device_index
         )
-        return device_index, context, moderngl.create_context(require=REQUIRED, context=context)
+        return context, moderngl.create_context(require=REQUIRED, context=context)
     except Exception as error:  # glcontext and moderngl raise bare Exception
         if "requested device index" in str(error):  # "requested device index 7, but found 1 devices"
             raise GlError(f"{error}; count from 0.") from None
         raise GlError(f"device_index {device_index}: {error}. Try: {egl_fix()}") from None
 
 
-def _open_osmesa(device_index: int | None) -> tuple[int | None, Any, Any]:
+def _open_osmesa() -> tuple[Any, Any]:
+    context: Any = None
     try:
-        context: Any = OsMesaContext()
-    except GlError as error:
-        raise GlError(f"{error} On Debian: {FIXES['osmesa']}") from None
-    try:
-        return None, context, moderngl.create_context(require=REQUIRED, context=context)
+        context = OsMesaContext()
+        return context, moderngl.create_context(require=REQUIRED, context=context)
     except Exception as error:  # moderngl raises bare Exception
-        context.release()
-        raise GlError(f"{error}. On Debian: {FIXES['osmesa']}") from None
-
-
-_OPENERS: dict[str, Callable[[int | None], tuple[int | None, Any, Any]]] = {"egl": _open_egl, "osmesa": _open_osmesa}
+        if context is not None:
+            context.release()
+        raise GlError(f"{str(error).removesuffix('.')}. On Debian: {FIXES['osmesa']}") from None

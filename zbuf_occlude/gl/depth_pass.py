@@ -1,16 +1,23 @@
-"""The mesh drawn into a depth atlas: many cameras a draw."""
+"""The mesh drawn into an atlas of depth tiles, many cameras a draw; one depth image read back to look at."""
 
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.gl.atlas import Atlas
+from zbuf_occlude.errors import GlError
+from zbuf_occlude.geometry.camera import picture_frusta, rigid_matrices
+from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.buffers import Buffers
-from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.point_data import GROUP
-from zbuf_occlude.gl.point_pass import set_uniforms
-from zbuf_occlude.gl.tiles import CUBE
+from zbuf_occlude.gl.context import FLOAT, INT, UINT, GlContext
+from zbuf_occlude.gl.shaders import set_uniforms
+from zbuf_occlude.gl.tiles import CUBE, EYES_PER_BYTE, TILE, Unit, arrange_tiles, reversed_depth
+from zbuf_occlude.views import Views
 
 MOST_TILES = 48
 """Of a batch: eight eyes with six cube faces each; their matrices fit into a uniform block on any driver."""
@@ -19,40 +26,189 @@ SOFTWARE_BYTES, HARDWARE_BYTES = 1 << 24, 1 << 28
 """What an atlas may take: caches, and memory touched first, matter to a CPU; full batches to a GPU. One eye's tiles may
 exceed it."""
 
+NO_FACE = -1
 
-class DepthPass:
-    """A mesh on the GPU, and the atlas it is drawn into.
+# names of the OpenGL registry
+_TEXTURE_2D, _TEXTURE0, _NEAREST = 0x0DE1, 0x84C0, 0x2600
+_MIN_FILTER, _MAG_FILTER = 0x2801, 0x2800
+_WRAP_S, _WRAP_T, _CLAMP_TO_EDGE = 0x2802, 0x2803, 0x812F
+_DEPTH_COMPONENT32F, _DEPTH_COMPONENT = 0x8CAC, 0x1902
+_FRAMEBUFFER, _DEPTH_ATTACHMENT, _COLOR_ATTACHMENT0, _COMPLETE = 0x8D40, 0x8D00, 0x8CE0, 0x8CD5
+_DEPTH, _COLOR, _NONE = 0x1801, 0x1800, 0
+_RED_INTEGER, _INTS32, _FLOATS32 = 0x8D94, 0x1404, 0x1406
+_SCISSOR_TEST, _CLIP_DISTANCES = 0x0C11, (0x3000, 0x3001, 0x3002, 0x3003)
+_LOWER_LEFT, _NEGATIVE_ONE_TO_ONE, _ZERO_TO_ONE = 0x8CA1, 0x935E, 0x935F
 
-    Parameters
-    ----------
-    gl : GlContext
-    buffers : Buffers
-        The mesh (`mesh_buffers`), which stays the caller's.
-    resolution : int
-        Pixels along a tile's side.
-    ids : bool
-        Whether the atlas keeps the id of the nearest face beside the depth.
-    tiles_per_eye : int
-        1, or `CUBE`.
 
-    Notes
-    -----
-    GPU memory: `SOFTWARE_BYTES` or `HARDWARE_BYTES`, or what one eye takes: 4 bytes per pixel, 8 with ids.
+@dataclass(frozen=True)
+class MeshArrays:
+    """A mesh to be drawn, along a space-filling curve so that tiles stay in caches."""
+
+    positions: FloatArray  # (v, 3) unit space; only vertices in use
+    faces: IntArray  # (f, 3) in the order of drawing
+    places: IntArray  # (f,) where each of the mesh's faces is in that order
+    normals: NDArray[np.float32]  # (f, 3) of the mesh's faces, unit length; 0 where a face has no area
+
+
+def arrange_mesh(mesh: Mesh, unit: Unit) -> MeshArrays:
+    """Arrange a mesh for drawing."""
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
+    indices = np.cumsum(used, dtype=np.int32) - np.int32(1)  # of the vertices in use, in their order
+    order = hilbert_order(mesh.corners.mean(axis=1))
+    places = np.empty(len(order), dtype=np.int32)
+    places[order] = np.arange(len(order))
+    lengths = np.linalg.norm(mesh.face_normals, axis=1, keepdims=True)
+    normals = np.divide(mesh.face_normals, lengths, out=np.zeros_like(mesh.face_normals), where=lengths > 0.0)
+    return MeshArrays(
+        positions=unit.to(mesh.vertices[used]),
+        faces=indices[mesh.faces[order]],
+        places=places,
+        normals=normals.astype(np.float32),
+    )
+
+
+def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffers:
+    """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
+
+    Takes 12 bytes per vertex and 72 bytes per face. A flat shader input takes the value of a face's last vertex, so
+    each face gets one of its own: the first f vertices, in the faces' order.
+    """
+    positions = positions.astype(np.float32)
+    corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
+    corners[:, :, :3] = positions[faces]
+    vertices = np.concatenate([corners[:, 2, :3], positions])
+    indices = faces.astype(np.int32) + np.int32(len(faces))
+    indices[:, 2] = np.arange(len(faces))
+    return Buffers(gl, vertices=vertices, indices=indices, corners=corners)
+
+
+class Atlas:
+    """One big depth buffer, cut into square tiles, with the id of the nearest face beside each depth if `faces` is set.
+
+    moderngl knows depth textures of 24 bits only and no reversed depth, so the calls that this takes are OpenGL's own.
+    Depth is reversed (`tiles.Pictures`), in 32-bit floats. Takes 4 bytes per pixel, 8 with faces.
     """
 
-    def __init__(
-        self,
-        gl: GlContext,
-        buffers: Buffers,
-        resolution: int,
-        *,
-        ids: bool,
-        tiles_per_eye: int,
-    ) -> None:
-        self._gl = gl
+    def __init__(self, gl: GlContext, resolution: int, n_tiles: int, *, faces: bool) -> None:
+        self.resolution, self.n_tiles, self.faces = resolution, n_tiles, faces
+        largest = int(gl.info["GL_MAX_TEXTURE_SIZE"]) // resolution
+        # as narrow as it may be: what is near in a tile is then near in memory
+        self.columns = -(-n_tiles // max(largest, 1))
+        rows = -(-n_tiles // self.columns)
+        if max(self.columns, rows) > largest:
+            raise GlError(
+                f"{n_tiles} tiles of {resolution} pixels must fit into a texture of {gl.renderer}; they do not."
+            )
+        self.size = (self.columns * resolution, rows * resolution)
+        self._gl, self._call = gl, gl.call
+        gl.check()
+        self._depth, self._framebuffer = UINT(0), UINT(0)
+        self._ids: Any = None
+        try:
+            self._make()
+        except BaseException:
+            self.release()
+            raise
+
+    def _make(self) -> None:
+        call = self._call
+        call.gen_textures(1, ctypes.byref(self._depth))
+        self._bind(_TEXTURE0, self._depth)
+        call.tex_storage(_TEXTURE_2D, 1, _DEPTH_COMPONENT32F, *self.size)
+        for parameter in (_MIN_FILTER, _MAG_FILTER):
+            call.tex_parameter(_TEXTURE_2D, parameter, _NEAREST)
+        for parameter in (_WRAP_S, _WRAP_T):
+            call.tex_parameter(_TEXTURE_2D, parameter, _CLAMP_TO_EDGE)
+        call.gen_framebuffers(1, ctypes.byref(self._framebuffer))
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.framebuffer_texture(_FRAMEBUFFER, _DEPTH_ATTACHMENT, self._depth, 0)
+        drawn = _NONE
+        if self.faces:
+            self._ids = self._gl.ctx.texture(self.size, 1, dtype="i4")
+            self._ids.filter = (_NEAREST, _NEAREST)
+            self._ids.repeat_x = self._ids.repeat_y = False
+            call.framebuffer_texture(_FRAMEBUFFER, _COLOR_ATTACHMENT0, self._ids.glo, 0)
+            drawn = _COLOR_ATTACHMENT0
+        call.draw_buffers(1, (UINT * 1)(drawn))
+        call.bind_framebuffer(_FRAMEBUFFER, 0)
+        error = self._gl.ctx.error
+        if error != "GL_NO_ERROR":
+            self._gl.ctx.clear_errors()
+            raise GlError(
+                f"a depth atlas of {self.size[0]} x {self.size[1]} pixels must fit into {self._gl.renderer}'s memory; "
+                f"it reports {error}. Take a lower resolution."
+            )
+
+    def _bind(self, unit: int, texture: Any) -> None:
+        self._call.active_texture(unit)
+        self._call.bind_texture(_TEXTURE_2D, texture)
+
+    def draw(self, n_tiles: int, render: Callable[[], None], *, clip: bool) -> None:
+        """Clear the first tiles and let `render` draw into them; `clip`: the shader writes four clip distances."""
+        call, ctx = self._call, self._gl.ctx
+        rows = -(-n_tiles // self.columns)
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.viewport(0, 0, *self.size)
+        call.scissor(0, 0, min(n_tiles, self.columns) * self.resolution, rows * self.resolution)
+        call.clip_control(_LOWER_LEFT, _ZERO_TO_ONE)
+        ctx.enable_only(ctx.DEPTH_TEST)
+        ctx.depth_func = ">"
+        switches = [_SCISSOR_TEST, *(_CLIP_DISTANCES if clip else ())]
+        for switch in switches:
+            ctx.enable_direct(switch)
+        try:
+            call.clear_floats(_DEPTH, 0, (FLOAT * 1)(0.0))
+            if self.faces:
+                call.clear_ints(_COLOR, 0, (INT * 4)(NO_FACE, 0, 0, 0))
+            render()
+        finally:
+            for switch in switches:
+                ctx.disable_direct(switch)
+            ctx.depth_func = "<"
+            ctx.enable_only(ctx.NOTHING)
+            call.clip_control(_LOWER_LEFT, _NEGATIVE_ONE_TO_ONE)
+            call.bind_framebuffer(_FRAMEBUFFER, 0)
+
+    def use(self, *, depths: int, faces: int) -> None:
+        """Bind the depths, and the face ids where they are kept, to texture units."""
+        self._bind(_TEXTURE0 + depths, self._depth)
+        if self.faces:
+            self._ids.use(faces)
+
+    def read(self, tile: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Read a tile back: depths and face ids, (resolution, resolution) each, the lowest row first."""
+        side, call = self.resolution, self._call
+        depths, ids = np.empty((side, side), np.float32), np.full((side, side), NO_FACE, np.int32)
+        row, column = (side * place for place in divmod(tile, self.columns))
+        call.bind_framebuffer(_FRAMEBUFFER, self._framebuffer)
+        call.read_pixels(column, row, side, side, _DEPTH_COMPONENT, _FLOATS32, depths.ctypes.data)
+        if self.faces:
+            call.read_pixels(column, row, side, side, _RED_INTEGER, _INTS32, ids.ctypes.data)
+        call.bind_framebuffer(_FRAMEBUFFER, 0)
+        self._gl.check()
+        return depths, ids
+
+    def release(self) -> None:
+        """Give the memory back; calling it again does nothing."""
+        self._call.delete_framebuffers(1, ctypes.byref(self._framebuffer))  # OpenGL ignores 0
+        self._call.delete_textures(1, ctypes.byref(self._depth))
+        self._depth, self._framebuffer = UINT(0), UINT(0)
+        if self._ids is not None:
+            self._ids.release()
+            self._ids = None
+
+
+class DepthPass:
+    """A mesh (`mesh_buffers`, the caller's) drawn into an atlas by many cameras a draw, 1 or `CUBE` per eye.
+
+    With `ids` the atlas keeps the nearest face beside the depth.
+    """
+
+    def __init__(self, gl: GlContext, buffers: Buffers, resolution: int, *, ids: bool, tiles_per_eye: int) -> None:
         budget = (SOFTWARE_BYTES if gl.is_software else HARDWARE_BYTES) // (resolution**2 * (8 if ids else 4))
         eyes = int(np.clip(budget, tiles_per_eye, MOST_TILES)) // tiles_per_eye
-        self.n_eyes = eyes // GROUP * GROUP if eyes > GROUP else eyes
+        self.n_eyes = eyes // EYES_PER_BYTE * EYES_PER_BYTE if eyes > EYES_PER_BYTE else eyes
         """Eyes of a batch."""
         self._program = gl.program(
             "depth.vert", "depth.frag", TILES=MOST_TILES, FACES=int(ids), CUBE=int(tiles_per_eye == CUBE)
@@ -79,16 +235,49 @@ class DepthPass:
         self.atlas.release()
 
 
-def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffers:
-    """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
+def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArray:
+    """Render a mesh's depth as one camera sees it.
 
-    Takes 12 bytes per vertex and 72 bytes per face. A flat shader input takes the value of a face's last vertex, so
-    each face gets one of its own: the first f vertices, in the faces' order.
+    Parameters
+    ----------
+    gl : GlContext
+    mesh : Mesh
+    view : Views
+        One view, distance in world units; its picture is its window, or holds the mesh.
+    size : int
+        Pixels along a side. Pixels are square; of a picture that is not, its middle is the image's.
+
+    Returns
+    -------
+    (size, size) float64
+        Eye depth (along the camera's axis) at the pixels' centres, world units, the highest row first;
+        infinite where nothing is.
+
+    Raises
+    ------
+    ArgumentError
+        The eye is within the mesh's bounding box, or so near that no single picture holds the mesh.
     """
-    positions = positions.astype(np.float32)
-    corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
-    corners[:, :, :3] = positions[faces]
-    vertices = np.concatenate([corners[:, 2, :3], positions])
-    indices = faces.astype(np.int32) + np.int32(len(faces))
-    indices[:, 2] = np.arange(len(faces))
-    return Buffers(gl, vertices=vertices, indices=indices, corners=corners)
+    gl.make_current()
+    unit = Unit.of(mesh.centre, mesh.diagonal)
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    positions = unit.to(mesh.vertices[used])
+    eyes = unit.to(view.eyes)
+    views = rigid_matrices(view.poses[:, :3, :3], eyes)
+    frusta = picture_frusta(views, positions, view.windows)
+    cameras = reversed_depth(views, frusta)
+    with mesh_buffers(gl, positions, faces.reshape(-1, 3).astype(np.int32)) as mesh_on_gpu:
+        depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
+        try:
+            tiles = np.zeros(MOST_TILES, dtype=TILE)
+            tiles[:1] = arrange_tiles(cameras, size, depth_pass.atlas.columns, 1)
+            with Buffers(gl, tiles=tiles) as buffers:
+                buffers.bind_uniforms("tiles", 0, offset=0, size=tiles.nbytes)
+                depth_pass.draw(1)
+                depths = depth_pass.atlas.read(0)[0].astype(np.float64)
+        finally:
+            depth_pass.release()
+    gl.check()
+    near, far = cameras.frusta.near[0], cameras.frusta.far[0]
+    eye_depth = cameras.gains[0] / (depths + near / (far - near))
+    return np.asarray(np.where(depths > 0.0, eye_depth / unit.scale, np.inf)[::-1])

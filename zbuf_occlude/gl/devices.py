@@ -1,10 +1,12 @@
-"""Which EGL devices there are, which CUDA device each one is, and which CUDA_VISIBLE_DEVICES leaves."""
+"""EGL devices, the choice among them by CUDA_VISIBLE_DEVICES, and what keeps OpenGL from an NVIDIA GPU."""
 
 import ctypes
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from ctypes.util import find_library
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 from uuid import UUID
 
 from zbuf_occlude.errors import GlError
@@ -15,6 +17,19 @@ _MOST = 64
 _NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceAttribEXT", b"eglQueryDeviceStringEXT", b"eglQueryDeviceBinaryEXT")
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
+
+NVIDIA = Path("/dev/nvidiactl")
+"""There where a driver for NVIDIA's GPUs is."""
+
+ICD = '{"file_format_version": "1.0.0", "ICD": {"library_path": "libEGL_nvidia.so.0"}}'
+_LIBRARIES = ("usr/lib/x86_64-linux-gnu", "usr/lib/aarch64-linux-gnu", "usr/lib64", "usr/lib", "usr/local/lib", "lib64")
+_VENDORS = ("etc/glvnd/egl_vendor.d", "usr/share/glvnd/egl_vendor.d")
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "lavapipe")
+
+
+def is_software(renderer: str) -> bool:
+    """Whether a GL_RENDERER runs on the CPU."""
+    return any(name in renderer.lower() for name in _SOFTWARE)
 
 
 @dataclass(frozen=True)
@@ -43,13 +58,7 @@ class EglDevice:
 
 
 def egl_devices() -> tuple[EglDevice, ...]:
-    """List the EGL devices without opening a display.
-
-    Raises
-    ------
-    GlError
-        libEGL is missing, or cannot enumerate devices.
-    """
+    """List the EGL devices without opening a display; GlError where libEGL is missing or cannot list them."""
     name = find_library("EGL") or "libEGL.so.1"
     try:
         library = ctypes.CDLL(name)
@@ -92,28 +101,25 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def left_by_cuda(devices: Sequence[EglDevice], visible: str | None) -> tuple[EglDevice, ...]:
-    """Return the devices that a value of CUDA_VISIBLE_DEVICES leaves: those it names, in its order, then all others.
+    """Return the devices that a value of CUDA_VISIBLE_DEVICES names, in its order, then those that are no CUDA devices.
 
-    Parameters
-    ----------
-    devices : sequence of EglDevice
-    visible : str or None
-        Numbers, or UUIDs or beginnings of them, between commas; None, the variable not being set, leaves all. As with
-        CUDA, what follows an unknown word is not seen.
+    The value holds numbers or beginnings of UUIDs between commas; None leaves all. As with CUDA, an unknown word hides
+    what follows it.
     """
     if visible is None:
         return tuple(devices)
     chosen: list[EglDevice] = []
     for word in map(str.strip, visible.split(",")):
-        found = [d for d in devices if d.cuda_device is not None and _is_named(d, word)]
+        found = [
+            d
+            for d in devices
+            if d.cuda_device is not None
+            and (word == str(d.cuda_device) or (word.startswith("GPU-") and d.uuid.startswith(word)))
+        ]
         if len(found) != 1:
             break
         chosen += found
     return (*chosen, *(device for device in devices if device.cuda_device is None))
-
-
-def _is_named(device: EglDevice, word: str) -> bool:
-    return word == str(device.cuda_device) or (word.startswith("GPU-") and device.uuid.startswith(word))
 
 
 def default_device() -> int:
@@ -127,3 +133,52 @@ def default_device() -> int:
         return 0
     left = left_by_cuda(devices, visible)
     return left[0].index if left else 0
+
+
+class Hindrance(NamedTuple):
+    """Why there is no OpenGL on the GPU, in a sentence, and the one thing to do."""
+
+    cause: str
+    fix: str
+
+
+def hindrance(root: Path = Path("/"), environment: Mapping[str, str] | None = None) -> Hindrance | None:
+    """Say what keeps OpenGL from an NVIDIA GPU, by its files; None where there is no GPU, or nothing is missing."""
+    if not (root / "dev/nvidiactl").exists():
+        return None
+    environment = os.environ if environment is None else environment
+
+    def has(library: str) -> bool:
+        return any(any((root / folder).glob(f"{library}*")) for folder in _LIBRARIES)
+
+    named = ",".join(environment.get(name, "") for name in ("CUDA_VISIBLE_DEVICES", "NVIDIA_VISIBLE_DEVICES"))
+    if "MIG-" in named or any((root / "proc/driver/nvidia/capabilities").glob("gpu*/mig/gi*")):
+        return Hindrance(
+            "the NVIDIA GPU is cut into MIG instances, which have no graphics.",
+            "run on a GPU that is not cut, or take --method exact",
+        )
+    if not has("libEGL_nvidia.so"):
+        return Hindrance(
+            "there is an NVIDIA GPU, but not the driver's libEGL_nvidia.",
+            "start the container with -e NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility "
+            "(outside one: install the driver's libnvidia-gl package)",
+        )
+    if not (has("libEGL.so.1") and has("libGLdispatch.so.0")):
+        return Hindrance(
+            "there is an NVIDIA GPU and its driver, but not glvnd's libEGL, which finds drivers.",
+            "apt-get install libegl1",
+        )
+    if not any(file for folder in _VENDORS for file in (root / folder).glob("*nvidia*.json")):
+        return Hindrance(
+            "there is an NVIDIA GPU and its driver, but no ICD file that names it to glvnd.",
+            f"echo '{ICD}' > /usr/share/glvnd/egl_vendor.d/10_nvidia.json",
+        )
+    return None
+
+
+def fallen_to_software(renderer: str) -> str:
+    """Say that a GL_RENDERER is software though there is an NVIDIA GPU, and why; "" where that is not so."""
+    if not is_software(renderer) or not NVIDIA.exists():
+        return ""
+    found = hindrance() or Hindrance("nothing is seen to be missing.", "ask `zbuf-occlude doctor`")
+    return f"OpenGL runs in software ({renderer}), though /dev/nvidiactl is there: {found.cause} Fix: {found.fix}"

@@ -2,17 +2,19 @@
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import GlError
+from zbuf_occlude.geometry.hilbert import hilbert_order
+from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
-from zbuf_occlude.gl.exact_data import LEAF, WIDTH, Unit, arrange_eyes, arrange_faces, arrange_points
-from zbuf_occlude.gl.exact_shapes import HARDWARE, SOFTWARE, Shape, Shapes, best_shape
+from zbuf_occlude.gl.tiles import Unit
+from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
 
 MAX_LEVELS = 9
 """Of the tree of boxes: enough for 8 * 8^8 faces, far more than a storage block holds."""
@@ -40,32 +42,182 @@ _BINDINGS = 10
 _HEAD = 8
 """Numbers before the list of the unfinished."""
 
+WIDTH = 8
+"""Children of an inner box."""
 
-@dataclass
-class Work:
-    """What was done to answer, summed over all calls.
+LEAF = 8
+"""Faces of a cluster."""
 
-    Attributes
-    ----------
-    groups : int
-        Work groups: packets x eyes, and those that were cut out of too large ones.
-    boxes, triangles : int
-        Held against a packet's shaft.
-    tests : int
-        Of a triangle by all points of a packet.
-    doubts : int
-        Of a triangle by one point, decided in float64.
-    """
+BLOCK = 256
+"""Packets that a thread fills at a time."""
 
-    groups: int = 0
-    boxes: int = 0
-    triangles: int = 0
-    tests: int = 0
-    doubts: int = 0
+NONE = np.uint32(0xFFFFFFFF)
+
+EXACT_POINT = np.dtype([("position", "<f8", 3), ("order", "<u4"), ("unused", "<u4")])
+EYE = np.dtype([("position", "<f8", 3), ("unused", "<f8"), ("scaled", "<f4", 4)])
 
 
 @dataclass(frozen=True)
-class UploadedPoints:
+class Shape:
+    """How work is cut for the hardware; no answer depends on it."""
+
+    threads: int  # of a work group
+    per_thread: int  # points of a thread, at most 31
+    strands: int  # threads that share a point and divide its triangles; divides `threads`
+    triangles: int  # listed before the points test them
+
+    @property
+    def packet(self) -> int:
+        """Points of a packet."""
+        return self.threads // self.strands * self.per_thread
+
+
+Shapes = tuple[tuple[float, Shape], ...]
+"""Points a face from which on a shape is the best, and the shape; the last from 0 on."""
+
+SOFTWARE: Shapes = ((0.4, Shape(8, 16, 1, 24)), (0.05, Shape(8, 1, 2, 24)), (0.0, Shape(8, 1, 8, 24)))
+"""For llvmpipe: one vector to a group, and many points per thread to make up for its slow shared memory."""
+
+HARDWARE: Shapes = (
+    (20.0, Shape(32, 2, 1, 16)),
+    (4.0, Shape(32, 1, 1, 16)),
+    (0.7, Shape(32, 1, 2, 16)),
+    (0.05, Shape(32, 1, 8, 16)),
+    (0.0, Shape(32, 1, 32, 16)),
+)
+"""For a GPU: one warp to a group, little shared memory so that many groups are in flight, and the packets for which
+the fewest operations were counted: small ones where points are sparse, or each would look at too many faces."""
+
+
+def best_shape(shapes: Shapes, n_points: int, n_faces: int) -> Shape:
+    """Choose by how many points come to a face."""
+    return next(shape for least, shape in shapes if n_points >= least * n_faces)
+
+
+@dataclass(frozen=True)
+class FaceArrays:
+    """Faces in Hilbert order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
+
+    Child j of box i of level l is box i WIDTH + j of level l + 1; the last level's are the clusters.
+    """
+
+    face_ids: NDArray[np.int64]  # (f,) the mesh's face at each place
+    faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
+    corners: FloatArray  # (f, 9) world space
+    boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
+    level_start: list[int]
+    level_size: list[int]
+
+
+def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
+    """Arrange faces given by their corners (f, 3, 3), world space."""
+    order = hilbert_order(corners.mean(axis=1))
+    corners = corners[order]
+    local = unit.to(corners)
+    a, b, c = local[:, 0], local[:, 1], local[:, 2]
+    faces = np.zeros((len(corners), 16), dtype=np.float32)
+    # rounded from float64 differences, so small faces keep their precision
+    faces[:, 0:3], faces[:, 3:6], faces[:, 6:9] = a, b - a, c - a
+    faces[:, 9:12], faces[:, 12:15] = np.cross(b - a, c - a), c - b
+    low, high = local.min(axis=1), local.max(axis=1)
+    levels: list[tuple[FloatArray, FloatArray]] = []
+    step = LEAF
+    while True:
+        starts = np.arange(0, len(low), step)
+        low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        levels.insert(0, (low, high))
+        step = WIDTH
+        if len(levels) > 1 and len(low) == 1:
+            break
+    sizes = [len(low) for low, _ in levels]
+    boxes = np.zeros((sum(sizes), 8), dtype=np.float32)
+    boxes[:, 0:3] = np.concatenate([(low + high) / 2.0 for low, high in levels])
+    boxes[:, 4:7] = np.concatenate([(high - low) / 2.0 for low, high in levels])
+    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, [0, *np.cumsum(sizes[:-1]).tolist()], sizes)
+
+
+@dataclass(frozen=True)
+class PointArrays:
+    """Points in packets of `size` neighbours."""
+
+    n_packets: int
+    points: NDArray[np.uint32]  # (packets * size, 4) bits of the float32 offset from the centre; own face or `NONE`
+    exact_points: NDArray[Any]  # (packets * size,) EXACT_POINT: world space, and which point; `NONE` pads the last
+    packets: NDArray[np.float32]  # (packets, 8) centre and radius, half size; unit space
+
+
+def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit: Unit) -> PointArrays:
+    """Arrange n points into packets of `size`; own_places (n,): the own face's place among FaceArrays, -1 for none."""
+    n = len(positions)
+    n_packets = -(-n // size)
+    order = np.empty(n_packets * size, dtype=np.int64)
+    order[:n] = hilbert_order(positions)
+    order[n:] = order[n - 1]
+    exact_points = np.empty(len(order), dtype=EXACT_POINT)
+    points = np.empty((len(order), 4), dtype=np.uint32)
+    packets = np.zeros((n_packets, 8), dtype=np.float32)
+    offsets, world = points.view(np.float32), exact_points.view(np.float64).reshape(-1, 4)
+    in_unit = unit.centre, unit.scale
+    together(_pack, n_blocks(n_packets, BLOCK), positions, order, size, *in_unit, offsets, world, packets)
+    points[:, 3] = own_places[order].astype(np.uint32)
+    exact_points["order"] = order
+    exact_points["order"][n:] = NONE
+    return PointArrays(n_packets, points, exact_points, packets)
+
+
+@shared
+def _pack(tasks, positions, order, size, unit_centre, scale, offsets, world, packets):
+    """Fill in the geometry of packets: offsets and world get a column more than three, which is left alone."""
+    begin, end = take_block(tasks, len(packets), BLOCK)
+    while begin < end:
+        for packet in range(begin, end):
+            first = packet * size
+            largest = 0.0
+            for axis in range(3):
+                low, high = np.inf, -np.inf
+                for i in range(first, first + size):
+                    world[i, axis] = positions[order[i], axis]
+                    local = (world[i, axis] - unit_centre[axis]) * scale
+                    low, high = min(low, local), max(high, local)
+                packets[packet, axis] = (low + high) / 2.0
+                # a hair more than it is, for the rounding to float32
+                centre = np.float64(packets[packet, axis])
+                packets[packet, 4 + axis] = max(high - centre, centre - low) * (1.0 + 1e-6)
+            for i in range(first, first + size):
+                squared = 0.0
+                for axis in range(3):
+                    offset = (world[i, axis] - unit_centre[axis]) * scale - np.float64(packets[packet, axis])
+                    offsets[i, axis] = offset
+                    squared += offset * offset
+                largest = max(largest, squared)
+            packets[packet, 3] = np.sqrt(largest) * (1.0 + 1e-6)
+        begin, end = take_block(tasks, len(packets), BLOCK)
+
+
+def arrange_eyes(eyes: FloatArray, unit: Unit) -> NDArray[Any]:
+    """Eyes (k, 3), world space, as EYE records: as they are, and in unit space times a power of two g; g last."""
+    local = unit.to(eyes)
+    exponent = -np.frexp(1.0 + 2.0 * np.abs(local).max(axis=1))[1]
+    records = np.zeros(len(eyes), dtype=EYE)
+    records["position"] = eyes
+    records["scaled"][:, :3] = np.ldexp(local, exponent[:, None])
+    # float32 has no smaller ones, and beyond 2^100 the mesh's size is below an eye's rounding
+    records["scaled"][:, 3] = np.ldexp(1.0, np.maximum(exponent, -100))
+    return records
+
+
+class Work(NamedTuple):
+    """What was done to answer, summed over all calls."""
+
+    groups: int = 0  # packets x eyes, and those that were cut out of too large ones
+    boxes: int = 0  # tested against a packet's shaft, as are triangles
+    triangles: int = 0
+    tests: int = 0  # of a triangle by all points of a packet
+    doubts: int = 0  # of a triangle by one point, decided in float64
+
+
+@dataclass(frozen=True)
+class PointPackets:
     """Points on the GPU, in parts that fit into a storage block: which points, packets, buffers."""
 
     n_points: int
@@ -90,85 +242,49 @@ class _FacePart:
 
 
 class ExactPass:
-    """A mesh on the GPU, ready to be asked.
+    """A mesh on the GPU, ready to be asked. `counting` sums up in `work` what is done, which costs some time.
 
-    Parameters
-    ----------
-    gl : GlContext
-    corners : (f, 3, 3) float64
-        World space.
-    centre, diagonal
-        Of the mesh's bounding box.
-    contact : float
-        In world units.
-    shapes : Shapes, optional
-        By default `SOFTWARE` or `HARDWARE`, as the context is.
-    counting : bool
-        Whether to sum up what is done in `work`, which costs some time.
-
-    Notes
-    -----
-    GPU memory: 141 bytes per face, 48 bytes per point, and while it answers at most 256 MiB, whatever the number of
-    eyes. No buffer exceeds the driver's block: faces and points beyond it are asked about in parts.
+    Takes 141 bytes per face and 48 per point of the GPU's memory, and while it answers at most 256 MiB. No buffer
+    exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
     def __init__(
-        self,
-        gl: GlContext,
-        corners: FloatArray,
-        centre: FloatArray,
-        diagonal: float,
-        contact: float,
-        shapes: Shapes | None = None,
-        counting: bool = False,
+        self, gl: GlContext, mesh: Mesh, contact: float, shapes: Shapes | None = None, counting: bool = False
     ) -> None:
         self._gl = gl
         available = int(gl.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
-        self._unit = Unit.of(centre, diagonal)
+        self._unit = Unit.of(mesh.centre, mesh.diagonal)
         self.shapes = shapes or (SOFTWARE if gl.is_software else HARDWARE)
         self.work = Work()
-        self._contact, self._diagonal = contact, diagonal
+        self._contact, self._diagonal = contact, mesh.diagonal
         self._counting = counting
         self._limit = block_limit(gl)
         self._groups_per_second = _FIRST_GROUPS / DISPATCH_SECONDS
-        self._places = np.empty(len(corners), dtype=np.int32)
+        self._places = np.empty(len(mesh.faces), dtype=np.int32)
         self._face_parts = []
-        for part in parts(len(corners), self._limit // _FACE_BYTES):
-            arrays = arrange_faces(corners[part], self._unit)
+        for part in parts(len(mesh.faces), self._limit // _FACE_BYTES):
+            arrays = arrange_faces(mesh.corners[part], self._unit)
             self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
             buffers = Buffers(gl, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
             self._face_parts.append(
                 _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
             )
 
-    def upload(self, positions: FloatArray, face_ids: IntArray) -> "UploadedPoints":
-        """Put points on the GPU, ready to be asked about any number of times.
-
-        Parameters
-        ----------
-        positions : (n, 3) float64
-            World space.
-        face_ids : (n,) int
-            Own faces, -1 for none.
-
-        Returns
-        -------
-        UploadedPoints
-            The caller's, who releases it.
-        """
+    def upload(self, positions: FloatArray, face_ids: IntArray) -> PointPackets:
+        """Put points (world space) and their own faces (-1: none) on the GPU; the caller releases them."""
         shape = best_shape(self.shapes, len(positions), len(self._places))
         largest = min(self._limit // _POINT_BYTES, _MAX_GROUPS * shape.packet) // shape.packet * shape.packet
         own = np.where(face_ids >= 0, self._places[face_ids], -1)
-        uploaded = UploadedPoints(len(positions), shape, [])
+        uploaded = PointPackets(len(positions), shape, [])
         for part in parts(len(positions), largest):
             arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
             buffers = Buffers(self._gl, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets)
             uploaded.parts.append((part, arrays.n_packets, buffers))
         return uploaded
 
-    def visible(self, points: "UploadedPoints", eyes: FloatArray) -> BoolArray:
+    def visible(self, points: PointPackets, eyes: FloatArray) -> BoolArray:
         """Answer which points each eye (k, 3), world space, sees: (k, n) bool."""
         program = self._program(points.shape)
         answer = np.empty((len(eyes), points.n_points), dtype=np.bool_)
@@ -215,7 +331,8 @@ class ExactPass:
             buffer.bind(bits=7, unfinished=9)
             first = 0
             while first < k:
-                last = min(first + min(most, self._eyes_at_once(n_packets)), k)
+                in_time = max(1, int(self._groups_per_second * DISPATCH_SECONDS / n_packets))
+                last = min(first + min(most, in_time), k)
                 began = time.perf_counter()
                 buffer.clear("bits")
                 program["first_eye"].value = first
@@ -229,18 +346,15 @@ class ExactPass:
                 answer[first:last] = unpacked.view(np.bool_)
                 first = last
 
-    def _eyes_at_once(self, n_packets: int) -> int:
-        """How many eyes make a dispatch of about `DISPATCH_SECONDS`, by how fast the last one was."""
-        return max(1, int(self._groups_per_second * DISPATCH_SECONDS / n_packets))
-
     def _ask(self, program: Any, part: _FacePart, answers: Buffers, n_packets: int, n_eyes: int) -> None:
         """Let every packet and eye test a part of the faces; what is too much for one work group is cut smaller."""
         part.buffers.bind(faces=0, corners=1, boxes=2)
         program["first_face"].value = part.first
         program["n_faces"].value = part.n_faces
         program["n_levels"].value = len(part.level_size)
-        program["level_start"].value = _padded(part.level_start)
-        program["level_size"].value = _padded(part.level_size)
+        none = [0] * (MAX_LEVELS - len(part.level_size))
+        program["level_start"].value = (*part.level_start, *none)
+        program["level_size"].value = (*part.level_size, *none)
         program["n_tasks"].value = 0
         largest = n_packets * n_eyes
         tasks = self._run(program, answers, n_packets, n_eyes)
@@ -266,21 +380,13 @@ class ExactPass:
         tasks = np.empty((int(head[0]), 2), dtype=np.uint32)
         if len(tasks):
             answers.read_into("unfinished", tasks, offset=head.nbytes)
-        self.work.groups += int(head[2])
-        self.work.boxes += int(head[3])
-        self.work.triangles += int(head[4])
-        self.work.tests += int(head[5])
-        self.work.doubts += int(head[6])
+        self.work = Work(*(int(done) for done in np.add(self.work, head[2:7])))
         return tasks
 
     def release(self) -> None:
         """Give the GPU's memory back."""
         for part in self._face_parts:
             part.buffers.release()
-
-
-def _padded(values: list[int]) -> tuple[int, ...]:
-    return (*values, *[0] * (MAX_LEVELS - len(values)))
 
 
 def _cut(tasks: NDArray[np.uint32], level_size: list[int]) -> NDArray[np.uint32]:

@@ -15,17 +15,10 @@ _VERSIONS = ((4, 5), (4, 3))
 
 
 class OsMesaContext:
-    """What `moderngl.create_context(context=...)` expects, on top of libOSMesa.
+    """What `moderngl.create_context(context=...)` expects, on top of libOSMesa; GlError where that cannot do it.
 
-    Raises
-    ------
-    GlError
-        The library is not there, or makes no core profile 4.3.
-
-    Notes
-    -----
-    OSMesa draws its default framebuffer into memory that we own; 1 x 1, because all rendering goes to framebuffer
-    objects. A context must be left (made not current) before it is destroyed, or Mesa writes to freed memory.
+    The default framebuffer is a pixel of ours, because all rendering goes to framebuffer objects. A context must not
+    be current when it is destroyed, or Mesa writes to freed memory.
     """
 
     standalone = True
@@ -85,13 +78,7 @@ def _load() -> ctypes.CDLL:
         library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
         library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
         library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
-        library.OSMesaMakeCurrent.argtypes = [
-            ctypes.c_void_p,
-            ctypes.c_void_p,
-            ctypes.c_uint,
-            ctypes.c_int,
-            ctypes.c_int,
-        ]
+        library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_uint, ctypes.c_int, ctypes.c_int]
         library.OSMesaGetCurrentContext.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]

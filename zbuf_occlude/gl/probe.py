@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 from zbuf_occlude.errors import GlError, OccludeError
 from zbuf_occlude.gl.context import FIXES, GlContext, egl_fix
-from zbuf_occlude.gl.devices import VISIBLE, egl_devices, left_by_cuda
-from zbuf_occlude.gl.nvidia import hindrance
+from zbuf_occlude.gl.devices import VISIBLE, egl_devices, hindrance, left_by_cuda
 from zbuf_occlude.gl.shaders import compile_program
 
 LIMITS = (
@@ -21,7 +20,6 @@ LIMITS = (
     "GL_MAX_ARRAY_TEXTURE_LAYERS",
     "GL_MAX_FRAMEBUFFER_LAYERS",
 )
-"""What `Probe.limits` holds."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +59,9 @@ class Probe:
 
 
 def probe_all() -> tuple[Probe, ...]:
-    """Probe every EGL device there is, and OSMesa.
+    """Probe every EGL device (one row without an index when they cannot be listed), then OSMesa. Raises nothing.
 
-    Returns
-    -------
-    tuple of Probe
-        EGL's devices in order (one row without an index when they cannot be listed), OSMesa last. Raises nothing.
-        Where none is hardware though the machine has an NVIDIA GPU, `reason` and `fix` say what hides it.
+    Where none is hardware though the machine has an NVIDIA GPU, `reason` and `fix` say what hides it.
     """
     listed = _ask("devices")
     rows = [probe("egl", row["index"], row["cuda_device"]) for row in listed.get("devices", [])]
@@ -80,9 +74,9 @@ def probe_all() -> tuple[Probe, ...]:
 
 
 def hardware_devices() -> list[int]:
-    """Return the EGL devices that are hardware and open, as tried in child processes; CUDA_VISIBLE_DEVICES chooses.
+    """Return the EGL devices that are hardware and open, tried in child processes, as CUDA_VISIBLE_DEVICES chooses.
 
-    Mesa also lists render nodes that nobody may open, and the same GPU may be listed twice. Empty without EGL.
+    Mesa also lists render nodes that nobody may open.
     """
     try:
         listed = left_by_cuda(egl_devices(), os.environ.get(VISIBLE))

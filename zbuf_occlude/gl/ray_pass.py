@@ -1,4 +1,4 @@
-"""First hits of rays: the mesh drawn as each origin sees it, the faces in the nearest pixels held against the ray."""
+"""First hits of rays: the mesh drawn as each origin sees it, the faces in the nearest pixels tested against the ray."""
 
 from typing import Any, NamedTuple
 
@@ -11,56 +11,33 @@ from zbuf_occlude.geometry.predicates import meeting
 from zbuf_occlude.gl.buffers import Buffers, block_limit, parts
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass
-from zbuf_occlude.gl.point_pass import set_uniforms
+from zbuf_occlude.gl.shaders import set_uniforms
 from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
-from zbuf_occlude.jit.pool import n_blocks, shared, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared, take_block, together
 
 WINDOW = 16
 """Pixels looked at per ray, 4 x 4."""
 
 BLOCK = 1024
-"""Rays that a thread holds against their candidates at a time."""
+"""Rays that a thread tests at a time."""
 
 _LANES = 64  # invocations of a work group
 
 
 class PicturedRays(NamedTuple):
-    """Rays whose origins have pictures of one kind.
+    """Rays whose origins have pictures of one kind, fitted to the mesh or sides of a cube."""
 
-    Parameters
-    ----------
-    tiles_per_eye : int
-        1 for pictures fitted to the mesh, `CUBE` for sides of a cube.
-    pictures : Pictures
-        Of all origins, only those that a ray passes through.
-    rays : (r,) int
-        Which rays, in the order of their pictures.
-    tiles : (r,) int
-        Which of the pictures each passes through.
-    pixels : (r, 2) float64
-        Where, in pixels from the picture's lower left.
-    """
-
-    tiles_per_eye: int
+    tiles_per_eye: int  # 1, or `CUBE`
     pictures: Pictures
-    rays: NDArray[np.int64]
-    tiles: NDArray[np.int64]
-    pixels: FloatArray
+    rays: NDArray[np.int64]  # (r,) which rays, in the order of their pictures
+    tiles: NDArray[np.int64]  # (r,) which of the pictures each passes through
+    pixels: FloatArray  # (r, 2) where, in pixels from the picture's lower left
 
 
 def picture_rays(
     origins: FloatArray, directions: FloatArray, positions: FloatArray, resolution: int
 ) -> list[PicturedRays]:
-    """Arrange rays by pictures; those that pass through none, and so miss the mesh, are left out.
-
-    Parameters
-    ----------
-    origins, directions : (n, 3) float64
-        Unit space.
-    positions : (m, 3) float64
-        The mesh's vertices, unit space.
-    resolution : int
-    """
+    """Arrange rays by pictures; those that pass through none, and so miss the mesh, are left out. All in unit space."""
     places, origin_of = np.unique(origins, axis=0, return_inverse=True)
     origin_of = origin_of.reshape(-1)
     fits, fitted = single_pictures(places, positions, resolution)
@@ -136,22 +113,10 @@ def _gather(gl: GlContext, program: Any, lowest: NDArray[np.int32], seen: IntArr
 def nearest_of(
     candidates: IntArray, corners: FloatArray, origins: FloatArray, directions: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Hold each ray against its candidates, in float64.
+    """Test each ray (world space) against its candidates, (n, c) face ids or -1, in float64.
 
-    Parameters
-    ----------
-    candidates : (n, c) int32
-        The mesh's faces, -1 for none.
-    corners : (f, 3, 3) float64
-    origins, directions : (n, 3) float64
-        World space.
-
-    Returns
-    -------
-    face_ids : (n,) int32
-        The nearest that the ray meets, the lowest of those equally near; -1 for none.
-    fractions : (n,) float64
-        How many times its direction away; infinite for none.
+    Returns the nearest face that it meets, the lowest of those equally near, -1 for none; and how many times its
+    direction away, infinite for none.
     """
     face_ids = np.full(len(origins), -1, dtype=np.int32)
     fractions = np.full(len(origins), np.inf)

@@ -1,7 +1,7 @@
 """Shaders are files: GLSL from shaders/, with includes and checked template constants, compiled into programs."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from string import Template
@@ -30,29 +30,13 @@ def shader_folder() -> Path:
     raise GlError(f"the folder shaders must be beside or inside {package}; it is not. Install the package again.")
 
 
-def load(name: str, **constants: object) -> str:
-    """Return a shader's text: includes in place, every ``$CONSTANT`` replaced.
+def shader_text(name: str, **constants: object) -> str:
+    """Return the text of a file of ``shaders/``: includes in place, each ``$CONSTANT`` replaced.
 
-    Parameters
-    ----------
-    name : str
-        File name in ``shaders/``, e.g. ``"depth.vert"``.
-    **constants
-        A value for every ``$NAME`` in the text, no more and no fewer.
-
-    Raises
-    ------
-    GlError
-        No such file or include, a constant without a value, or a value without a constant (a misspelt name is both).
-
-    Notes
-    -----
-    ``#include "file.glsl"`` takes a file from ``shaders/include``, once a shader however often it is asked for.
+    ``#include "file.glsl"`` inserts a file of ``shaders/include`` once. GlError names a file that does not exist, a
+    constant without a value, or a value without a constant.
     """
-    text = _with_includes(name)
-    used = set(Template(text).get_identifiers())
-    _check_constants(name, used, constants)
-    return Template(text).substitute({key: _glsl(value) for key, value in constants.items()})
+    return _texts((name,), constants)[name]
 
 
 def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | None = None) -> Any:
@@ -74,18 +58,29 @@ def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | Non
     Raises
     ------
     GlError
-        As `load`, or the driver's compiler refuses the text; the message names the files and quotes the compiler.
+        As `shader_text`, or the driver's compiler refuses the text; the message quotes it.
     """
-    constants = constants or {}
-    used = {name: set(Template(_with_includes(name)).get_identifiers()) for name in names}
-    _check_constants(", ".join(names), set().union(*used.values()), constants)
-    sources = {STAGES[Path(name).suffix]: load(name, **{key: constants[key] for key in used[name]}) for name in names}
+    sources = {STAGES[Path(name).suffix]: text for name, text in _texts(names, constants or {}).items()}
     try:
         if "compute_shader" in sources:
             return ctx.compute_shader(sources["compute_shader"])
         return ctx.program(**sources)
     except Exception as error:  # moderngl raises bare Exception
         raise GlError(f"{', '.join(names)} must compile; the driver says: {error}") from None
+
+
+def _texts(names: Sequence[str], constants: Mapping[str, object]) -> dict[str, str]:
+    templates = {name: Template(_with_includes(name)) for name in names}
+    used = {word for template in templates.values() for word in template.get_identifiers()}
+    files = ", ".join(names)
+    if missing := sorted(used - set(constants)):
+        given = ", ".join(sorted(constants)) or "none"
+        raise GlError(f"{files} must be given a value for {', '.join(missing)}; got {given}.")
+    if unknown := sorted(set(constants) - used):
+        known = ", ".join(sorted(used)) or "no constants"
+        raise GlError(f"{files} must be given only {known}; got {', '.join(unknown)}.")
+    values = {key: str(value).lower() if isinstance(value, bool) else value for key, value in constants.items()}
+    return {name: template.substitute(values) for name, template in templates.items()}
 
 
 @cache
@@ -109,18 +104,8 @@ def _read(file: str, wanted_by: str) -> str:
         raise GlError(f"shaders/{file} must exist, {wanted_by} needs it; it does not. Is it misspelt?") from None
 
 
-def _check_constants(name: str, used: set[str], given: Mapping[str, object]) -> None:
-    if missing := sorted(used - set(given)):
-        raise GlError(
-            f"{name} must be given a value for {', '.join(missing)}; got {', '.join(sorted(given)) or 'none'}."
-        )
-    if unknown := sorted(set(given) - used):
-        raise GlError(
-            f"{name} must be given only {', '.join(sorted(used)) or 'no constants'}; got {', '.join(unknown)}."
-        )
-
-
-def _glsl(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else str(value)
+def set_uniforms(program: Any, **values: Any) -> None:
+    """Set those of the uniforms that the compiler has not found to be unused; nothing without a program."""
+    for name, value in values.items():
+        if program is not None and name in program:
+            program[name].value = value

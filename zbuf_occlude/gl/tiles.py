@@ -1,4 +1,4 @@
-"""Where each eye's picture lies in the atlas of depth tiles, and the matrices that take the mesh there."""
+"""The mesh's unit space, the cameras that see it from there, and the tiles of the atlas that hold their pictures."""
 
 from dataclasses import dataclass
 
@@ -35,48 +35,50 @@ TILE = np.dtype(
 """The struct Tile of shaders/include/tiles.glsl; matrices column by column."""
 
 CUBE = 6
+"""Pictures of an eye within the mesh."""
+
+EYES_PER_BYTE = 8
+"""Eyes whose answers share a byte on the GPU: a group."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The mesh's own space: centred, and scaled by a power of two so that the diagonal is in [1/2, 1).
+
+    A power of two makes the scaling exact, so masks do not change when everything is scaled by one.
+    """
+
+    centre: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, centre: FloatArray, diagonal: float) -> "Unit":
+        """Return the unit of a mesh by its box."""  # 2^1023 is the largest power there is
+        return cls(centre, float(np.ldexp(1.0, min(-int(np.frexp(diagonal)[1]), 1023))) if diagonal > 0.0 else 1.0)
+
+    def to(self, positions: FloatArray) -> FloatArray:
+        """World to unit space, (..., 3) float64."""
+        return (positions - self.centre) * self.scale
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What some eyes see, in one picture or six (`CUBE`) an eye: the cameras' matrices, from the mesh's unit space.
+    """Cameras of c pictures, one or six (`CUBE`) an eye, in the mesh's unit space.
 
-    Attributes
-    ----------
-    views : (c, 4, 4) float64
-    frusta : Frusta
-        Of the c pictures.
-    projections : (c, 4, 4) float64
-        Eye to clip space, depth reversed: 1 at the near plane, 0 at the far plane (or at infinity, for cube faces).
-        Floating-point numbers are dense near 0, where perspective squeezes all that is far.
-    gains : (c,) float64
-        What the depth gains per unit of inverse eye depth.
+    Depth is reversed: 1 at the near plane, 0 at the far plane (at infinity for cube faces). Floating-point numbers are
+    dense near 0, where perspective squeezes all that is far.
     """
 
-    views: FloatArray
+    views: FloatArray  # (c, 4, 4)
     frusta: Frusta
-    projections: FloatArray
-    gains: FloatArray
+    projections: FloatArray  # (c, 4, 4)
+    gains: FloatArray  # (c,) what the depth gains per unit of inverse eye depth
 
 
 def single_pictures(eyes: FloatArray, positions: FloatArray, resolution: int) -> tuple[BoolArray, Pictures]:
-    """Fit a camera to the mesh for each eye.
+    """Fit a camera to the mesh's vertices for each eye; both in unit space.
 
-    Parameters
-    ----------
-    eyes : (k, 3) float64
-        Unit space.
-    positions : (m, 3) float64
-        The mesh's vertices, unit space.
-    resolution : int
-        Pixels along a side.
-
-    Returns
-    -------
-    fits : (k,) bool
-        False for eyes within the mesh or so near that they need cube faces.
-    pictures : Pictures
-        Of the eyes that fit.
+    Returns which eyes fit, (k,) bool, and their pictures. Eyes within the mesh, or very near, need cube faces.
     """
     # an eye at the centre looks anywhere: it does not fit
     targets = np.where((eyes == 0.0).all(axis=1, keepdims=True), [1.0, 0.0, 0.0], 0.0)

@@ -98,7 +98,7 @@ def cache_folder() -> Path | None:
     return None
 
 
-def is_compiled(job: str) -> bool:
+def compiled_before(job: str) -> bool:
     """Return whether all that a job calls is compiled, as `note_compiled` noted."""
     folder = cache_folder()
     return folder is not None and (folder / f"{job}.compiled").exists()

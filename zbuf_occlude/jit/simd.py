@@ -311,7 +311,7 @@ count_lanes = _of_mask(lambda builder, mask: builder.ctpop(mask))
 """The number of lanes in a mask."""
 
 
-# three vectors at a time: tuples of 3, one for each axis
+# Three vectors at a time: tuples of 3, one for each axis.
 
 
 @inlined

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import describe
+from zbuf_occlude.arrays import shape_and_dtype
 from zbuf_occlude.dataset.atomic import reading
-from zbuf_occlude.dataset.convert import open_dataset
-from zbuf_occlude.dataset.ragged import filled
+from zbuf_occlude.dataset.records import resized
+from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import ArgumentError, DatasetError
 
 _CLOUDS_AT_ONCE = 2048
@@ -20,35 +20,21 @@ _CLOUDS_AT_ONCE = 2048
 class CloudSet:
     """Clouds with their labels, and where each came from.
 
-    Parameters
-    ----------
-    positions : (m, n, 3) float32
-        m clouds of n points; object space, each cloud centred, its longest side 1. The points of a cloud stand in
-        random order.
-    labels : (m,) int64
-        Index into `classes`.
-    classes : tuple of str
-    object_ids : (m,) int64
-        Which object a cloud shows: clouds of one object share it.
-    elevations : (m,) float32
-        Of the camera, radians; NaN for a cloud without a camera (a complete shape).
-
-    Raises
-    ------
-    ArgumentError
-        Shapes that do not fit together, labels outside `classes`, positions that are not finite.
+    Raises ArgumentError for shapes that do not fit together, labels outside `classes`, positions that are not finite.
     """
 
-    positions: NDArray[np.float32]
-    labels: NDArray[np.int64]
+    positions: NDArray[np.float32]  # (m, n, 3), m clouds of n points in random order, centred, longest side 1
+    labels: NDArray[np.int64]  # (m,), index into `classes`
     classes: tuple[str, ...]
-    object_ids: NDArray[np.int64]
-    elevations: NDArray[np.float32]
+    object_ids: NDArray[np.int64]  # (m,); clouds of one object share it
+    elevations: NDArray[np.float32]  # (m,), of the camera, radians; NaN for a complete shape, which has none
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
         if positions.ndim != 3 or positions.shape[2] != 3 or positions.shape[1] < 1:
-            raise ArgumentError(f"positions must be (m, n, 3) float, n at least 1; got {describe(self.positions)}.")
+            raise ArgumentError(
+                f"positions must be (m, n, 3) float, n at least 1; got {shape_and_dtype(self.positions)}."
+            )
         if not np.isfinite(positions).all():
             bad = int(np.flatnonzero(~np.isfinite(positions).all(axis=(1, 2)))[0])
             raise ArgumentError(f"positions must be finite; those of cloud {bad} are not. Leave it out.")
@@ -58,7 +44,9 @@ class CloudSet:
         columns: dict[str, NDArray[Any]] = {"labels": labels, "object_ids": object_ids, "elevations": elevations}
         for name, column in columns.items():
             if column.shape != (len(positions),):
-                raise ArgumentError(f"{name} must be ({len(positions)},), one per cloud; got {describe(column)}.")
+                raise ArgumentError(
+                    f"{name} must be ({len(positions)},), one per cloud; got {shape_and_dtype(column)}."
+                )
             object.__setattr__(self, name, column)
         if len(labels) and not 0 <= labels.min() <= labels.max() < len(self.classes):
             raise ArgumentError(
@@ -136,27 +124,12 @@ class CloudSet:
 
 
 def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudSet:
-    """Read one split of a dataset into memory.
+    """Read one split of a dataset of any format into memory, in its order; ``object_ids`` are its mesh ids.
 
-    Parameters
-    ----------
-    folder : Path
-        A complete dataset of any format.
-    split : {"train", "val", "test"}
-    n_points : int, optional
-        The first this many points of each cloud, whose order is random; all by default. Must be given of clouds of
-        unequal size, of which those with fewer repeat some.
-
-    Returns
-    -------
-    CloudSet
-        In the order in which the dataset keeps them; ``object_ids`` are its mesh ids. Clouds of a recipe that keeps
-        everything have no elevation.
-
-    Raises
-    ------
-    DatasetError
-        There is no complete dataset, or it is damaged, or it has no such split, or too small clouds.
+    Of each cloud the first `n_points` are taken, whose order is random; all by default. The number must be given of
+    clouds of unequal size, of which those with fewer points repeat some. Clouds of a recipe that keeps everything have
+    no elevation. Raises DatasetError where there is no complete dataset, or it is damaged, or it has no such split, or
+    too small clouds.
     """
     source = open_dataset(folder)
     size = source.plan.recipe.sample_size
@@ -177,7 +150,7 @@ def load_clouds(folder: Path, split: str, n_points: int | None = None) -> CloudS
         rows = slice(start, start + _CLOUDS_AT_ONCE)
         records = source.take(numbers[rows])
         if size is None:
-            positions[rows] = [filled(points, positions.shape[1]) for points in records["data"]]
+            positions[rows] = [resized(points, positions.shape[1]) for points in records["data"]]
         else:
             positions[rows] = records["data"][:, : positions.shape[1]]
         labels[rows], object_ids[rows] = records["label"][:, 0], records["mesh_id"]

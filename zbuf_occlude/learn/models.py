@@ -63,4 +63,4 @@ def find_model(name: str) -> Model:
 def require_torch() -> None:
     """Import PyTorch, or raise UnavailableError where it is not installed or broken."""
     with importing("torch", "a classifier"):
-        import_module("torch")
+        _ = import_module("torch").Tensor  # an empty package is imported too

@@ -1,27 +1,33 @@
 """MeshCollection: meshes with a key, a class and a split each, loaded only when asked for."""
 
 import os
+import pickle
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Generic, TypeVar, overload
 from unicodedata import decimal
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, printable
+import numpy as np
+
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_word, printable
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.meshes.files import UP, default_up, load_mesh
 from zbuf_occlude.meshes.labels import match, read_labels
 from zbuf_occlude.meshes.layouts import recognise
-from zbuf_occlude.meshes.layouts.tree import ALL, check_readable, plant
+from zbuf_occlude.meshes.load import UP, default_up, load_mesh
 from zbuf_occlude.meshes.mesh_files import origin_now, origin_unread
-from zbuf_occlude.origin import UNKNOWN, Origin
-from zbuf_occlude.shelf import Shelf
+from zbuf_occlude.meshes.tree import ALL, check_readable, tree_at
+from zbuf_occlude.provenance import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
+
+BUNDLE = 64
+"""Things are pickled this many at a time: their common parts, such as classes and folders, stand there once."""
+
+Thing = TypeVar("Thing")
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -84,6 +90,11 @@ class MeshCollection(Sequence[MeshEntry]):
     ------
     ArgumentError
         Two entries have the same key.
+
+    Examples
+    --------
+    >>> zo.MeshCollection.from_paths(["chair.off", "car.obj"])
+    MeshCollection(2 meshes, 2 classes)
     """
 
     def __init__(self, entries: Iterable[MeshEntry], remarks: Iterable[str] = ()) -> None:
@@ -97,7 +108,7 @@ class MeshCollection(Sequence[MeshEntry]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process gets: entries made when they are asked for, so that it need not hold all."""
-        entries = self._entries if isinstance(self._entries, Shelf) else Shelf(self._entries)
+        entries = self._entries if isinstance(self._entries, PickledSequence) else PickledSequence(self._entries)
         return {"_entries": entries, "remarks": self.remarks}
 
     def __repr__(self) -> str:
@@ -178,7 +189,7 @@ class MeshCollection(Sequence[MeshEntry]):
         remarks: list[str] = []
         met: set[str] = set()
         for path in map(Path, given):
-            tree = plant(path)
+            tree = tree_at(path)
             layout, (places, said) = recognise(tree)
             if not tree.single:
                 remarks.append("; ".join([f"{printable(str(path))}: layout {layout.name}", *said]))
@@ -200,12 +211,9 @@ class MeshCollection(Sequence[MeshEntry]):
         return found if labels is None else found.labelled(labels)
 
     def labelled(self, path: str | os.PathLike[str]) -> "MeshCollection":
-        """Return the entries that a file of labels names, with the classes and splits that it says.
+        """Return the entries that a file of labels names, with its classes and splits.
 
-        Raises
-        ------
-        OptionError
-            The file cannot be read, names no mesh of the collection, or names one so that several could be meant.
+        OptionError for a file that cannot be read, names no mesh of the collection, or names one that several could be.
         """
         labels = read_labels(Path(path))
         found, n_unknown = match({entry.key: entry for entry in self}, labels)
@@ -223,13 +231,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return MeshCollection(entries, (*self.remarks, said))
 
     def select(self, *, classes: Iterable[str] | None = None, splits: Iterable[str] | None = None) -> "MeshCollection":
-        """Return the entries of some classes and splits, in their order.
-
-        Raises
-        ------
-        OptionError
-            A class or split that no entry has.
-        """
+        """Return the entries of some classes and splits, in their order; OptionError for one that no entry has."""
         chosen = {}
         for what, names, known in (
             ("class", classes, self.classes),
@@ -241,13 +243,7 @@ class MeshCollection(Sequence[MeshEntry]):
         return self._with(e for e in self if e.label in chosen["class"] and e.split in chosen["split"])
 
     def limit(self, n: int) -> "MeshCollection":
-        """Return the first `n` entries, all of them when there are fewer.
-
-        Raises
-        ------
-        OptionError
-            `n` is less than 1.
-        """
+        """Return the first `n` entries, all of them when there are fewer; OptionError for `n` below 1."""
         if n < 1:
             raise OptionError(f"a limit must be at least 1; got {n}.")
         return self[:n]
@@ -309,8 +305,8 @@ def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
 def _natural(text: str) -> tuple[bytes, str]:
     """Sort key that compares runs of digits as numbers, after letters, and equal ones by the text itself.
 
-    Bytes, for those of all keys are in memory at once: letters and a 0, or 255, the number's length and its digits
-    (names within archives may have more of them than Python turns into an int).
+    Letters become their bytes and a 0; digits become 255, their number and themselves. Bytes are small, and the sort
+    keys of all entries are in memory at once. Names in archives may have more digits than Python turns into an int.
     """
     parts = []
     for part in filter(None, _DIGITS.split(text)):
@@ -324,3 +320,45 @@ def _natural(text: str) -> tuple[bytes, str]:
 
 
 _DIGITS = re.compile(r"(\d+)")
+
+
+class PickledSequence(Sequence[Thing], Generic[Thing]):
+    """A sequence kept as bytes and unpickled where it is asked for; a million things are two arrays.
+
+    Parameters
+    ----------
+    things : sequence
+        All of which can be pickled.
+    """
+
+    def __init__(self, things: Sequence[Thing]) -> None:
+        bundles = [pickle.dumps(tuple(things[i : i + BUNDLE]), protocol=5) for i in range(0, len(things), BUNDLE)]
+        self._n = len(things)
+        self._ends = np.cumsum([0, *map(len, bundles)])
+        self._bytes = np.frombuffer(b"".join(bundles), np.uint8)
+        self._last: tuple[int, tuple[Thing, ...]] = (-1, ())
+
+    def __len__(self) -> int:
+        return self._n
+
+    @overload
+    def __getitem__(self, index: int) -> Thing: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Thing, ...]: ...
+    def __getitem__(self, index: int | slice) -> Thing | tuple[Thing, ...]:
+        """Return a thing, or for a slice a tuple."""
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(self._n)))
+        bundle, place = divmod(range(self._n)[index], BUNDLE)
+        return self._bundle(bundle)[place]
+
+    def __iter__(self) -> Iterator[Thing]:
+        for bundle in range(len(self._ends) - 1):
+            yield from self._bundle(bundle)
+
+    def _bundle(self, number: int) -> tuple[Thing, ...]:
+        known, things = self._last  # read once: another thread may be here
+        if known != number:
+            things = pickle.loads(self._bytes[self._ends[number] : self._ends[number + 1]].tobytes())
+            self._last = number, things
+        return things

@@ -1,19 +1,19 @@
-"""glTF 2.0 scenes, .gltf or .glb: which mesh is shown where; `gltf_data` reads the numbers."""
+"""glTF 2.0 scenes, .gltf or .glb: which mesh is shown where, in which colours; `gltf_data` reads the numbers."""
 
 import json
 import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes.gltf_colors import Run, read_gltf_look
+from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Data, Json, whole
-from zbuf_occlude.meshes.looks import Look
+from zbuf_occlude.meshes.looks import Look, Textures
+from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 
 _LINES_AND_POINTS, _TRIANGLES, _STRIP, _FAN = (0, 1, 2, 3), 4, 5, 6
@@ -21,61 +21,29 @@ _READ = ("EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression", "KHR_mesh_quan
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", *_READ)
 """Extensions that a file may require without that positions or faces were hidden from this reader."""
 
-_REPEATED = 6_000_000
-"""Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
-
 _DEEPEST = 200  # levels of nodes
 _ROUNDING = 1e-3
 """By which the length of a rotation may differ from 1, and weights be below 0: they have a few decimals, or a byte."""
+_WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 
 
-class Part(NamedTuple):
+class _Part(NamedTuple):
     """The triangles of one primitive, in its mesh's own space."""
 
     primitive: Json
     positions: FloatArray
     triangles: Ints
-    joints: Ints | None
-    weights: FloatArray | None
+    joints: Ints | None = None
+    weights: FloatArray | None = None
 
 
-def read_gltf(data: bytes, folder: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Polygons:
-    """Read the triangles of a glTF scene; see `read_gltf_and_look`."""
-    return read_gltf_and_look(data, folder, read, colors=False)[0]
+def read_gltf(data: bytes, files: MeshFiles, *, colors: bool = False) -> tuple[Polygons, Look | None]:
+    """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it, and colours if wanted.
 
+    Axes and units are the file's (y up). Triangles come mesh by mesh in the order in which nodes show them, parents
+    first. Raises MeshError for what is not glTF 2, cut short, damaged, with missing buffers, compressed by meshopt, or
+    by Draco where the package DracoPy (extra `draco`) is missing.
 
-def read_gltf_and_look(
-    data: bytes, folder: Path, read: Callable[[Path], bytes], *, colors: bool
-) -> tuple[Polygons, Look | None]:
-    """Read the triangles of a glTF scene, each node's mesh moved to where the scene shows it.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole .gltf or .glb file.
-    folder : Path
-        Where the buffers that the file names must lie.
-    read : callable
-        Returns the content of such a file.
-    colors : bool
-        Whether colours are wanted.
-
-    Returns
-    -------
-    polygons : Polygons
-        Triangles in the scene's own axes (y up), mesh by mesh in the order in which nodes show them, parents first.
-        Units of the file.
-    look : Look or None
-        None where colours are not wanted.
-
-    Raises
-    ------
-    MeshError
-        Not glTF 2, cut short, damaged, with missing buffers, compressed by meshopt, or by Draco where the package
-        DracoPy (extra `draco`) is missing.
-
-    Notes
-    -----
     Triangles, strips and fans are read; points and lines are left out. Skinned meshes stand as the file's own joints
     pose them, which is the bind pose unless its exporter left another; morph targets are not applied. Instances
     (EXT_mesh_gpu_instancing) are all shown. Vertices that no triangle uses are left out. Without a default scene the
@@ -84,11 +52,9 @@ def read_gltf_and_look(
     """
     try:
         document, binary = _split(data)
-        numbers, look = Data(document, binary, folder, read), None
-        scene = _Scene(document, numbers)
+        scene = _Scene(document, Data(document, binary, files))
         positions, triangles = scene.flattened()
-        if colors:
-            look = read_gltf_look(document, numbers, scene.runs, triangles.reshape(-1), folder, read, scene.count)
+        look = scene.look(triangles.reshape(-1)) if colors else None
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError, RecursionError, OSError) as error:
         if isinstance(error, MeshError):
             raise
@@ -134,7 +100,7 @@ class _Scene:
     """The nodes of a document, and what they show."""
 
     def __init__(self, document: Json, data: Data) -> None:
-        self._data = data
+        self._document, self._data = document, data
         self._nodes, self._meshes = document.get("nodes", []), document.get("meshes", [])
         self._skins = document.get("skins", [])
         scenes = document.get("scenes")
@@ -143,9 +109,8 @@ class _Scene:
             if scenes
             else sorted(set(range(len(self._nodes))).difference(*map(_children, self._nodes)))
         )
-        self._parts: dict[int, list[Part]] = {}
-        self._n_rows = 0
-        self.runs: list[Run] = []  # as far as the scene was flattened
+        self._parts: dict[int, list[_Part]] = {}
+        self._shown: list[tuple[_Part, int]] = []  # parts and their numbers of copies, as far as the scene is flattened
 
     def flattened(self) -> tuple[FloatArray, Ints]:
         """Return all vertices and triangles of the scene."""
@@ -159,14 +124,14 @@ class _Scene:
         positions, triangles, n_vertices = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
         for (mesh_id, skin), places in shown.items():
             for part in self._parts_of(mesh_id):
-                self.count(len(places) * (len(part.positions) + part.triangles.size))
+                self._data.count(len(places) * (len(part.positions) + part.triangles.size))
                 moved, mirrored = self._moved(part, skin, np.array(places), matrices)
                 firsts = n_vertices + len(part.positions) * np.arange(len(moved))
                 turned = np.where(mirrored[:, None, None], part.triangles[:, ::-1], part.triangles)
                 positions.append(moved.reshape(-1, 3))
                 triangles.append((turned + firsts[:, None, None]).reshape(-1, 3))
                 n_vertices += len(positions[-1])
-                self.runs.append(Run(part.primitive, len(moved), len(part.positions), len(part.triangles)))
+                self._shown.append((part, len(moved)))
         return np.concatenate(positions), np.concatenate(triangles)
 
     def _placed(self) -> Iterator[tuple[int, FloatArray]]:
@@ -185,13 +150,13 @@ class _Scene:
             yield node_id, matrix
             stack += [(child, matrix, level + 1) for child in reversed(_children(node))]
 
-    def _parts_of(self, mesh_id: int) -> list[Part]:
+    def _parts_of(self, mesh_id: int) -> list[_Part]:
         if mesh_id not in self._parts:
             parts = [self._part(mesh_id, primitive) for primitive in self._meshes[mesh_id]["primitives"]]
             self._parts[mesh_id] = [part for part in parts if part is not None]
         return self._parts[mesh_id]
 
-    def _part(self, mesh_id: int, primitive: Json) -> Part | None:
+    def _part(self, mesh_id: int, primitive: Json) -> _Part | None:
         mode, attributes = primitive.get("mode", _TRIANGLES), primitive["attributes"]
         if mode in _LINES_AND_POINTS or "POSITION" not in attributes:
             return None
@@ -200,26 +165,26 @@ class _Scene:
         indices: Ints | None = None
         if (packed := primitive.get("extensions", {}).get("KHR_draco_mesh_compression")) is not None:
             positions, triangles = self._data.draco(packed)
-            return Part(primitive, positions, _checked(triangles, len(positions)), None, None)
-        positions = self._data.floats(attributes["POSITION"], "POSITION", self.count)
+            return _Part(primitive, positions, _checked(triangles, len(positions)))
+        positions = self._data.floats(attributes["POSITION"], "POSITION")
         if "indices" in primitive:
-            indices = self._data.indices(primitive["indices"], self.count)
+            indices = self._data.integers(primitive["indices"], "indices")[:, 0]
         else:
             indices = np.arange(len(positions))
         joints = weights = None
         if "JOINTS_0" in attributes and "WEIGHTS_0" in attributes and self._skins:
             sets = [k for k in range(len(attributes)) if f"JOINTS_{k}" in attributes and f"WEIGHTS_{k}" in attributes]
-            joints = np.hstack([self._data.joints(attributes[f"JOINTS_{k}"], self.count) for k in sets])
-            weights = np.hstack([self._data.floats(attributes[f"WEIGHTS_{k}"], "WEIGHTS", self.count) for k in sets])
+            joints = np.hstack([self._data.integers(attributes[f"JOINTS_{k}"], "JOINTS") for k in sets])
+            weights = np.hstack([self._data.floats(attributes[f"WEIGHTS_{k}"], "WEIGHTS") for k in sets])
             if (weights < -_ROUNDING).any():
                 raise MeshError(
                     f"the weights of joints must not be negative; one is {weights.min():g}. Export the mesh again."
                 )
             weights = np.maximum(weights, 0.0)
-        return Part(primitive, positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
+        return _Part(primitive, positions, _triangles(mode, _checked(indices, len(positions))), joints, weights)
 
     def _moved(
-        self, part: Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
+        self, part: _Part, skin_id: int | None, places: FloatArray, matrices: dict[int, FloatArray]
     ) -> tuple[FloatArray, BoolArray]:
         """Return a part's positions (k, n, 3) in k places, world space, and in which it is mirrored."""
         if skin_id is None or part.joints is None or part.weights is None:
@@ -234,7 +199,7 @@ class _Scene:
             )
         posed = np.array([matrices[joint] for joint in ids])
         if "inverseBindMatrices" in skin:  # columns first, as all matrices of glTF
-            binds = self._data.matrices(skin["inverseBindMatrices"], self.count)
+            binds = self._data.floats(skin["inverseBindMatrices"], "inverseBindMatrices").reshape(-1, 4, 4)
             if len(binds) < len(ids):
                 raise MeshError(
                     f"a skin of {len(ids)} joints must have as many inverse bind matrices; it has {len(binds)}. Is the "
@@ -257,7 +222,7 @@ class _Scene:
             return
         attributes = instancing["attributes"]
         given = {
-            name: self._data.floats(attributes[name], name, self.count)
+            name: self._data.floats(attributes[name], name)
             for name in ("TRANSLATION", "ROTATION", "SCALE")
             if name in attributes
         }
@@ -265,11 +230,69 @@ class _Scene:
             local = _local({name.lower(): values[row].tolist() for name, values in given.items()})
             yield matrix if local is None else matrix @ local
 
-    def count(self, n_rows: int) -> None:
-        """Count rows before memory is taken for them."""
-        self._n_rows += n_rows
-        if self._n_rows > 3 * self._data.n_bytes + _REPEATED:  # a small file can show the same data without end
-            raise MeshError(f"a scene must not repeat its data to {self._n_rows:,} vertices and corners. Split it.")
+    def look(self, corners: Ints) -> Look:
+        """Return the colours of the triangles of `flattened`, whose corners (3 f,) are indices of its vertices.
+
+        Linear light, as the standard has it; a primitive without a material is white. What was compressed by Draco has
+        its materials' factors alone. Of a texture that cannot be read (Basis Universal, a missing file) the material's
+        factor is left.
+        """
+        textures, materials = Textures(), [WHITE]
+        numbers: dict[Any, int] = {None: 0}
+        colors, uvs, ids = [np.empty((0, 3))], [np.empty((0, 2))], [np.empty(0, np.int64)]
+        for part, n_copies in self._shown:
+            material_id, n_vertices = part.primitive.get("material"), len(part.positions)
+            material = {} if material_id is None else self._document["materials"][whole(material_id)]
+            texture, factor = _base_color(material)
+            if material_id not in numbers:
+                numbers[material_id] = len(materials)
+                materials.append(Material(factor, *self._image(texture, textures)))
+            is_packed = "KHR_draco_mesh_compression" in part.primitive.get("extensions", {})
+            attributes = {} if is_packed else part.primitive["attributes"]
+            own: FloatArray = np.ones((n_vertices, 3))
+            if "COLOR_0" in attributes:
+                own = self._data.floats(attributes["COLOR_0"], "COLOR_0")[:, :3]
+            uv: FloatArray = np.full((n_vertices, 2), np.nan)
+            if texture is not None:
+                turn = texture.get("extensions", {}).get("KHR_texture_transform", {})
+                name = f"TEXCOORD_{whole(turn.get('texCoord', texture.get('texCoord', 0)))}"
+                if name in attributes:
+                    uv = _transformed(self._data.floats(attributes[name], "TEXCOORD"), turn)
+            if not len(own) == len(uv) == n_vertices:
+                raise MeshError(
+                    f"COLOR_0 and TEXCOORD of glTF must be of the {n_vertices} vertices of their primitive; they are "
+                    f"of {len(own)} and {len(uv)}. Is the file damaged?"
+                )
+            colors.append(np.tile(own, (n_copies, 1)))
+            uvs.append(np.tile(uv, (n_copies, 1)))
+            ids.append(np.full(n_copies * len(part.triangles), numbers[material_id]))
+        owners, places = np.concatenate(ids), np.concatenate(uvs)[corners]
+        # triangles without texture coordinates get their material without its texture
+        bare = ~np.isfinite(places).reshape(len(owners), 6).all(axis=1)
+        return Look(
+            (*materials, *(Material(material.factor) for material in materials)),
+            np.where(bare, owners + len(materials), owners),
+            np.clip(np.nan_to_num(np.concatenate(colors)[corners]), 0.0, 1.0),
+            np.nan_to_num(places),
+            linear=True,
+            lacking=tuple(textures.lacking),
+        )
+
+    def _image(self, texture: Json | None, textures: Textures) -> tuple[Bytes | None, tuple[str, str]]:
+        """Return the image of a texture and how it is wrapped."""
+        if texture is None:
+            return None, (REPEAT, REPEAT)
+        row = self._document["textures"][whole(texture["index"])]
+        source = row.get("extensions", {}).get("EXT_texture_webp", {}).get("source", row.get("source"))
+        sampler = self._document["samplers"][whole(row["sampler"])] if "sampler" in row else {}
+        along_u, along_v = (_WRAPS.get(sampler.get(name, 10497), REPEAT) for name in ("wrapS", "wrapT"))
+        if source is None:
+            textures.lacking["a texture of an extension that is not read"] = None
+            return None, (along_u, along_v)
+        image = self._document["images"][whole(source)]
+        uri = str(image.get("uri", f"image {source}"))
+        name = f"image {source}" if uri.startswith("data:") else uri
+        return textures.get(name, lambda: self._data.image(image)), (along_u, along_v)
 
 
 def _triangles(mode: int, indices: Ints) -> Ints:
@@ -332,3 +355,26 @@ def _local(node: Json) -> FloatArray | None:
     matrix[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)))
     matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
     return matrix
+
+
+def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]]:
+    """Return a material's texture of base colours, if it has one, and its factor."""
+    old = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    found = material.get("pbrMetallicRoughness")
+    if found is None and old is not None:
+        texture, factor = old.get("diffuseTexture"), old.get("diffuseFactor", WHITE.factor)
+    else:
+        texture = (found or {}).get("baseColorTexture")
+        factor = (found or {}).get("baseColorFactor", WHITE.factor)
+    red, green, blue = np.clip(np.nan_to_num([float(each) for each in factor[:3]]), 0.0, 1.0).tolist()
+    return texture, (red, green, blue)
+
+
+def _transformed(uv: FloatArray, turn: Json) -> FloatArray:
+    """Move texture coordinates (n, 2) as KHR_texture_transform says; then v upwards, as everywhere here."""
+    angle = float(turn.get("rotation", 0.0))
+    with np.errstate(all="ignore"):  # what is no number then is no place in the texture
+        scaled = uv * np.array(turn.get("scale", (1.0, 1.0)), dtype=np.float64)
+        c, s = math.cos(angle), math.sin(angle)
+        turned = scaled @ np.array([[c, -s], [s, c]]) + np.array(turn.get("offset", (0.0, 0.0)), dtype=np.float64)
+    return np.stack([turned[:, 0], 1.0 - turned[:, 1]], axis=1)

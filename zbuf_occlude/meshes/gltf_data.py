@@ -1,7 +1,6 @@
 """The numbers of a glTF file: buffers, read when needed and once each; accessors, sparse and normalized too."""
 
 import base64
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -11,72 +10,61 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints
 from zbuf_occlude.meshes.text import as_doubles
 
 Json = dict[str, Any]
-Count = Callable[[int], None]
-"""Is told how many rows are about to be read, and raises when they are too many."""
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-_FLOATS = (5120, 5121, 5122, 5123, 5126)
-_UNSIGNED = (5121, 5123, 5125)
-_VECTORS = {
-    **{"POSITION": ("VEC3",), "WEIGHTS": ("VEC4",), "TRANSLATION": ("VEC3",), "ROTATION": ("VEC4",)},
-    **{"SCALE": ("VEC3",), "COLOR_0": ("VEC3", "VEC4"), "TEXCOORD": ("VEC2",)},
+_FLOATS, _UNSIGNED = (5120, 5121, 5122, 5123, 5126), (5121, 5123, 5125)
+_ROLES = {
+    **dict.fromkeys(("POSITION", "TRANSLATION", "SCALE"), (("VEC3",), _FLOATS)),
+    **dict.fromkeys(("WEIGHTS", "ROTATION"), (("VEC4",), _FLOATS)),
+    "COLOR_0": (("VEC3", "VEC4"), _FLOATS),
+    "TEXCOORD": (("VEC2",), _FLOATS),
+    "inverseBindMatrices": (("MAT4",), (5126,)),
+    "indices": (("SCALAR",), _UNSIGNED),
+    "JOINTS": (("VEC4",), _UNSIGNED),
 }
+"""What an accessor is read for: its types, and the types of its components."""
+
+_REPEATED = 6_000_000
+"""Vertices and corners that a scene may have beyond what its bytes can hold, by showing the same data repeatedly."""
 
 
 class Data:
-    """What a document's accessors, buffer views and buffers hold.
+    """What a document's accessors, buffer views and buffers hold; `binary` is the binary chunk of a .glb."""
 
-    Parameters
-    ----------
-    document : dict
-    binary : bytes or None
-        The binary chunk of a .glb.
-    folder : Path
-        Where the files lie that are buffers.
-    read : callable
-        Returns the content of such a file.
-    """
-
-    def __init__(self, document: Json, binary: bytes | None, folder: Path, read: Callable[[Path], bytes]) -> None:
+    def __init__(self, document: Json, binary: bytes | None, files: MeshFiles) -> None:
         self._accessors = document.get("accessors", [])
         self._views = document.get("bufferViews", [])
         self._buffers = document.get("buffers", [])
-        self._binary, self._folder, self._read = binary, folder, read
+        self._binary, self._files = binary, files
         self._kept: dict[int | Path, bytes] = {}
+        self._n_rows = 0
 
-    @property
-    def n_bytes(self) -> int:
-        """Bytes of the buffers read until now, each file once."""
-        return sum(map(len, self._kept.values()))
+    def count(self, n_rows: int) -> None:
+        """Count rows before memory is taken for them; raise MeshError for more than the bytes that were read can hold.
 
-    def floats(self, accessor_id: Any, role: str, count: Count) -> FloatArray:
-        """Return vectors as float64, (n, 2), (n, 3) or (n, 4); normalized integers become numbers in [-1, 1]."""
-        accessor = self._accessor(accessor_id, role, _VECTORS[role], _FLOATS)
-        values = self._values(accessor_id, accessor, count)
+        A small file can show the same data without end.
+        """
+        self._n_rows += n_rows
+        if self._n_rows > 3 * sum(map(len, self._kept.values())) + _REPEATED:
+            raise MeshError(f"a scene must not repeat its data to {self._n_rows:,} vertices and corners. Split it.")
+
+    def floats(self, accessor_id: Any, role: str) -> FloatArray:
+        """Return rows of numbers as float64; normalized integers become numbers in [-1, 1]."""
+        accessor, values = self._read(accessor_id, role)
         as_floats = as_doubles(values)
         if accessor.get("normalized") and values.dtype.kind in "iu":
             as_floats = np.maximum(as_floats / np.iinfo(values.dtype).max, -1.0)
         return as_floats
 
-    def indices(self, accessor_id: Any, count: Count) -> Ints:
-        """Return indices of vertices, (n,)."""
-        accessor = self._accessor(accessor_id, "indices", ("SCALAR",), _UNSIGNED)
-        return self._values(accessor_id, accessor, count)[:, 0].astype(np.int64)
-
-    def joints(self, accessor_id: Any, count: Count) -> Ints:
-        """Return the four joints of each vertex, (n, 4)."""
-        accessor = self._accessor(accessor_id, "JOINTS", ("VEC4",), _UNSIGNED)
-        return self._values(accessor_id, accessor, count).astype(np.int64)
-
-    def matrices(self, accessor_id: Any, count: Count) -> FloatArray:
-        """Return matrices (n, 4, 4), columns first as they are stored."""
-        accessor = self._accessor(accessor_id, "inverseBindMatrices", ("MAT4",), (5126,))
-        return self._values(accessor_id, accessor, count).astype(np.float64).reshape(-1, 4, 4)
+    def integers(self, accessor_id: Any, role: str) -> Ints:
+        """Return rows of indices."""
+        return self._read(accessor_id, role)[1].astype(np.int64)
 
     def draco(self, packed: Json) -> tuple[FloatArray, Ints]:
         """Return the positions and triangles of a primitive compressed by Draco."""
@@ -87,67 +75,59 @@ class Data:
                 "a mesh compressed by Draco needs the package DracoPy; it is missing. Install it "
                 "(pip install zbuf-occlude[draco]), or export the mesh plainly."
             ) from None
-        view = self._views[whole(packed["bufferView"])]
+        content = self._whole_view(packed)
         try:
-            mesh = DracoPy.decode(bytes(self._bytes(view, 0, whole(view["byteLength"]))))
-        except MeshError:
-            raise
+            mesh = DracoPy.decode(content)
         except Exception as error:  # what a library does on damaged bytes is not ours to list
             said = " ".join(f"{type(error).__name__}: {error}".split())[:100]
             raise MeshError(f"a mesh compressed by Draco must be sound; DracoPy cannot read it ({said}).") from None
         return np.asarray(mesh.points, dtype=np.float64).reshape(-1, 3), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
 
-    def file(self, image: Json, read: Callable[[str], bytes]) -> bytes:
-        """Return the content of an image: of a buffer view, or of the file that `read` finds by its name."""
+    def image(self, image: Json) -> bytes:
+        """Return the content of an image: of a buffer view, of a data URI, or of a file."""
         if "bufferView" in image:
-            view = self._views[whole(image["bufferView"])]
-            return bytes(self._bytes(view, 0, whole(view["byteLength"])))
+            return self._whole_view(image)
         uri = str(image["uri"])
-        if uri.startswith("data:"):
-            try:
-                return base64.b64decode(uri.partition(";base64,")[2], validate=True)
-            except ValueError as error:
-                raise MeshError(f"an image in a data URI must be base64; this one is not ({error}).") from None
-        return read(unquote(uri))
+        if not uri.startswith("data:"):
+            return self._files.read_named(unquote(uri))
+        try:
+            return _of_data_uri(uri)
+        except ValueError as error:
+            raise MeshError(f"an image in a data URI must be base64; this one is not ({error}).") from None
 
-    def _accessor(self, accessor_id: Any, role: str, types: tuple[str, ...], components: tuple[int, ...]) -> Json:
+    def _read(self, accessor_id: Any, role: str) -> tuple[Json, NDArray[Any]]:
+        """Return an accessor, and its numbers as they are stored, (n, width)."""
         accessor: Json = self._accessors[whole(accessor_id)]
+        types, components = _ROLES[role]
         found = accessor["type"], accessor["componentType"]
         if found[0] not in types or found[1] not in components:
             raise MeshError(
                 f"{role} of glTF must be {' or '.join(types)} of component types {components}; it is {str(found)[:60]}."
             )
-        return accessor
-
-    def _values(self, accessor_id: int, accessor: Json, count: Count) -> NDArray[Any]:
-        """Return an accessor's numbers, (n, width), as they are stored."""
         kind, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         n_rows = whole(accessor["count"])
         sparse = accessor.get("sparse")
         if "bufferView" in accessor:
-            view = self._views[whole(accessor["bufferView"])]
-            values = self._rows(view, whole(accessor.get("byteOffset", 0)), kind, width, n_rows)
-            count(n_rows)
+            values = self._rows(accessor, kind, width, n_rows)
+            self.count(n_rows)
         elif sparse is None:
             raise MeshError(
                 f"accessor {accessor_id} of glTF must have all its data; it has none, or it is compressed. Export it "
                 "plainly."
             )
         else:
-            count(n_rows)
+            self.count(n_rows)
             values = np.zeros((n_rows, width), kind)
         if sparse is not None:
-            n_changed, where, what = whole(sparse["count"]), sparse["indices"], sparse["values"]
-            index_kind = np.dtype(_TYPES[where["componentType"]])
-            view = self._views[whole(where["bufferView"])]
-            rows = self._rows(view, whole(where.get("byteOffset", 0)), index_kind, 1, n_changed)[:, 0].astype(np.int64)
-            view = self._views[whole(what["bufferView"])]
+            n_changed, where = whole(sparse["count"]), sparse["indices"]
+            rows = self._rows(where, np.dtype(_TYPES[where["componentType"]]), 1, n_changed)[:, 0].astype(np.int64)
             values = values.copy()
-            values[rows] = self._rows(view, whole(what.get("byteOffset", 0)), kind, width, n_changed)
-        return values
+            values[rows] = self._rows(sparse["values"], kind, width, n_changed)
+        return accessor, values
 
-    def _rows(self, view: Json, offset: int, kind: np.dtype[Any], width: int, n_rows: int) -> NDArray[Any]:
-        """Return rows of numbers of a buffer view, which may lie apart."""
+    def _rows(self, where: Json, kind: np.dtype[Any], width: int, n_rows: int) -> NDArray[Any]:
+        """Return rows of numbers, which may lie apart, of the buffer view that a part of the document names."""
+        view, offset = self._views[whole(where["bufferView"])], whole(where.get("byteOffset", 0))
         row = kind.itemsize * width
         stride = whole(view.get("byteStride", 0)) or row
         size = offset + stride * (n_rows - 1) + row if n_rows else 0
@@ -159,6 +139,10 @@ class Data:
         data = self._bytes(view, offset, size - offset)
         shape, strides = (n_rows, width), (stride, kind.itemsize)
         return np.ndarray(shape, kind, data, strides=strides) if n_rows else np.empty(shape, kind)
+
+    def _whole_view(self, where: Json) -> bytes:
+        view = self._views[whole(where["bufferView"])]
+        return bytes(self._bytes(view, 0, whole(view["byteLength"])))
 
     def _bytes(self, view: Json, offset: int, size: int) -> memoryview:
         """Return bytes of a buffer view."""
@@ -180,25 +164,22 @@ class Data:
                 if is_meshopt:
                     how = "it is compressed by meshopt. Export it plainly (gltfpack without -c)."
                 raise MeshError(f"buffer {buffer_id} of glTF must have data; {how}")
-            self._kept[buffer_id] = self._binary
-            return self._binary
+            return self._kept.setdefault(buffer_id, self._binary)
         if uri.startswith("data:"):
             if buffer_id not in self._kept:
-                self._kept[buffer_id] = base64.b64decode(uri.partition(";base64,")[2], validate=True)
+                self._kept[buffer_id] = _of_data_uri(uri)
             return self._kept[buffer_id]
-        path = (self._folder / unquote(uri)).resolve()
+        folder = self._files.folder
+        path = (folder / unquote(uri)).resolve()
         if path not in self._kept:
-            if "://" in uri or not path.is_relative_to(self._folder.resolve()):
-                raise MeshError(_missing(uri))
+            missing = f"a buffer of glTF must be a file in its folder; there is no {uri[:80]!r}. Copy it there."
+            if "://" in uri or not path.is_relative_to(folder.resolve()):
+                raise MeshError(missing)
             try:
-                self._kept[path] = self._read(path)
+                self._kept[path] = self._files.read(path)
             except (OSError, MeshError):
-                raise MeshError(_missing(uri)) from None
+                raise MeshError(missing) from None
         return self._kept[path]
-
-
-def _missing(uri: str) -> str:
-    return f"a buffer of glTF must be a file in its folder; there is no {uri[:80]!r}. Copy it there."
 
 
 def whole(value: Any) -> int:
@@ -206,3 +187,7 @@ def whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 60:
         raise MeshError(f"counts and indices of glTF must be whole numbers from 0; one is {str(value)[:40]!r}.")
     return value
+
+
+def _of_data_uri(uri: str) -> bytes:
+    return base64.b64decode(uri.partition(";base64,")[2], validate=True)

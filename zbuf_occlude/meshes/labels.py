@@ -4,12 +4,13 @@ import gzip
 import io
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePath, PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from zbuf_occlude.documents import MOST_BYTES, parse
+from zbuf_occlude.documents import MOST_BYTES, MOST_ROWS, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
 
 FORMS = "CSV with the columns key,class[,split], or JSON: PCN's list, LVIS's {class: [keys]}, {key: class}"
@@ -18,23 +19,17 @@ _CLASSES = ("class", "label", "category", "taxonomy_name", "synsetid")
 _SPLITS = ("split", "subset")
 SPLIT_WORDS: Mapping[str, str] = {"train": "train", "val": "val", "valid": "val", "validation": "val", "test": "test"}
 
-SMALL, LARGEST, RATIO = 2**24, max(MOST_BYTES.values()), 100
+_SMALL, _LARGEST, _RATIO = 2**24, max(MOST_BYTES.values()), 100
 """Bytes to which gzip may unpack, at least and at most, and how many times its size between."""
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a file says of one object; None: it does not say.
+    """The class and split of one object, as a file has them; None where it has none.
 
-    Parameters
-    ----------
-    key : str
-        The mesh's key, or the end of it that tells it from all others: SYNSET/MODEL, MODEL, a uid, a file's name.
-    label : str or None
-        Its class.
-    split : {"train", "val", "test"} or None
+    The key is the mesh's, or the end of it that tells it from all others: SYNSET/MODEL, MODEL, a uid, a file's name.
     """
 
     key: str
@@ -43,19 +38,13 @@ class Label:
 
 
 def read_labels(path: Path) -> list[Label]:
-    """Read a file of labels.
-
-    Raises
-    ------
-    OptionError
-        It cannot be read, is of no form known, or names a split that there is not.
-    """
-    try:
-        data = path.read_bytes()
-        if data[:2] == b"\x1f\x8b":
+    """Read a file of labels; OptionError if it is not readable, of no known form, or names an unknown split."""
+    data = read_limited(path)
+    if data[:2] == b"\x1f\x8b":
+        try:
             data = unpacked(data, path)
-    except (OSError, EOFError, zlib.error) as error:
-        raise OptionError(f"labels must be a readable file; {path}: {in_words(error)}.") from None
+        except (OSError, EOFError, zlib.error) as error:
+            raise OptionError(f"labels must be readable gzip; {path}: {in_words(error)}. Is it damaged?") from None
     is_json = ".json" in path.suffixes or data.lstrip()[:1] in (b"{", b"[")
     labels = parse_json(data, path.name) if is_json else parse_csv(data, path.name)
     if not labels:
@@ -64,16 +53,11 @@ def read_labels(path: Path) -> list[Label]:
 
 
 def unpacked(data: bytes, path: PurePath) -> bytes:
-    """Unpack gzip, within bounds: a file made for it grows a thousand times.
+    """Unpack gzip within bounds, for a file made for it grows a thousand times; OptionError where it grows beyond.
 
-    Raises
-    ------
-    OptionError
-        It unpacks to more than `LARGEST` bytes, or than `RATIO` times its own size; small files may grow to `SMALL`.
-    OSError, EOFError, zlib.error
-        It is damaged.
+    Damaged gzip raises OSError, EOFError or zlib.error.
     """
-    most = min(LARGEST, max(SMALL, RATIO * len(data)))
+    most = min(_LARGEST, max(_SMALL, _RATIO * len(data)))
     with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -86,11 +70,11 @@ def unpacked(data: bytes, path: PurePath) -> bytes:
 
 def parse_csv(data: bytes, name: str) -> list[Label]:
     """Read rows under a header; ShapeNet's all.csv (synsetId, modelId, split) is one."""
-    columns = parse("CSV", data, name)
+    columns = parse_document("CSV", data, name)
     key, label, split = (next((c for c in known if c in columns), "") for known in (_KEYS, _CLASSES, _SPLITS))
     if not key or not (label or split):
         raise OptionError(f"{printable(name)} must be {FORMS}; found: {', '.join(columns):.200}.")
-    keys = columns[key]
+    keys, lines = columns[key], columns.lines
     own, synsets, words = (columns.get(column, [""] * len(keys)) for column in (label, "synsetid", split))
     return [
         Label(
@@ -98,48 +82,40 @@ def parse_csv(data: bytes, name: str) -> list[Label]:
             own or None if label != "synsetid" else None,
             _split(word or None, f"{name}, line {line}"),
         )
-        for line, (key, own, synset, word) in enumerate(zip(keys, own, synsets, words, strict=True), 2)
+        for line, key, own, synset, word in zip(lines, keys, own, synsets, words, strict=True)
         if key
     ]
 
 
 def parse_json(data: bytes, name: str) -> list[Label]:
     """Read PCN's list of taxonomies, LVIS's object of lists, or an object of classes by key."""
-    document = parse("JSON", data, name)
+    document = parse_document("JSON", data, name)
     try:
-        if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
-            return [Label(_word(key), label) for label, keys in document.items() for key in keys]
-        if isinstance(document, dict):
-            return [Label(key, _word(label)) for key, label in document.items()]
-        return [
-            Label(f"{_word(row['taxonomy_id'])}/{_word(key)}", _word(row["taxonomy_name"]), split)
-            for row in document
-            for split in ("train", "val", "test")
-            for key in row.get(split, [])
-        ]
+        labels = list(islice(_labels_in(document), MOST_ROWS + 1))
     except (LookupError, TypeError, AttributeError):  # it may be anything
         raise OptionError(f"{printable(name)} must be {FORMS}; it is JSON of another form.") from None
+    if len(labels) > MOST_ROWS:
+        raise OptionError(f"{printable(name)} must hold at most {MOST_ROWS:,} labels; it holds more. Split it.")
+    return labels
 
 
-def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tuple[Item, Label]], int]:
-    """Find the objects that labels are of.
+def _labels_in(document: Any) -> Iterator[Label]:
+    if isinstance(document, dict) and all(isinstance(keys, list) for keys in document.values()):
+        return (Label(_word(key), label) for label, keys in document.items() for key in keys)
+    if isinstance(document, dict):
+        return (Label(key, _word(label)) for key, label in document.items())
+    return (
+        Label(f"{_word(row['taxonomy_id'])}/{_word(key)}", _word(row["taxonomy_name"]), split)
+        for row in document
+        for split in ("train", "val", "test")
+        for key in row.get(split, [])
+    )
 
-    Parameters
-    ----------
-    items : mapping of key to object
-    labels : iterable of Label
 
-    Returns
-    -------
-    found : list of (object, label)
-        In the order of the objects; the last label of an object holds.
-    n_unknown : int
-        Labels of no object.
+def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tuple[_Item, Label]], int]:
+    """Return the objects that labels are of, in their order, and the number of labels that are of none.
 
-    Raises
-    ------
-    OptionError
-        A label could be of several objects.
+    The last label of an object holds. A label that could be of several objects raises OptionError.
     """
     short: defaultdict[str, list[str]] = defaultdict(list)
     for key in items:
@@ -161,7 +137,7 @@ def match(items: Mapping[str, Item], labels: Iterable[Label]) -> tuple[list[tupl
     return [(items[key], chosen[key]) for key in items if key in chosen], n_unknown
 
 
-def _alone(key: str, items: Mapping[str, Item], short: Mapping[str, list[str]]) -> Sequence[str]:
+def _alone(key: str, items: Mapping[str, _Item], short: Mapping[str, list[str]]) -> Sequence[str]:
     """Look for the name at the end of SYNSET/MODEL where there are no synsets."""
     name = PurePosixPath(key).name
     return [name] if name in items else short.get(name, [])

@@ -1,10 +1,8 @@
 """Looks: base colours of the polygons of a file, as its reader found them; textures, decoded once each."""
 
-import os
 import warnings
 from collections.abc import Callable
 from io import BytesIO
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,36 +10,21 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.colors import Bytes, Material, SurfaceColors
-from zbuf_occlude.meshes.archives import in_any_case
 from zbuf_occlude.meshes.polygons import Ints
 
 MOST_TEXELS = 2**27
 """Of all textures of a mesh, 400 megabytes; below what Pillow refuses by itself."""
 
-Read = Callable[[Path], bytes]
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "GIF", "TIFF")
 
 
 class Look(NamedTuple):
-    """Base colours of polygons.
-
-    Parameters
-    ----------
-    materials : tuple of Material
-    material_ids : (p,) int
-        Of each polygon of the file.
-    colors : (c, 3) float, optional
-        At each corner of the polygons, end to end.
-    uv : (c, 2) float, optional
-    linear : bool
-    lacking : tuple of str
-        As in `SurfaceColors`.
-    """
+    """Base colours of the p polygons of a file, at their c corners end to end; else as `SurfaceColors`."""
 
     materials: tuple[Material, ...]
-    material_ids: Ints
-    colors: FloatArray | None = None
-    uv: FloatArray | None = None
+    material_ids: Ints  # (p,)
+    colors: FloatArray | None = None  # (c, 3)
+    uv: FloatArray | None = None  # (c, 2)
     linear: bool = False
     lacking: tuple[str, ...] = ()
 
@@ -53,7 +36,7 @@ class Look(NamedTuple):
 
 
 class Textures:
-    """The textures of one mesh: each decoded once, and in words what could not be."""
+    """The textures of one mesh: each decoded once, and why one could not be."""
 
     def __init__(self) -> None:
         self.lacking: dict[str, None] = {}  # in the order in which they were met
@@ -75,9 +58,8 @@ class Textures:
 
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "ignore"
-                )  # of Pillow's limit, ours is lower; of transparency, which does not count
+                # of Pillow's limit, ours is lower; of transparency, which does not count
+                warnings.simplefilter("ignore")
                 return self._pixels(Image.open(BytesIO(content), formats=_FORMATS))
         except (MeshError, MemoryError):
             raise
@@ -105,27 +87,3 @@ def in_unit_range(colors: Any) -> FloatArray:
     """
     found = np.nan_to_num(np.asarray(colors, dtype=np.float64), posinf=1.0, neginf=0.0)
     return np.clip(found / 255.0 if (found > 2.0).any() else found, 0.0, 1.0)
-
-
-def read_named(name: str, folder: Path, read: Read) -> bytes:
-    """Return the content of a file that a mesh file names: where it says, or else of that name in its own folder.
-
-    Names that differ in case alone do where there is none of the very name: they were one on the disk they come from.
-
-    Raises
-    ------
-    MeshError
-        Neither is there. What lies outside the folder above the mesh's own is not looked at.
-    """
-    relative = name.replace("\\", "/").strip().strip('"')
-    root = Path(os.path.normpath(folder.parent))
-    stated = Path(os.path.normpath(folder / relative))
-    places = [stated] * stated.is_relative_to(root) + [folder / os.path.basename(relative)]
-    for place in places:
-        try:
-            return read(place)
-        except MeshError as error:
-            reason = error
-        if (other := in_any_case(place, root)) is not None:
-            return read(other)
-    raise MeshError(f"{name[:80]!r}: {reason}") from None

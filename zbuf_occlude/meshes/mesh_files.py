@@ -1,32 +1,55 @@
-"""MeshFiles: the files of one mesh, each read once, the origin they make up, and whether they are still the same."""
+"""The files of a mesh, in folders or inside ZIP archives, read in place: ModelNet40.zip/chair/train/a.off."""
 
 import hashlib
 import os
-from pathlib import Path
+import zipfile
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
 
-from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes.archives import archive_of, read_bytes
-from zbuf_occlude.origin import UNKNOWN, Origin, Stamp
+from zbuf_occlude.errors import MeshError, in_words
+from zbuf_occlude.limits import memory_allowed
+from zbuf_occlude.provenance import UNKNOWN, Origin, Stamp
+
+ARCHIVE = ".zip"
 
 
 class MeshFiles:
-    """The files of the mesh at a path as they are read: each once, and what it held is remembered."""
+    """The files of the mesh at a path as they are read: each once, and its content is remembered."""
 
     def __init__(self, path: Path) -> None:
-        self._folder = path.parent
+        self.folder = path.parent
         self._contents: dict[Path, bytes] = {}
         self._stamps: list[Stamp] = []
 
     def read(self, path: Path) -> bytes:
-        """Return the content of a file; raises as `archives.read_bytes` does."""
+        """Return the content of a file; raises as `content_of` does."""
         if path not in self._contents:
             try:
-                stamp = _stamp(path, self._folder)
+                stamp = _stamp(path, self.folder)
             except (OSError, ValueError):
                 stamp = Stamp(path.name, 0, 0)  # reading it says why
-            self._contents[path] = read_bytes(path)
+            self._contents[path] = content_of(path)
             self._stamps.append(stamp)
         return self._contents[path]
+
+    def read_named(self, name: str) -> bytes:
+        """Return the content of a file that the mesh's file names: where it says, or of that name in its own folder.
+
+        Names that differ in case alone do where there is none of the very name: they were one on the disk they come
+        from. Raises MeshError where neither is there. What lies outside the folder above the mesh's own is not read.
+        """
+        relative = name.replace("\\", "/").strip().strip('"')
+        root = Path(os.path.normpath(self.folder.parent))
+        stated = Path(os.path.normpath(self.folder / relative))
+        places = [stated] * stated.is_relative_to(root) + [self.folder / os.path.basename(relative)]
+        for place in places:
+            try:
+                return self.read(place)
+            except MeshError as error:
+                reason = error
+            if (other := _in_any_case(place, root)) is not None:
+                return self.read(other)
+        raise MeshError(f"{name[:80]!r}: {reason}") from None
 
     @property
     def origin(self) -> Origin:
@@ -63,6 +86,115 @@ def origin_unread(path: Path) -> Origin:
         return Origin("", tuple(_stamp(each, path.parent) for each in paths))
     except (OSError, ValueError):
         return UNKNOWN
+
+
+def archive_of(path: Path) -> tuple[Path, str] | None:
+    """Return the archive that a path leads into and the member's name; None for a path outside archives."""
+    if ARCHIVE not in os.fspath(path).lower():  # as nearly all
+        return None
+    for archive in path.parents:
+        if archive.suffix.lower() == ARCHIVE and archive.is_file():
+            return archive, path.relative_to(archive).as_posix()
+    return None
+
+
+def members(archive: Path) -> list[PurePosixPath]:
+    """Return the names of an archive's files, without those that lead out of it; MeshError if it cannot be read."""
+    names = (PurePosixPath(name) for name in _opened(archive).namelist() if not name.endswith("/"))
+    return [name for name in names if not name.is_absolute() and ".." not in name.parts]
+
+
+def n_bytes_of(path: Path) -> int | None:
+    """Return how many bytes a file has, None where there is none; raise MeshError of an archive that cannot be read."""
+    if (place := archive_of(path)) is not None:
+        archive, name = place
+        return _opened(archive).getinfo(name).file_size if name in _opened(archive).NameToInfo else None
+    try:
+        return path.stat().st_size
+    except (OSError, ValueError):
+        return None
+
+
+def content_of(path: Path) -> bytes:
+    """Return the content of a file; raise MeshError if it is missing, no file, not readable, or empty."""
+    if (place := archive_of(path)) is not None:
+        data = _member(*place)
+    else:
+        try:
+            if path.is_dir():
+                raise MeshError("it must be a file; it is a folder. Use MeshCollection.from_paths for folders.")
+            if not path.exists():
+                raise MeshError("there is no such file. Check the path.")
+            if not path.is_file():
+                raise MeshError("it must be a file; it is a device or a pipe. Copy it into a file.")
+            data = path.read_bytes()
+        except OSError as error:
+            raise MeshError(f"it must be readable; reading says: {error.strerror}. Check it.") from None
+    if not data:
+        raise MeshError("it must hold something; it is empty, 0 bytes. Copy it again.")
+    return data
+
+
+def _member(archive: Path, name: str) -> bytes:
+    try:
+        return _opened(archive).read(name)
+    except KeyError:
+        raise MeshError(f"there is no such file in {archive.name}. Check the path.") from None
+    except MeshError:  # of the watch over time and memory
+        raise
+    except MemoryError:
+        size = _opened(archive).getinfo(name).file_size
+        raise MeshError(
+            f"it must fit in {memory_allowed()}; unpacked from {archive.name} it has {size:,} bytes. "
+            "Allow more, or unpack it and look whether it is a mesh."
+        ) from None
+    except Exception as error:  # what zipfile and its decompressors raise on damaged bytes is not ours to list
+        said = " ".join(str(error).split())[:100] or type(error).__name__
+        raise MeshError(f"it must be readable in {archive.name}; reading says: {said}. Is it damaged?") from None
+
+
+def _opened(archive: Path) -> zipfile.ZipFile:
+    return _opened_in(archive, os.getpid())
+
+
+@lru_cache(maxsize=64)  # ShapeNetCore's 57: opening one anew takes up to a second, holding all some 200 MB
+def _opened_in(archive: Path, process: int) -> zipfile.ZipFile:
+    """Open an archive once per process: a file opened before a fork would be read at the other's position."""
+    try:
+        return zipfile.ZipFile(archive)
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise MeshError(
+            f"{archive}: it must be a ZIP archive; reading says: {in_words(error)}. Is it damaged?"
+        ) from None
+
+
+def _in_any_case(path: Path, root: Path) -> Path | None:
+    """Return the file below a folder whose path differs from this one in case alone; None where there is none."""
+    if (place := archive_of(path)) is not None:
+        archive, name = place
+        member = _members_in_any_case(archive, os.getpid()).get(name.casefold(), name)
+        return archive / member if member != name else None
+    found = root
+    for part in path.relative_to(root).parts:
+        try:
+            names = {part.casefold(): part} if (found / part).exists() else _names_in(found, found.stat().st_mtime_ns)
+        except OSError:
+            return None
+        if part.casefold() not in names:
+            return None
+        found /= names[part.casefold()]
+    return found if found != path else None
+
+
+@lru_cache(maxsize=16)
+def _names_in(folder: Path, changed_ns: int) -> dict[str, str]:
+    """Return the names in a folder as it was when last changed, by what they are in any case."""
+    return {name.casefold(): name for name in sorted(os.listdir(folder), reverse=True)}
+
+
+@lru_cache(maxsize=4)
+def _members_in_any_case(archive: Path, process: int) -> dict[str, str]:
+    return {name.casefold(): name for name in sorted(_opened(archive).namelist(), reverse=True)}
 
 
 def _stamp(path: Path, folder: Path) -> Stamp:

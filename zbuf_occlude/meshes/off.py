@@ -7,7 +7,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.meshes.polygons import Ints, Polygons
-from zbuf_occlude.meshes.text import BYTE_ORDER_MARK, Lines, check_text, runs
+from zbuf_occlude.meshes.text import Lines, check_text, runs
 
 # [ST][C][N][4][n]OFF; ModelNet40 glues the number of vertices to it: "OFF3514 3546 0"
 _BLANK = rb"(?:\s|#[^\r\n]*)*"  # comments too
@@ -18,40 +18,24 @@ _EXTRAS = {1: 2, 2: 4, 3: 3}  # group of _HEADER -> further numbers of a vertex:
 
 
 def read_off(data: bytes) -> Polygons:
-    """Read an OFF file.
+    """Read an OFF file's polygons, of any number of corners, in the order of the file.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
+    Raises MeshError for what is no OFF file, cut short, damaged, or declares more than it holds. Counts are compared
+    with the numbers that the file holds before anything is allocated.
 
-    Returns
-    -------
-    Polygons
-        Of any number of corners, in the order of the file.
+    Accepted: counts glued to the header; no header; no number of edges; comments and blank lines anywhere; any line
+    ends; records broken over lines. The headers COFF, NOFF, CNOFF and STOFF are read, and numbers after the coordinates
+    of a vertex or the indices of a face are ignored. Binary files and other dimensions are refused.
 
-    Raises
-    ------
-    MeshError
-        Not an OFF file, cut short, damaged, or declaring more than it holds.
-
-    Notes
-    -----
-    Tolerated: counts glued to the header, no header, no count of edges, comments and blank lines anywhere, any line
-    ends, records broken over lines, the headers COFF, NOFF, CNOFF and STOFF, and colours or other numbers after the
-    coordinates of a vertex or the indices of a face, which are ignored. Not read: binary files and other dimensions.
-
-    A file whose lines are its records, as almost all are, is read by lines, which is how the numbers after a face
-    can be told from the next face; what follows the last record is ignored, but for another face: then the counts are
-    wrong. Any other file is read as one stream of numbers, in which a face has nothing after its indices. Nothing is
-    allocated by what the counts say before they were compared with the numbers that the file holds.
+    Almost all files have one record a line and are read by lines, which tells the numbers after a face from the next
+    face. What follows the last record is ignored, unless it is another face: then the counts are wrong. Any other file
+    is read as one stream of numbers, in which a face has nothing after its indices.
     """
     check_text(data)
-    start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
-    header = _HEADER.match(data, start)
-    if header is None and not _NUMBER.match(data, start):
+    header = _HEADER.match(data)
+    if header is None and not _NUMBER.match(data):
         raise MeshError("an OFF file must begin with OFF; this one does not. Is it of another format, or damaged?")
-    extras = 0
+    start = extras = 0
     if header is not None:
         if header[4] or header[5]:
             raise MeshError("an OFF file must hold points of three coordinates; this one has others. Convert it.")

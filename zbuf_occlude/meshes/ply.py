@@ -1,4 +1,4 @@
-"""The polygon file format (PLY), ASCII and binary, with polygons of any and of mixed sizes."""
+"""The polygon file format (PLY), ASCII and binary: polygons of any and of mixed sizes, points, colours."""
 
 import re
 import struct
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.geometry.colors import PLAIN, WHITE, Material
+from zbuf_occlude.meshes.looks import Look, Textures, in_unit_range
+from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Ints, Polygons
 from zbuf_occlude.meshes.text import Lines, as_doubles, runs
 
@@ -20,6 +23,9 @@ _TYPES = {
 }
 _COUNT_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}  # of struct, by size
 _INDEX_LISTS = ("vertex_indices", "vertex_index")
+_CHANNELS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_TEXTURE = re.compile(rb"^comment TextureFile (.*?)\s*$", re.MULTILINE)
 
 
 @dataclass
@@ -30,7 +36,7 @@ class _Property:
 
 
 @dataclass
-class Element:
+class _Element:
     """One element of a header."""
 
     name: str
@@ -44,7 +50,7 @@ class Element:
 
 
 @dataclass
-class Columns:
+class _Columns:
     """What was read of an element: scalars (rows,), and one list as values end to end and their number per row."""
 
     scalars: dict[str, NDArray[Any]]
@@ -53,59 +59,81 @@ class Columns:
 
 
 def read_ply(data: bytes) -> Polygons:
-    """Read a PLY file.
+    """Read a PLY file's polygons, of any number of corners, in the order of the file.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
-    Returns
-    -------
-    Polygons
-        Of any number of corners, in the order of the file.
-
-    Raises
-    ------
-    MeshError
-        Not a PLY file, of unknown types, cut short, damaged, or declaring more than it holds.
-
-    Notes
-    -----
+    Raises MeshError for what is not a PLY file, of unknown types, cut short, damaged, or declaring more than it holds.
     Of the elements, `vertex` (x, y, z) and `face` (vertex_indices or vertex_index) are read, all others skipped;
-    triangle strips are not read. In an ASCII file each row must have a line of its own, as in every one that we met.
+    triangle strips are not read. In an ASCII file each row must have a line of its own.
     Nothing is allocated by what the header says before it was compared with the size of the file.
     """
-    columns = read_elements(data, {"vertex", "face"})
+    columns = _read_elements(data, {"vertex", "face"})
     if "vertex" not in columns or "face" not in columns:
         raise MeshError("a PLY file must have the elements vertex and face; this one has not. Is it a point cloud?")
     return Polygons(_positions(columns["vertex"]), columns["face"].values, columns["face"].counts)
 
 
 def read_ply_points(data: bytes) -> FloatArray | None:
-    """Read the vertices of a PLY file that has no faces.
-
-    Returns
-    -------
-    (n, 3) float64 or None
-        None when the file has faces or no vertices: it is no point cloud.
-
-    Raises
-    ------
-    MeshError
-        As `read_ply`.
-    """
-    counts = {element.name: element.n_rows for element in read_header(data)[0]}
+    """Read the vertices (n, 3) of a PLY file that has no faces; None when it has faces or no vertices."""
+    counts = {element.name: element.n_rows for element in _read_header(data)[0]}
     if counts.get("face") or not counts.get("vertex"):
         return None
-    return _positions(read_elements(data, {"vertex"})["vertex"])
+    return _positions(_read_elements(data, {"vertex"})["vertex"])
 
 
-def read_elements(data: bytes, wanted: set[str]) -> dict[str, Columns]:
+def read_ply_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
+    """Read the colours of a PLY file's polygons, as `read_ply` returned them.
+
+    A texture ("comment TextureFile") where vertices have coordinates in it, else the colours of vertices, else those of
+    faces, else grey. Integers count to the largest of their type, or to 255 where none is above; floats to 1, or to 255
+    (`in_unit_range`).
+    """
+    elements = {element.name: element for element in _read_header(data)[0]}
+    columns = _read_elements(data, {"vertex", "face"})
+    vertices, faces = columns["vertex"], columns["face"]
+    everything, textures = np.zeros(len(polygons.counts), np.int64), Textures()
+    pair = next((names for names in _COORDINATES if all(name in vertices.scalars for name in names)), None)
+    named = _TEXTURE.search(data[: data.find(b"end_header")])
+    if named is not None and pair is not None:
+        name = named[1].decode("utf-8", "replace")
+        texture = textures.get(name, lambda: files.read_named(name))
+        if texture is not None:
+            uv = np.stack([as_doubles(vertices.scalars[each]) for each in pair], axis=1)
+            return Look((Material(WHITE.factor, texture),), everything, uv=uv[polygons.corners])
+    lacking = tuple(textures.lacking)
+    if (colors := _colors(elements["vertex"], vertices)) is not None:
+        return Look((WHITE,), everything, colors[polygons.corners], lacking=lacking)
+    if (colors := _colors(elements["face"], faces)) is not None:
+        return Look((WHITE,), everything, np.repeat(colors, polygons.counts, axis=0), lacking=lacking)
+    if _channels(elements["face"]) is not None:
+        lacking = (*lacking, "colours of faces: they are not read beside lists of different lengths")
+    return Look((PLAIN,), everything, lacking=lacking)
+
+
+def _channels(element: _Element) -> tuple[str, str, str] | None:
+    names = {column.name for column in element.properties}
+    return next((each for each in _CHANNELS if names.issuperset(each)), None)
+
+
+def _colors(element: _Element, columns: _Columns) -> FloatArray | None:
+    """Return the colours (rows, 3) of an element in [0, 1]; None where it has none."""
+    channels = _channels(element)
+    if channels is None or not all(name in columns.scalars for name in channels):
+        return None
+    found = np.stack([as_doubles(columns.scalars[name]) for name in channels], axis=1)
+    kinds: list[np.dtype[Any]] = [column.dtype for column in element.properties if column.name in channels]
+    if all(kind.kind in "iu" for kind in kinds):
+        most = max(np.iinfo(kind).max for kind in kinds)
+        if most > 255 and not (found > 255).any():
+            most = 255  # bytes, whatever room they have
+        found = found / most
+    return in_unit_range(found)
+
+
+def _read_elements(data: bytes, wanted: set[str]) -> dict[str, _Columns]:
     """Return the columns of the elements up to the last of those wanted; raises as `read_ply`."""
-    elements, encoding, body = read_header(data)
+    elements, encoding, body = _read_header(data)
     source = _Ascii(body) if encoding == "ascii" else _Binary(body, "<" if "little" in encoding else ">")
-    columns: dict[str, Columns] = {}
+    columns: dict[str, _Columns] = {}
     if wanted <= {element.name for element in elements}:
         for element in elements:
             columns[element.name] = source.read(element)
@@ -114,14 +142,14 @@ def read_elements(data: bytes, wanted: set[str]) -> dict[str, Columns]:
     return columns
 
 
-def _positions(vertices: Columns) -> FloatArray:
+def _positions(vertices: _Columns) -> FloatArray:
     """(v, 3) float64."""
     if not all(axis in vertices.scalars for axis in "xyz"):
         raise MeshError("the vertices of a PLY file must have x, y and z; these have not. Is it damaged?")
     return np.stack([as_doubles(vertices.scalars[axis]) for axis in "xyz"], axis=1)
 
 
-def read_header(data: bytes) -> tuple[list[Element], str, bytes]:
+def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
     """Return elements, encoding (one of the three names), and the bytes after the header; raises as `read_ply`."""
     newline = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if newline is None:
@@ -131,7 +159,7 @@ def read_header(data: bytes) -> tuple[list[Element], str, bytes]:
     if end is None:
         raise MeshError("the header of a PLY file must end with end_header; this one does not. Is it cut short?")
     encoding = ""
-    elements: list[Element] = []
+    elements: list[_Element] = []
     for line in data[: end.start()].splitlines()[1:]:
         words = line.decode("latin-1").split()
         try:
@@ -139,7 +167,7 @@ def read_header(data: bytes) -> tuple[list[Element], str, bytes]:
                 case ["format", name, _]:
                     encoding = name
                 case ["element", name, count]:
-                    elements.append(Element(name, _row_count(count)))
+                    elements.append(_Element(name, _row_count(count)))
                 case ["property", "list", count_type, value_type, name]:
                     # lengths are read as unsigned: a negative one is then larger than any file
                     of_count = np.dtype(_TYPES[count_type].replace("i", "u"))
@@ -166,7 +194,7 @@ def _row_count(word: str) -> int:
     return int(word)
 
 
-def _too_short(element: Element, n_held: int, what: str) -> MeshError:
+def _too_short(element: _Element, n_held: int, what: str) -> MeshError:
     return MeshError(
         f"a PLY file must hold the {element.n_rows:,} rows of the element {element.name} that it declares; "
         f"it has {n_held:,} {what} for them. Is it damaged or cut short?"
@@ -181,7 +209,7 @@ class _Ascii:
         self._numbers: FloatArray | None = None
         self._next_line = 0
 
-    def read(self, element: Element) -> Columns:
+    def read(self, element: _Element) -> _Columns:
         here, end = self._next_line, self._next_line + element.n_rows
         if end > len(self._lines):
             raise _too_short(element, len(self._lines) - here, "lines")
@@ -190,7 +218,7 @@ class _Ascii:
             self._numbers = self._lines.numbers()
         position = self._lines.first[here:end].copy()
         line_end = position + self._lines.counts[here:end]
-        columns = Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+        columns = _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         for column in element.properties:
             if (position >= line_end).any():
                 raise _too_short(element, int((position < line_end).sum()), "whole lines")
@@ -218,15 +246,15 @@ class _Binary:
         self._order = byte_order
         self._next_byte = 0
 
-    def read(self, element: Element) -> Columns:
+    def read(self, element: _Element) -> _Columns:
         room = len(self._body) - self._next_byte
         if element.n_rows * element.n_bytes_least > room:
             raise _too_short(element, room, "bytes")
         if not element.properties or element.n_rows == 0:
-            return Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
+            return _Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
         return self._alike(element) or self._one_by_one(element)
 
-    def _alike(self, element: Element) -> Columns | None:
+    def _alike(self, element: _Element) -> _Columns | None:
         """Read rows whose lists are all as long as the first row's, or return None when they are not."""
         of_lists = iter(self._walk(element, 1)[1][0])
         lengths = [1 if p.count_dtype is None else int(next(of_lists)) for p in element.properties]
@@ -241,7 +269,7 @@ class _Binary:
         if element.n_rows * size > len(self._body) - self._next_byte:
             return None
         rows = np.frombuffer(self._body, dtype=fields, count=element.n_rows, offset=self._next_byte)
-        columns = Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+        columns = _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         for i, (column, length) in enumerate(zip(element.properties, lengths, strict=True)):
             values = rows[f"value{i}"]
             if column.count_dtype is None:
@@ -253,7 +281,7 @@ class _Binary:
         self._next_byte += element.n_rows * size
         return columns
 
-    def _one_by_one(self, element: Element) -> Columns:
+    def _one_by_one(self, element: _Element) -> _Columns:
         """Read rows of different lengths."""
         if element.name == "vertex":
             raise MeshError("the vertices of a PLY file must have no lists of different lengths. Convert it.")
@@ -261,12 +289,12 @@ class _Binary:
         lists = [p for p in element.properties if p.count_dtype is not None]
         wanted = next((i for i, p in enumerate(lists) if p.name in _INDEX_LISTS), None)
         if wanted is None:
-            return Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
+            return _Columns({}, np.empty(0), np.zeros(element.n_rows, dtype=np.int64))
         dtype = lists[wanted].dtype
         packed = np.frombuffer(self._body, dtype=np.uint8)[runs(starts[:, wanted], counts[:, wanted] * dtype.itemsize)]
-        return Columns({}, packed.view(dtype.newbyteorder(self._order)), counts[:, wanted])
+        return _Columns({}, packed.view(dtype.newbyteorder(self._order)), counts[:, wanted])
 
-    def _walk(self, element: Element, n_rows: int) -> tuple[Ints, Ints, int]:
+    def _walk(self, element: _Element, n_rows: int) -> tuple[Ints, Ints, int]:
         """Byte offsets and lengths of the lists of the next rows, (n_rows, lists), and where the last row ends."""
         steps = []
         gap = 0  # bytes since the last list

@@ -18,33 +18,22 @@ Ints = NDArray[np.int64]
 _ROUNDING = 1e-12  # a fan's triangle may be turned over by this much of the polygon's area: collinear corners
 _TINY = float(np.finfo(np.float64).tiny)
 _MOST_EARS = 50_000
-"""Corners of a polygon that is cut by ears: one that crosses itself takes their square, then some ten seconds, in
-which nobody can interrupt it."""
+"""Corners of a polygon that is cut by ears: one that crosses itself takes time as their square, here 10 s, and compiled
+code cannot be interrupted."""
 _EARS = -1  # in place of the corner that a fan begins with
 
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Vertices, and polygons as runs of indices of vertices, checked.
+    """Vertices, and polygons as runs of indices of vertices.
 
-    Parameters
-    ----------
-    vertices : (v, 3) float
-        NaN and infinity allowed where no polygon uses them.
-    corners : (c,) int or float
-        Indices of vertices, polygon after polygon, counted from 0; floats where a text held them.
-    counts : (p,) int
-        Corners of each polygon of the file, in its order; fewer than three make no face.
-
-    Raises
-    ------
-    MeshError
-        Indices that are not whole or out of range, or used vertices that are not finite or beyond `LARGEST`.
+    Raises MeshError for indices that are not whole or out of range, and for used vertices that are not finite or beyond
+    `LARGEST`.
     """
 
-    vertices: FloatArray
-    corners: NDArray[Any]
-    counts: Ints
+    vertices: FloatArray  # (v, 3); NaN and infinity where no polygon uses them
+    corners: NDArray[Any]  # (c,): indices of vertices, polygon after polygon; floats where a text held them
+    counts: Ints  # (p,): corners of each polygon of the file, in its order; fewer than three make no face
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -65,9 +54,7 @@ class Polygons:
                 f"vertex {vertex} must be finite and below {LARGEST:g}, for face {_polygon_of(unusable, counts)} "
                 f"uses it; it is {vertices[vertex].tolist()}. Repair the file."
             )
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "corners", corners)
-        object.__setattr__(self, "counts", counts)
+        vars(self).update(vertices=vertices, corners=corners, counts=counts)
 
     @classmethod
     def from_triangles(cls, vertices: FloatArray, triangles: ArrayLike) -> "Polygons":
@@ -84,17 +71,8 @@ class Polygons:
         return Polygons(self.vertices[usable], renumbered[self.corners], self.counts)
 
     def triangles(self) -> tuple[Ints, Ints]:
-        """Cut every polygon into triangles.
+        """Cut every polygon into triangles (f, 3), in their order; return the polygon of each triangle (f,) too.
 
-        Returns
-        -------
-        triangles : (f, 3) int64
-            Indices of vertices, in the order of the polygons.
-        polygon_ids : (f,) int64
-            The polygon that each triangle is a part of.
-
-        Notes
-        -----
         A polygon is fanned out from its first corner, or its second, where all the fan's triangles face the way
         the polygon does: exact for every convex polygon and every quadrilateral that does not cross itself. What is
         left is projected on its own plane (normal by Newell's sum) and cut by ears. A polygon that is not flat has

@@ -1,4 +1,4 @@
-"""Stereolithography (STL), binary and ASCII; trimesh reads texts that are not one record a line, behind checks."""
+"""Stereolithography (STL), binary and ASCII."""
 
 import re
 import struct
@@ -8,40 +8,24 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
-from zbuf_occlude.meshes.library import read_triangles
 from zbuf_occlude.meshes.polygons import Polygons
 from zbuf_occlude.meshes.text import Keywords, Lines, as_doubles, unix_lines
 
 _HEADER = 84  # bytes: 80 of anything and the number of facets
 _FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attributes", "<u2")])
-_KEYWORDS = Keywords((b"vertex",), (b"facet", b"endfacet", b"solid", b"endsolid"), lower_case=True)
-_ONE_RECORD_A_LINE = re.compile(rb"(?:\x04(?:\x02\x01{3}\x03)*\x05)+")  # in numbers of _KEYWORDS
+KEYWORDS = Keywords((b"vertex",), (b"facet", b"endfacet", b"solid", b"endsolid"), lower_case=True)
+_ONE_RECORD_A_LINE = re.compile(rb"(?:\x04(?:\x02\x01{3}\x03)*\x05)+")  # in numbers of KEYWORDS
 _SOLID_LINE = re.compile(rb"^[ \t]*(end[ \t]*)?solid\b[^\n]*", re.MULTILINE)
+_VERTEX = re.compile(rb"\bvertex((?:\s+\S+){3})\s+(?=vertex|outer|(?:end)?(?:loop|facet|solid))")
 _NORMAL = re.compile(rb"\bnormal(\s+\S+){3}")
 
 
 def read_stl(data: bytes) -> Polygons:
-    """Read an STL file; every facet has three vertices of its own.
+    """Read an STL file: triangles in its order, each with three vertices of its own.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
-    Returns
-    -------
-    Polygons
-        Triangles, in the order of the file.
-
-    Raises
-    ------
-    MeshError
-        Cut short or damaged.
-
-    Notes
-    -----
-    A binary file may begin with "solid" too: what decides is whether the declared number of facets gives the file's
-    size. Bytes after the last facet are ignored; normals and attributes are not read.
+    Raises MeshError for what is cut short or damaged. A binary file may begin with "solid" too: what decides is whether
+    the declared number of facets gives the file's size. Bytes after the last facet are ignored; normals and attributes
+    are not read.
     """
     n_declared = struct.unpack_from("<I", data, _HEADER - 4)[0] if len(data) >= _HEADER else None
     fits_exactly = n_declared is not None and len(data) == _HEADER + n_declared * _FACET.itemsize
@@ -63,24 +47,13 @@ def _read_binary(data: bytes, n_declared: int | None) -> FloatArray:
 
 
 def _read_text(data: bytes) -> FloatArray:
-    """Read a text whose lines are its records, as those of all writers that we met; leave any other to trimesh."""
-    lines = Lines(data, keywords=_KEYWORDS)
-    vertices = lines.counts[lines.kinds == _KEYWORDS.kind(b"vertex")]
-    if _ONE_RECORD_A_LINE.fullmatch(lines.kinds.tobytes()) and (vertices == 3).all():
-        with suppress(MeshError):  # trimesh may see more than we do, and says what it cannot read
+    """Read the vertices of a text; fast where its lines are its records."""
+    lines = Lines(data, keywords=KEYWORDS)
+    counts = lines.counts[lines.kinds == KEYWORDS.kind(b"vertex")]
+    if _ONE_RECORD_A_LINE.fullmatch(lines.kinds.tobytes()) and (counts == 3).all():
+        with suppress(MeshError):  # what is not a number is looked for below, where the words are better
             return lines.numbers().reshape(-1, 3)
-    whole = _whole_text(data)
-    found, triangles = read_triangles(whole, "stl")
-    if len(found) != whole.count(b"vertex"):
-        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one has not. Is it damaged?")
-    return found[triangles].reshape(-1, 3)
-
-
-def _whole_text(data: bytes) -> bytes:
-    """Return the file without names, which may be anything, "vertex 1 2 3" too, and without normals.
-
-    trimesh passes over a solid without end, counts vertices only in all, and writes of bad normals to stderr.
-    """
+    # names may be anything, "vertex 1 2 3" too
     text = _SOLID_LINE.sub(lambda line: b"endsolid" if line[1] else b"solid", unix_lines(data).lower())
     text = _NORMAL.sub(b"", text)
     n_facets, n_vertices = text.count(b"endfacet"), text.count(b"vertex")
@@ -91,4 +64,7 @@ def _whole_text(data: bytes) -> bytes:
             f"the {n_facets:,} facets of an ASCII STL file must have three vertices each; there are "
             f"{n_vertices:,} in all. Is it damaged?"
         )
-    return text
+    vertices = _VERTEX.findall(text)
+    if len(vertices) != n_vertices:
+        raise MeshError("every vertex of an ASCII STL file must have three coordinates; one has not. Is it damaged?")
+    return Lines(b"\n".join(vertices)).numbers().reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Texts of lines of numbers: where the lines and their numbers are, and the numbers, read in one compiled pass."""
+"""Texts of lines of numbers: where the lines are, and their numbers, correctly rounded, read in one compiled pass."""
 
 import re
 from typing import NamedTuple
@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.jit.compiler import njit
-from zbuf_occlude.meshes.decimals import read_decimal
 
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _SLASH = ord("/")
 _BLANK, _LINE_END, _COMMENT = 1, 2, 3
 _ROLES = np.zeros(256, dtype=np.uint8)
@@ -20,25 +18,41 @@ _AFTER_SLASH = re.compile(rb"(?<=\d)/\S*")
 _NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan(?:\(\w*\))?)", re.IGNORECASE)
 
 
+_SMALLEST, _LARGEST = -342, 308
+"""Powers of ten beyond which every number of 19 digits is 0 or infinite."""
+_DIGITS = 19
+"""This many digits always fit into 64 bits."""
+
+
+def _powers_of_five() -> NDArray[np.uint64]:
+    """The 128 leading bits of each power of five, (high, low), rounded down, the reciprocals up."""
+    rows = []
+    for exponent in range(_SMALLEST, _LARGEST + 1):
+        power = 5 ** abs(exponent)
+        bits = power.bit_length()
+        if exponent >= 0:
+            leading = power << 128 - bits if bits <= 128 else power >> bits - 128
+        else:
+            leading = (1 << bits + 127) // power + 1
+        rows.append((leading >> 64, leading & (1 << 64) - 1))
+    return np.array(rows, dtype=np.uint64)
+
+
+_POWERS = _powers_of_five()
+_EXACT = np.array([10.0**exponent for exponent in range(23)])
+"""The powers of ten that float64 holds exactly."""
+_LOW = np.uint64(0xFFFFFFFF)
+_FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
+_ONE, _ZERO = np.uint64(1), np.uint64(0)
+
+
 class Keywords(NamedTuple):
-    """The words, of up to eight letters, that lines of a format begin with; all other lines are passed over.
+    """The words, of up to eight letters, that lines of a format begin with; all other lines are passed over."""
 
-    Parameters
-    ----------
-    of_numbers : tuple of bytes
-        Numbers follow on the line.
-    others : tuple of bytes
-        What follows on the line is passed over.
-    with_slashes : bytes
-        One of the first: what follows a slash in its numbers, ``7/1/3``, is passed over.
-    lower_case : bool
-        The words are given in lower case, and met in any.
-    """
-
-    of_numbers: tuple[bytes, ...]
-    others: tuple[bytes, ...] = ()
-    with_slashes: bytes = b""
-    lower_case: bool = False
+    of_numbers: tuple[bytes, ...]  # numbers follow on the line
+    others: tuple[bytes, ...] = ()  # what follows on the line is passed over
+    with_slashes: bytes = b""  # one of the first: what follows a slash in its numbers, 7/1/3, is passed over
+    lower_case: bool = False  # the words are given in lower case, and met in any
 
     def kind(self, word: bytes) -> int:
         """Return the number that stands for a word in `Lines.kinds`, from 1 on; 0 for none."""
@@ -63,16 +77,6 @@ def unix_lines(data: bytes) -> bytes:
 class Lines:
     """The lines of a text that hold numbers, and the numbers.
 
-    Parameters
-    ----------
-    text : bytes
-        With any kind of line ends.
-    start : int
-        The byte to begin with; a byte order mark there is passed over.
-    comment : bytes
-        The character that makes the rest of its line a comment; empty where none does.
-    keywords : Keywords
-
     Attributes
     ----------
     counts : (l,) int64
@@ -81,17 +85,10 @@ class Lines:
         Which number of the whole text the line begins with.
     kinds : (l,) uint8
         The keyword (`Keywords.kind`); 0 without any.
-
-    Raises
-    ------
-    MeshError
-        The text holds NUL bytes.
     """
 
     def __init__(self, text: bytes, start: int = 0, *, comment: bytes = b"", keywords: Keywords = NO_KEYWORDS) -> None:
         check_text(text)
-        if text.startswith(BYTE_ORDER_MARK, start):
-            start += len(BYTE_ORDER_MARK)
         words = [int.from_bytes(word, "big") for word in (*keywords.of_numbers, *keywords.others)]
         self._with_slashes = keywords.kind(keywords.with_slashes) or -1
         roles = _ROLES.copy()
@@ -127,12 +124,8 @@ class Lines:
     def numbers(self, n_lines: int | None = None, *, kind: int | None = None) -> FloatArray:
         """Return the numbers of the first `n_lines` lines (of all of them by default) as float64, in one flat array.
 
-        With `kind`, a keyword's, the numbers of other lines are in the array too, but need not be right yet.
-
-        Raises
-        ------
-        MeshError
-            Something is not a number; the message quotes it.
+        With `kind`, a keyword's, the numbers of other lines are in the array too, but need not be right yet. Raises
+        MeshError that quotes what is not a number.
         """
         end = self.n_numbers if n_lines is None or n_lines == len(self) else int(self.first[n_lines])
         for index, begin, stop in self._unread[self._unread[:, 0] < end].tolist():
@@ -151,23 +144,121 @@ def _number(token: bytes) -> float:
 
 
 class _Found(NamedTuple):
-    """What `_scan` finds: m numbers, u tokens that it did not read, l lines.
+    """What `_scan` finds: m numbers, u tokens that it did not read, l lines."""
 
-    Parameters
-    ----------
-    values, bits : (>= m,) float64, and uint64 of the same memory
-    unread : (>= u, 3) int64
-        Which number, first byte, byte after the last.
-    kinds : (>= l,) uint8
-    first : (>= l + 1,) int64
-        The number each line begins with; the last is m.
+    values: FloatArray  # (>= m,)
+    bits: NDArray[np.uint64]  # the same memory
+    unread: NDArray[np.int64]  # (>= u, 3): which number, its first byte, the byte after its last
+    kinds: NDArray[np.uint8]  # (>= l,)
+    first: NDArray[np.int64]  # (>= l + 1,): the number that each line begins with; the last is m
+
+
+@njit(inline="always")
+def _product(a, b):
+    """The 128 bits of a product of two uint64: (high, low)."""
+    a_low, a_high, b_low, b_high = a & _LOW, a >> np.uint64(32), b & _LOW, b >> np.uint64(32)
+    low, cross, other = a_low * b_low, a_high * b_low, a_low * b_high
+    middle = (low >> np.uint64(32)) + (cross & _LOW) + other
+    high = a_high * b_high + (cross >> np.uint64(32)) + (middle >> np.uint64(32))
+    return high, (middle << np.uint64(32)) | (low & _LOW)
+
+
+@njit()
+def _nearest_double(digits, exponent):
+    """Return the bits of ``digits * 10**exponent`` as the nearest float64, ties to even, and whether they are certain.
+
+    They are not where the product of 128 bits does not decide, for subnormal and for infinite numbers. D. Lemire,
+    "Number parsing at a gigabyte per second", Software: Practice and Experience 51 (2021), section 5.
     """
+    if digits == _ZERO:
+        return _ZERO, True
+    if exponent < _SMALLEST or exponent > _LARGEST:
+        return _ZERO, False
+    shift = 0
+    for step in (32, 16, 8, 4, 2, 1):  # to a highest bit of 1
+        if digits >> np.uint64(64 - step) == _ZERO:
+            digits <<= np.uint64(step)
+            shift += step
+    row = exponent - _SMALLEST
+    high, low = _product(digits, _POWERS[row, 0])
+    if high & np.uint64(0x1FF) == np.uint64(0x1FF):  # what is below might carry
+        more, _ = _product(digits, _POWERS[row, 1])
+        low += more
+        if low < more:
+            high += _ONE
+    if low == _FULL and (exponent < -27 or exponent > 55):
+        return _ZERO, False
+    upper = high >> np.uint64(63)
+    right = upper + np.uint64(9)
+    mantissa = high >> right
+    power = ((217706 * exponent) >> 16) + 63 + np.int64(upper) - shift + 1023  # 217706 / 2**16: log2(10)
+    if power <= 0:
+        return _ZERO, False
+    if low <= _ONE and -4 <= exponent <= 23 and mantissa & np.uint64(3) == _ONE and mantissa << right == high:
+        mantissa &= ~_ONE  # exactly half way: to even
+    mantissa = (mantissa + (mantissa & _ONE)) >> _ONE
+    if mantissa >> np.uint64(53) != _ZERO:
+        mantissa >>= _ONE
+        power += 1
+    if power >= 2047:
+        return _ZERO, False
+    return (np.uint64(power) << np.uint64(52)) | (mantissa & np.uint64(0xFFFFFFFFFFFFF)), True
 
-    values: FloatArray
-    bits: NDArray[np.uint64]
-    unread: NDArray[np.int64]
-    kinds: NDArray[np.uint8]
-    first: NDArray[np.int64]
+
+@njit(forceinline=True)
+def _read_decimal(text, i, bits, values, place):
+    """Read the number of a token at byte i into `values` (and `bits`, the same memory); return where it ends.
+
+    And whether it was read: not where it is no decimal number, has more than 19 digits, or cannot be rounded here with
+    certainty.
+    """
+    n = len(text)
+    negative = text[i] == 45
+    if negative or text[i] == 43:
+        i += 1
+    digits, n_digits, exponent = _ZERO, 0, 0
+    begin = i
+    while i < n and np.uint8(text[i] - 48) < 10:
+        digits = digits * np.uint64(10) + np.uint64(text[i] - 48)
+        i += 1
+    n_digits = i - begin
+    if i < n and text[i] == 46:
+        i += 1
+        point = i
+        while i < n and np.uint8(text[i] - 48) < 10:
+            digits = digits * np.uint64(10) + np.uint64(text[i] - 48)
+            i += 1
+        exponent = point - i
+        n_digits += i - point
+    if n_digits > _DIGITS:  # it may be that they begin with zeros
+        while begin < i and (text[begin] == 48 or text[begin] == 46):
+            n_digits -= text[begin] == 48
+            begin += 1
+        if n_digits > _DIGITS:
+            return i, False
+    elif n_digits == 0:
+        return i, False
+    if i < n and (text[i] == 101 or text[i] == 69):
+        i += 1
+        is_small = i < n and text[i] == 45
+        if is_small or (i < n and text[i] == 43):
+            i += 1
+        begin, written = i, 0
+        while i < n and np.uint8(text[i] - 48) < 10:
+            if written < 100_000:
+                written = 10 * written + text[i] - 48
+            i += 1
+        if i == begin:
+            return i, False
+        exponent += -written if is_small else written
+    if digits >> np.uint64(53) == _ZERO and -22 <= exponent <= 22:  # one operation on exact numbers rounds once
+        value = np.float64(digits)
+        value = value / _EXACT[-exponent] if exponent < 0 else value * _EXACT[exponent]
+        values[place] = -value if negative else value
+        return i, True
+    magnitude, is_certain = _nearest_double(digits, exponent)
+    bits[place] = magnitude | (np.uint64(negative) << np.uint64(63))
+    return i, is_certain
 
 
 @njit(cache=True, nogil=True)
@@ -175,7 +266,7 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
     """Find the lines and read their numbers; return how many numbers, unread tokens and lines there are."""
     values, bits, unread, kinds, first = found
     n = len(text)
-    n_numbers, n_unread, n_lines = np.int64(0), 0, 0  # with a literal 0, read_decimal would be compiled for it too
+    n_numbers, n_unread, n_lines = np.int64(0), 0, 0  # with a literal 0, _read_decimal would be compiled for it too
     i = start
     while i < n:
         kind = 0
@@ -208,7 +299,7 @@ def _scan(text, start, roles, words, n_of_numbers, with_slashes, fold, found):
             if role == _LINE_END:
                 break
             token = i
-            i, is_read = read_decimal(text, i, bits, values, n_numbers)
+            i, is_read = _read_decimal(text, i, bits, values, n_numbers)
             if i < n and roles[text[i]] == 0:
                 if text[i] != _SLASH or kind != with_slashes or np.uint8(text[i - 1] - 48) >= 10:
                     is_read = False

@@ -1,11 +1,20 @@
 """Distances from the eye to the faces, by which far faces are excluded (paper 3.6, first and second suggestion)."""
 
+from typing import Protocol
+
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import Seed, points_in_triangles, stochastic_counts
 from zbuf_occlude.object_space.planes import FacePlanes
+
+
+class Distances(Protocol):
+    """Distances of a mesh's faces, (f,), from an eye (world space)."""
+
+    def of(self, eye: FloatArray) -> FloatArray:
+        """Return them."""
 
 
 class PlaneDistances:
@@ -33,14 +42,7 @@ class PlaneDistances:
 
 
 class SampleDistances:
-    """Second suggestion: the distance from the eye to the nearest of some points sampled on each face.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    n_samples : int
-        About how many points are sampled over the whole mesh, proportionally to area (Algorithm 1).
-    seed : int, SeedSequence or Generator
+    """Second suggestion: the distance from the eye to the nearest of about `n_samples` points of Algorithm 1.
 
     Notes
     -----

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.pool import shared, take, together
+from zbuf_occlude.jit.threads import shared, take, together
 from zbuf_occlude.object_space.planes import FacePlanes, occludes
 
 NO_DISTANCES = np.empty(0)

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.jit.pool import n_blocks, shared_with_memory, take_block, together
+from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block, together
 
 TOUCHING = 1
 """Cells so near (on the axis where they are farthest apart) share a face, an edge or a corner."""

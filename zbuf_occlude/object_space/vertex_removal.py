@@ -1,38 +1,18 @@
 """Hidden surface removal by vertices (paper 3.3): a face goes as soon as one of its vertices is hidden."""
 
-from typing import NamedTuple
-
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.object_space.distances import Distances
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
 
 
-class Removal(NamedTuple):
-    """What is left of a mesh from one eye.
-
-    Parameters
-    ----------
-    face_kept : (f,) bool
-    n_tests : int
-        Pairs of vertex and face that were tested.
-    """
-
-    face_kept: BoolArray
-    n_tests: int
-
-
 class VertexRemoval:
-    """A mesh made ready for hidden surface removal by vertices.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    contact : float
-        The contact tolerance tau, world units.
+    """A mesh made ready for hidden surface removal by vertices; `contact` is tau, world units.
 
     Notes
     -----
@@ -60,25 +40,26 @@ class VertexRemoval:
         self._corner_ids = corner_ids.reshape(-1, 3)
         self._labels: IntArray = labels[self._used]
 
-    @property
-    def n_vertices(self) -> int:
-        """How many vertices are tested: N of the paper's O(N M)."""
-        return len(self._used)
+    def visible(
+        self, points: SurfacePoints, face_ids: IntArray, eyes: FloatArray, distances: Distances | None = None
+    ) -> tuple[BoolArray, NDArray[np.int64]]:
+        """Find which points lie on faces that are left from each eye (world space).
 
-    def seen_from(self, eye: FloatArray, distances: FloatArray = NO_DISTANCES) -> Removal:
-        """Find the faces that are left from an eye (world space); `distances` exclude far faces as occluders."""
-        vertices = self.mesh.vertices[self._used]
-        hidden, n_tests = hidden_points(
-            self.planes, self._face_labels, vertices, self._labels, eye, self._contact, distances
-        )
-        return Removal(np.asarray(~hidden[self._corner_ids].any(axis=1)), n_tests)
-
-    def free_points_seen_from(
-        self, points: SurfacePoints, eye: FloatArray, distances: FloatArray = NO_DISTANCES
-    ) -> tuple[BoolArray, int]:
-        """Test points that lie on no face against all faces; (n,) bool, True = visible, and the tests made."""
-        labels: IntArray = np.full(len(points), -1, dtype=np.int32)
-        hidden, n_tests = hidden_points(
-            self.planes, self._face_labels, points.positions, labels, eye, self._contact, distances
-        )
-        return ~hidden, n_tests
+        `face_ids`, (n,), index the mesh's faces; a point on none (-1) is tested itself. `distances` exclude far faces
+        as occluders. Returns (k, n) bool, and how many pairs of vertex and face were tested from each eye.
+        """
+        free = face_ids < 0
+        used, off_faces = self.mesh.vertices[self._used], points.positions[free]
+        no_labels = np.full(len(off_faces), -1, dtype=np.int32)
+        answer = np.empty((len(eyes), len(points)), dtype=bool)
+        n_tests = np.zeros(len(eyes), dtype=np.int64)
+        for j, eye in enumerate(eyes):
+            far = NO_DISTANCES if distances is None else distances.of(eye)
+            search = self.planes, self._face_labels
+            hidden, n_tests[j] = hidden_points(*search, used, self._labels, eye, self._contact, far)
+            kept = np.asarray(~hidden[self._corner_ids].any(axis=1))
+            answer[j] = kept[face_ids]
+            hidden, n_free = hidden_points(*search, off_faces, no_labels, eye, self._contact, far)
+            answer[j, free] = ~hidden
+            n_tests[j] += n_free
+        return answer, n_tests

@@ -1,7 +1,8 @@
-"""What a study is made of: names of experiments, tests, methods and models; sizes. Needs no PyTorch."""
+"""What a study is made of, with what the paper reports of it: names, sizes, Tables 3A and 3B. Needs no PyTorch."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from math import nan
 from types import MappingProxyType
 from typing import Any
 
@@ -9,6 +10,47 @@ from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.dataset.presets import MODELNET8, SHARES
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.learn.models import find_model
+
+# ---- what the paper reports ---------------------------------------------------------------------------------------
+
+CITATION = (
+    "V. I. Sryamkin, M. Msallam, S. A. Klestov: A method to create real-like point clouds for 3D object classification "
+    "(2023), sections 4.2 to 4.4"
+)
+
+TRAIN_ELEVATIONS = (-90, -70, -50, -20, 20, 50, 70, 90)
+TEST_ELEVATIONS = (-80, -60, -40, -30, -10, 0, 10, 30, 40, 60, 80)
+"""Degrees (4.2): the elevations of Eq. 11 without the first eight."""
+
+TABLE_3A: dict[str, tuple[float, ...]] = {
+    "voxnet": (69.7, 71.1, 71.6, 74.4, 69.0, 50.3, 60.4, 69.3, 69.0, 68.0, 63.9),
+    "pointnet": (65.6, 64.9, 74.4, 76.9, 75.5, 60.6, 75.6, 78.3, 78.2, 74.8, 68.0),
+    "threedmfv": (97.6, 97.3, 98.0, 98.6, 97.6, 86.8, 97.7, 99.1, 98.5, 97.0, 97.3),
+}
+"""Overall accuracy by model at each of `TEST_ELEVATIONS`."""
+
+TRAINING_SETS = {1: "generated", 2: "original", 3: "both"}
+"""What the three classifiers of 4.3 are trained on."""
+
+TABLE_3B: dict[tuple[str, int], dict[int, tuple[float, float, float, float]]] = {
+    ("voxnet", 12_000): {1: (81.0, 76.3, 37.5, 66.7), 2: (82.0, 45.9, 0.0, 0.0), 3: (87.5, 79.7, 20.5, 38.1)},
+    ("threedmfv", 12_000): {1: (87.0, 95.2, 77.3, 42.9), 2: (88.5, 81.3, 17.1, 19.1), 3: (89.5, 95.7, 63.6, 38.1)},
+    ("threedmfv", 1_024): {1: (nan, nan, 88.6, 66.7), 2: (nan, nan, 36.4, 42.9), 3: (nan, nan, 76.1, 81.0)},
+}
+"""By model and points per cloud, for each training set: Test 1, Test 2, and of Test 3 the classes car and 4wd.
+
+Where it gives Test 3 alone, the others are NaN.
+"""
+MOST_POINTS = 12_000
+"""Of a cloud, for which it gives all tests."""
+
+MODELNET40_ACCURACY = {"voxnet": "69.0 / 83.0", "threedmfv": "91.6"}
+"""The last row of Table 3B, Test 1: training on all of ModelNet40 (VoxNet without and with rotation), by others."""
+
+VEHICLES_F1 = ("threedmfv", 1_024, 79.3)
+"""Model, points, average F1 over the six vehicle classes (4.4); of which classifier, 1, 2 or 3, is not said."""
+
+# ---- names -----------------------------------------------------------------------------------------------------------
 
 ELEVATION, AUGMENTATION, HSR, REALISM = "elevation", "augmentation", "methods", "realism"
 """The experiments: of 4.2; of 4.3 and 4.4; the comparison of methods of hidden-surface removal; sensors and scenes."""
@@ -42,11 +84,6 @@ def name_of_test(method: Subject) -> str:
     return GENERATED if method.label == MAIN.label else f"{GENERATED}:{method.label}"
 
 
-def name_of_real(layout: str) -> str:
-    """Return the name of the test on real objects of a layout."""
-    return f"real:{layout}"
-
-
 def paper_name(model: str) -> str:
     """Return the model of the paper that a model stands for: ``threedmfv`` for ``threedmfv5``."""
     return next((name for name in _PRINTED if model.startswith(name)), model)
@@ -78,39 +115,65 @@ class Progress:
 
 @dataclass(frozen=True)
 class Size:
-    """Objects, clouds, points, classifiers and how long they are trained; everything that decides a study's numbers.
+    """Everything that decides a study's numbers; stored in study.json, and resumed only with equal values.
 
-    The fields are stored in study.json; a study is resumed only with equal ones.
+    The defaults are `FULL`: of 4.2 is elevation, of 4.3 and 4.4 augmentation and the methods of HSR.
     """
 
-    name: str
-    summary: str
-    models: tuple[str, ...]  # of 4.2; names in the table of models
-    seeds: tuple[int, ...]  # of 4.3, 4.4 and the methods of HSR: one classifier of each kind per seed
-    passes: int  # clouds shown to each classifier of 4.3 under the budget of clouds
-    epochs: int  # epochs of each classifier of 4.3 under the budget of epochs
-    batch_size: int
-    patience: float  # share of a training without a better validation after which it stops; 1: never
-    n_validation: int  # clouds of a validation at most
-    elevation_seeds: tuple[int, ...]  # of 4.2
-    elevation_epochs: int  # of 4.2 with objects held out; with the paper's split as many clouds are shown
-    elevation_each: int | None  # objects of each class of 4.2; None: 200 in all, evenly
-    azimuths: int  # views at each elevation at most; the paper has up to 10
-    variations: int  # samplings of each object of 4.2
-    elevation_sampled: int  # points sampled on each object of 4.2 before HSR
-    elevation_points: int  # points of each cloud of 4.2
-    per_elevation: int  # clouds tested per object and elevation at most, when objects are seen in training
-    augmentation_models: tuple[str, ...]  # of 4.3 and 4.4
-    shares: tuple[int, int, int]  # objects of each class of 4.3 to train, to validate, to test
-    sampled: int  # points sampled on each object of 4.3 before HSR
-    n_points: tuple[int, ...]  # points of each cloud of 4.3; the last is that of the comparison of methods
-    views: int  # of the 25 of 4.3; 5: each elevation once, each azimuth once
-    method_models: tuple[str, ...]  # classifiers that methods of HSR are compared by
+    name: str = "full"
+    summary: str = "the paper's numbers of objects, views, clouds and points; meant for a GPU"
+    models: tuple[str, ...] = ("voxnet", "pointnet", "threedmfv")  # of 4.2; names in the table of models
+    seeds: tuple[int, ...] = (0, 1, 2)  # of 4.3 and 4.4: one classifier of each kind per seed
+    passes: int = 480_000  # clouds shown to each classifier of 4.3 under the budget of clouds
+    epochs: int = 60  # epochs of each classifier of 4.3 under the budget of epochs
+    batch_size: int = 32
+    patience: float = 0.25  # share of a training without a better validation after which it stops; 1: never
+    n_validation: int = 2_000  # clouds of a validation at most
+    elevation_seeds: tuple[int, ...] = (0, 1, 2)  # of 4.2
+    elevation_epochs: int = 12  # of 4.2 with objects held out; with the paper's split as many clouds are shown
+    elevation_each: int | None = None  # objects of each class of 4.2; None: 200 in all, evenly
+    azimuths: int = 10  # views at each elevation at most; the paper has up to 10
+    variations: int = 10  # samplings of each object of 4.2
+    elevation_sampled: int = 8_000  # points sampled on each object of 4.2 before HSR
+    elevation_points: int = 1_024  # points of each cloud of 4.2
+    per_elevation: int = 100  # clouds tested per object and elevation at most, when objects are seen in training
+    augmentation_models: tuple[str, ...] = ("voxnet", "pointnet", "threedmfv")  # of 4.3 and 4.4
+    shares: tuple[int, int, int] = (40, 10, 25)  # objects of each class of 4.3 to train, to validate, to test
+    sampled: int = 60_000  # points sampled on each object of 4.3 before HSR
+    n_points: tuple[int, ...] = (12_000, 1_024)  # points of each cloud of 4.3; methods are compared with the last
+    views: int = 25  # of the 25 of 4.3; 5: each elevation once, each azimuth once
+    method_models: tuple[str, ...] = ("voxnet", "pointnet", "threedmfv")  # that methods of HSR are compared by
 
     @property
     def document(self) -> dict[str, Any]:
         """The values as JSON has them."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+
+FULL = Size()
+QUICK = Size(
+    name="quick",
+    summary="a quarter of an hour on two processor cores",
+    models=("voxnet", "pointnet", "threedmfv5-small"),
+    passes=5_760,
+    epochs=30,
+    batch_size=16,
+    patience=1.0,
+    n_validation=200,
+    elevation_seeds=(0,),
+    elevation_epochs=3,
+    azimuths=2,
+    variations=1,
+    elevation_sampled=1_500,
+    elevation_points=256,
+    per_elevation=1,
+    augmentation_models=("voxnet", "threedmfv5-small"),
+    shares=(24, 10, 20),
+    sampled=1_500,
+    n_points=(256,),
+    views=5,
+    method_models=("voxnet",),
+)
 
 
 def changed(
@@ -171,56 +234,3 @@ def changed(
         names.append(f"{epochs} epochs")
     summary = size.summary if len(names) == 1 else "otherwise of that size"
     return replace(size, name=", ".join(names), summary=summary)
-
-
-FULL = Size(
-    name="full",
-    summary="the paper's numbers of objects, views, clouds and points; meant for a GPU",
-    models=("voxnet", "pointnet", "threedmfv"),
-    seeds=(0, 1, 2),
-    passes=480_000,
-    epochs=60,
-    batch_size=32,
-    patience=0.25,
-    n_validation=2_000,
-    elevation_seeds=(0, 1, 2),
-    elevation_epochs=12,
-    elevation_each=None,
-    azimuths=10,
-    variations=10,
-    elevation_sampled=8_000,
-    elevation_points=1_024,
-    per_elevation=100,
-    augmentation_models=("voxnet", "pointnet", "threedmfv"),
-    shares=(40, 10, 25),
-    sampled=60_000,
-    n_points=(12_000, 1_024),
-    views=25,
-    method_models=("voxnet", "pointnet", "threedmfv"),
-)
-
-QUICK = Size(
-    name="quick",
-    summary="a quarter of an hour on two processor cores",
-    models=("voxnet", "pointnet", "threedmfv5-small"),
-    seeds=(0, 1, 2),
-    passes=5_760,
-    epochs=30,
-    batch_size=16,
-    patience=1.0,
-    n_validation=200,
-    elevation_seeds=(0,),
-    elevation_epochs=3,
-    elevation_each=None,
-    azimuths=2,
-    variations=1,
-    elevation_sampled=1_500,
-    elevation_points=256,
-    per_elevation=1,
-    augmentation_models=("voxnet", "threedmfv5-small"),
-    shares=(24, 10, 20),
-    sampled=1_500,
-    n_points=(256,),
-    views=5,
-    method_models=("voxnet",),
-)

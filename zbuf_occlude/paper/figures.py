@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.compare.plots import canvas
-from zbuf_occlude.drawing.marks import project
-from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
+from zbuf_occlude.drawing.marks import project_to_picture
+from zbuf_occlude.drawing.pictures import GREY, canvas, draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.geometry.camera import view_matrices
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
@@ -22,7 +21,6 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, paper100
 from zbuf_occlude.visibility import prepare
 
 ORIGIN = np.zeros(3)
-GREY = "0.35"
 Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
 """How hidden surfaces are removed: (mesh, points, eyes (k, 3)) to (k, n) bool."""
 
@@ -222,7 +220,7 @@ def draw_camera(axes: Axes, camera: FloatArray, looks_at: FloatArray, **view: An
     backwards = view_matrices(camera[None], looks_at)[0, :3, :3]
     corners = np.array([[x, y, -0.26] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * [0.15, 0.11, 1.0]
     at = {"eye": view["eye"], "target": view["target"]}
-    x, y, _ = project(np.concatenate([[camera], camera + corners @ backwards, [looks_at]]), **at).T
+    x, y, _ = project_to_picture(np.concatenate([[camera], camera + corners @ backwards, [looks_at]]), **at).T
     for a, b in ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)):
         axes.plot(x[[a, b]], y[[a, b]], color="#222222", linewidth=1.3)
     axes.plot(x[[0, 5]], y[[0, 5]], color="#222222", linewidth=0.8, linestyle=(0, (4, 4)), zorder=0)

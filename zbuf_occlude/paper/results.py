@@ -1,19 +1,27 @@
-"""The results of trials as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
+"""Trials, and their results as they lie in a study's folder: JSON, read without PyTorch; and how they are chosen."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import describe
-from zbuf_occlude.errors import ArgumentError, DatasetError
+from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.learn.data import CloudSet
+from zbuf_occlude.learn.evaluation import Confusion
 from zbuf_occlude.learn.models import find_model
-from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, ELEVATION, HSR, REALISM, paper_name
-from zbuf_occlude.paper.reported import TABLE_3A
+from zbuf_occlude.paper.design import (
+    AUGMENTATION,
+    BUDGETS,
+    ELEVATION,
+    HSR,
+    REALISM,
+    TABLE_3A,
+    TEST_ELEVATIONS,
+    paper_name,
+)
 
 FOLDER, STUDY, AREAS, PICTURE = "results", "study.json", "areas.json", "scans.png"
 """In a study's folder: a JSON file for each trial; what the study is; projected areas that are seen; real scans."""
@@ -29,31 +37,22 @@ _REPORTED: dict[str, type | tuple[type, ...]] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Confusion:
-    """How a classifier labelled a test set.
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A classifier to be trained, and what it is tested on; clouds are read when they are needed."""
 
-    Raises ArgumentError where there is not a count for each row and column.
-    """
-
-    truth: tuple[str, ...]  # names of the rows; those of real scans are not the classifier's own
-    predicted: tuple[str, ...]  # names of the columns
-    counts: NDArray[np.int64]  # (t, p)
-
-    def __post_init__(self) -> None:
-        shape = (len(self.truth), len(self.predicted))
-        if self.counts.shape != shape or not all(shape) or (self.counts < 0).any():
-            raise ArgumentError(f"counts must be {shape}, none negative; got {describe(self.counts)}.")
+    experiment: str
+    facts: Mapping[str, str | int]  # what tells it apart from the others: model, what it is trained on, points, seed
+    training: Callable[[], CloudSet]
+    validation: Callable[[], CloudSet]
+    tests: Mapping[str, Callable[[], CloudSet]]
+    epochs: Callable[[int], int]  # from the number of its clouds to how often each is shown, at most
 
     @property
-    def n_clouds(self) -> int:
-        """Clouds of the test set."""
-        return int(self.counts.sum())
-
-    @property
-    def accuracy(self) -> float:
-        """Overall accuracy where truth and predictions have the same classes; NaN without clouds."""
-        return float(np.trace(self.counts) / self.n_clouds) if self.n_clouds else float("nan")
+    def key(self) -> str:
+        """Name of its files."""
+        parts = (f"{name}{value}" if isinstance(value, int) else value for name, value in self.facts.items())
+        return "-".join((self.experiment, *parts))
 
 
 @dataclass(frozen=True)
@@ -93,6 +92,8 @@ def read_result(path: Path) -> Result | None:
             for name, kind in kinds.items():
                 if not isinstance(values[name], kind):
                     raise TypeError(f"{name} {values[name]!r}")
+        if document["experiment"] == ELEVATION:
+            [tests[str(elevation)] for elevation in TEST_ELEVATIONS]
         find_model(document["facts"]["model"])
         return Result(document["experiment"], document["facts"], tests, document)
     except (ValueError, KeyError, TypeError, AttributeError) as error:

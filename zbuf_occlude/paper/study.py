@@ -1,21 +1,41 @@
-"""Run a study in a folder: clouds, classifiers, results; the same call again does only what is missing."""
+"""A study: the clouds of its experiments, the classifiers trained and tested on them, and their results, in a folder.
+
+A trial is one classifier; its result is one JSON file, written last and never made twice. Killed at any moment, the
+same call resumes: datasets, trainings from their last checkpoint, and results.
+"""
 
 from collections.abc import Collection, Sequence
 from datetime import date
+from functools import partial
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
-from zbuf_occlude.dataset import atomic
-from zbuf_occlude.errors import DatasetError
-from zbuf_occlude.paper import drives, sydney
-from zbuf_occlude.paper.augmentation import AugmentationClouds, Scans
-from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
-from zbuf_occlude.paper.elevation import ElevationClouds
-from zbuf_occlude.paper.objects import as_voxels, find_objects, is_modelnet10
-from zbuf_occlude.paper.realism import RealismClouds
-from zbuf_occlude.paper.results import PICTURE, STUDY, read_study
-from zbuf_occlude.paper.trials import run_trials
+import numpy as np
+import torch
 
+from zbuf_occlude.compare.child import Child, ChildFailed, report_progress
+from zbuf_occlude.compare.run import machine
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.errors import DatasetError, UnavailableError
+from zbuf_occlude.learn.evaluation import evaluate
+from zbuf_occlude.learn.training import Epoch, TrainConfig, train
+from zbuf_occlude.paper.design import AUGMENTATION, CLOUDS, ELEVATION, REALISM, Progress, Size
+from zbuf_occlude.paper.experiments import (
+    Augmentation,
+    Elevation,
+    Experiment,
+    Realism,
+    as_voxels,
+    find_objects,
+    is_modelnet10,
+)
+from zbuf_occlude.paper.real_scans import UpAxis, check_scans, find_frame, picture_of_scans, read_objects
+from zbuf_occlude.paper.results import PICTURE, STUDY, Trial, path_of, read_result, read_study
+from zbuf_occlude.provenance import n_cores, versions
+
+CLASSIFIERS = "classifiers"
+"""Folder of a study: the trained model of each trial."""
 EXPERIMENTS = (ELEVATION, AUGMENTATION)
 """The paper's; `REALISM` is ours."""
 
@@ -36,91 +56,60 @@ def run_study(
 ) -> int:
     """Make the clouds, train and test the classifiers of a study; return how many were trained or tested now.
 
-    Killed at any moment, the same call resumes: datasets, trainings from their last checkpoint, and a result is there
-    only when it is whole. What is in the folder of the same study is not made again.
+    `modelnet` is ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes are taken.
+    `scans` is the Sydney Urban Objects dataset, for Test 3, `scans_up` which direction is up in it, by default found
+    from the scans. `real` are labelled sweeps of real drives, for a fourth test of `REALISM`. `budgets` are as in
+    `Augmentation`; one that is asked for later is added to what is there. `voxels` are those of `as_voxels`.
 
-    Parameters
-    ----------
-    folder : Path
-        Made when missing.
-    size : Size
-    experiments : collection of str
-        Some of `EXPERIMENTS` and `REALISM`.
-    modelnet : Path, optional
-        ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes.
-    scans, scans_up : Path and str, optional
-        The Sydney Urban Objects dataset, for Test 3; which direction is up in it, by default found from the scans.
-    real : Path, optional
-        Labelled sweeps of real drives, for a fourth test of `REALISM`.
-    budgets : sequence of str
-        As in `AugmentationClouds`; one that is asked for later is added to what is there.
-    voxels : int, optional
-        Take each object as the surface of this many voxels a side, as in `as_voxels`.
-    progress : Progress, optional
-    workers : int, optional
-        As in `run_trials`.
-
-    Raises
-    ------
-    DatasetError
-        The folder holds another study, or `scans` or `real` is not such a dataset.
-    OptionError
-        `voxels` out of range.
-    MeshError
-        `modelnet` is neither, or no mesh of a class can be used.
+    Raises DatasetError where the folder holds another study, or `scans` or `real` is not such a dataset; OptionError
+    for `voxels` out of range; MeshError where `modelnet` is neither, or no mesh of a class can be used.
     """
-    progress, known = progress or Progress(), None
+    progress, turned = progress or Progress(), None
     if scans is not None:
-        sydney.check_scans(scans)  # before hours of work, not after
-        frame = sydney.UpAxis(scans_up, {}) if scans_up else sydney.find_frame(scans)
-        known = Scans(scans, frame.up)
+        check_scans(scans)  # before hours of work, not after
+        said = f"{scans_up} of the files is up, as --sydney-up says."
+        turned = scans, UpAxis(scans_up, said) if scans_up else find_frame(scans)
     if real is not None:
-        drives.read_objects(real, 1)  # likewise
+        read_objects(real, 1)  # likewise
     meshes = find_objects(modelnet, any_ten=not {AUGMENTATION, REALISM} & set(experiments))
     objects = "built-in shapes"
     if modelnet is not None:
         objects = f"ModelNet10 ({', '.join(meshes.classes)})" if is_modelnet10(meshes) else "ModelNet40"
     if voxels is not None:
         meshes, objects = as_voxels(meshes, voxels), f"{objects} as surfaces of {voxels}³ voxels"
-    parts: list[ElevationClouds | AugmentationClouds | RealismClouds] = []
+    chosen: list[Experiment] = []
     if ELEVATION in experiments:
-        parts.append(ElevationClouds(meshes, size, folder))
+        chosen.append(Elevation(meshes, size, folder))
     if AUGMENTATION in experiments:
-        parts.append(AugmentationClouds(meshes, size, folder, known, budgets))
+        chosen.append(Augmentation(meshes, size, folder, turned and (turned[0], turned[1].up), budgets))
     if REALISM in experiments:
-        parts.append(RealismClouds(meshes, size, folder, real))
-    study = claim(folder, size, objects)
-    if known is not None:
-        claim_scans(folder, study, known, frame)
-    progress.plan(sum(part.n_clouds for part in parts), sum(len(part.trials()) for part in parts))
-    for part in parts:
-        study["failed_meshes"] |= part.make(progress.clouds)
-        if isinstance(part, AugmentationClouds):
-            study["missing_methods"] = part.missing
-        if isinstance(part, RealismClouds):
-            study["realism"] = part.facts()
+        chosen.append(Realism(meshes, size, folder, real))
+    study = _open_study(folder, size, objects)
+    if turned:
+        _note_scans(folder, study, *turned)
+    progress.plan(sum(one.n_clouds for one in chosen), sum(len(one.trials()) for one in chosen))
+    for one in chosen:
+        study["failed_meshes"] |= one.make(progress.clouds)
+        study |= one.notes()
         atomic.write_json(folder / STUDY, study)
-    return run_trials([trial for part in parts for trial in part.trials()], size, folder, progress, workers)
+    return run_trials([trial for one in chosen for trial in one.trials()], size, folder, progress, workers)
 
 
-def claim_scans(folder: Path, study: dict[str, Any], scans: Scans, frame: sydney.UpAxis) -> None:
+def _note_scans(folder: Path, study: dict[str, Any], root: Path, frame: UpAxis) -> None:
     """Note how scans are turned, and draw some; raises DatasetError where Test 3 was made with another direction up."""
-    if study.get("scans", frame.document)["up"] != frame.up:
+    if study.get("scans", frame._asdict())["up"] != frame.up:
         raise DatasetError(
             f"the scans of {folder} must be turned as before ({study['scans']['said']}); now {frame.up} would be up. "
             "Choose another folder, or the same --sydney-up."
         )
-    study["scans"] = frame.document
+    study["scans"] = frame._asdict()
     atomic.write_json(folder / STUDY, study)
-    picture = sydney.picture_of_scans(*scans)
+    picture = picture_of_scans(root, frame.up)
     atomic.write(folder / PICTURE, lambda file: picture.savefig(file, format="png", dpi=120))
 
 
-def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
-    """Make the folder this study's, or find that it is; return what is stored of it.
-
-    Raises DatasetError where it is another's: another size, or other objects.
-    """
+def _open_study(folder: Path, size: Size, objects: str) -> dict[str, Any]:
+    """Return study.json of the folder, which is made when missing; raises DatasetError where it is another study's."""
     path = folder / STUDY
     if path.exists():
         study = read_study(folder)
@@ -139,3 +128,100 @@ def claim(folder: Path, size: Size, objects: str) -> dict[str, Any]:
     study |= {"missing_methods": {}, "failed_meshes": {}}
     atomic.write_json(path, study)
     return study
+
+
+def run_trials(
+    trials: Sequence[Trial], size: Size, folder: Path, progress: Progress, workers: int | None = None
+) -> int:
+    """Train and test what has not been yet; return the number of trials for which anything was done.
+
+    `workers` are processes, each at a trial of its own: small networks gain little from several cores. By default one
+    for each core, and where there is CUDA none but this one. A trial that was tested before on all but a new test,
+    such as scans that were not there, is only tested on that. Raises UnavailableError where a worker was killed.
+    """
+    missing = [trial for trial in trials if _missing_tests(trial, folder)]
+    for trial in set(trials) - set(missing):
+        progress.trial(trial.key, 1.0)
+    if workers is None:
+        workers = 1 if torch.cuda.is_available() else n_cores()
+    workers = min(workers, len(missing))
+    if workers < 2:
+        for trial in missing:
+            _run_trial(trial, size, folder, progress.trial)
+        return len(missing)
+    begin = partial(_begin_worker, max(1, n_cores() // workers))
+    children = [Child(begin) for _ in range(workers)]
+    idle, busy, left = children, dict[Any, Child](), iter(missing)
+    try:
+        while True:
+            for child, trial in zip(idle, left, strict=False):
+                child.start(_run_trial, trial, size, folder)
+                busy[child.pipe] = child
+            if not busy:
+                return len(missing)
+            idle = [busy.pop(pipe) for pipe in wait(busy) if busy[pipe].finished(progress.trial)]
+    except ChildFailed as failure:
+        raise UnavailableError(
+            f"the processes that train must live; one was killed ({failure}), perhaps for want of memory. "
+            "What is done is kept; run the same command again."
+        ) from None
+    finally:
+        for child in children:
+            child.kill()
+
+
+def _begin_worker(threads: int) -> None:
+    """Begin as a process does that trains."""
+    torch.set_num_threads(threads)
+
+
+def _missing_tests(trial: Trial, folder: Path) -> list[str]:
+    """Return the tests of a trial whose results are not there."""
+    result = read_result(path_of(folder, trial.key))
+    return [name for name in trial.tests if result is None or name not in result.tests]
+
+
+def _run_trial(trial: Trial, size: Size, folder: Path, report: Any = report_progress) -> None:
+    """Train a classifier, or read it back, test it on what is missing, and write its result."""
+    report(trial.key, 0.0)
+    path, names = path_of(folder, trial.key), _missing_tests(trial, folder)
+    result = read_result(path)
+    training, validation = trial.training(), trial.validation()
+    validation = validation.thinned(np.zeros(len(validation)), size.n_validation, seed=0)
+    epochs = trial.epochs(len(training))
+    config = TrainConfig(
+        model=str(trial.facts["model"]),
+        epochs=epochs,
+        batch_size=size.batch_size,
+        patience=max(1, round(size.patience * epochs)),
+        seed=int(trial.facts["seed"]),
+    )
+
+    def after(epoch: Epoch) -> None:
+        report(trial.key, 0.95 * epoch.number / epochs)  # the rest is testing
+
+    trained = train(config, training, validation, folder / CLASSIFIERS / trial.key, progress=after)
+    tests: dict[str, Any] = dict(result.document["tests"]) if result else {}
+    for name in names:
+        found = evaluate(trained.model, trial.tests[name](), trained.classes)
+        tests[name] = {"truth": found.truth, "predicted": found.predicted, "confusion": found.counts.tolist()}
+    document = {
+        "experiment": trial.experiment,
+        "facts": dict(trial.facts),
+        "config": trained.config.document,
+        "n_training": len(training),
+        "n_objects": len(np.unique(training.object_ids)),
+        "n_validation": len(validation),
+        "n_parameters": sum(parameter.numel() for parameter in trained.model.parameters()),
+        "epochs": len(trained.history),
+        "best_epoch": trained.best.number,
+        "validation_accuracy": trained.best.validation_accuracy,
+        "seconds": trained.seconds,
+        "device": str(next(trained.model.parameters()).device),
+        "machine": machine(),
+        "versions": versions(),
+        "tests": tests,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic.write_json(path, document)
+    report(trial.key, 1.0)

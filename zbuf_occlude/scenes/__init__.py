@@ -9,3 +9,7 @@ from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 
 __all__ = ["KINDS", "Placed", "Scene", "moved"]
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.scenes.albedos import TYPICAL, draw_albedos
+
+ALBEDOS = (0.05, 0.8)
+"""Drawn for each object, for paint and clothes are not in a mesh: from dark to light paint at the 905 nm of LiDARs,
+assumed; between them every factor is as likely."""
+TYPICAL = 0.2
+"""The middle of them, of objects of which nothing is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +61,6 @@ class Placed:
         """Of that ball."""
         return self.mesh.diagonal / 2.0 * float(np.linalg.norm(self.pose[:3, :3], ord=2)) * (1.0 + 1e-9)
 
-    @property
-    def world_mesh(self) -> Mesh:
-        """The mesh in its place."""
-        return Mesh(self.vertices, self.mesh.faces, self.mesh.name)
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -76,6 +76,12 @@ class Scene:
         What each object is.
     albedos : (o,) float
         Of each object.
+
+    Examples
+    --------
+    >>> car = zo.load_mesh("car.obj")
+    >>> zo.Scene.joined([zo.scenes.Placed(car, "car"), zo.scenes.Placed(car, "car", zo.scenes.moved(to=(8, 0, 0)))])
+    Scene(2 objects, 24 faces)
     """
 
     mesh: Mesh
@@ -112,7 +118,7 @@ class Scene:
         which : (o,) bool, optional
             Those to take; object i keeps the number i where others are left out.
         rng : Generator, optional
-            Draws albedos of the objects that have none (`zbuf_occlude.scenes.albedos`); without it theirs is `TYPICAL`.
+            Draws albedos of the objects that have none (`draw_albedos`); without it theirs is `TYPICAL`.
 
         Raises
         ------
@@ -140,9 +146,21 @@ def moved(
     yaw: float = 0.0,
     to: ArrayLike = (0.0, 0.0, 0.0),
 ) -> FloatArray:
-    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves."""
+    """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves.
+
+    Examples
+    --------
+    >>> zo.scenes.moved(scale=2.0, to=(5, 0, 0))[0].tolist()
+    [2.0, -0.0, 0.0, 5.0]
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     pose = np.eye(4)
     pose[:3, :3] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) * np.asarray(scale, dtype=np.float64)
     pose[:3, 3] = to
     return pose
+
+
+def draw_albedos(rng: np.random.Generator, n: int) -> FloatArray:
+    """Draw albedos (n,), their logarithms uniform over `ALBEDOS`."""
+    low, high = ALBEDOS
+    return np.asarray(low * (high / low) ** rng.random(n))

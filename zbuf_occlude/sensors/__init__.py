@@ -6,52 +6,25 @@ sensors.make("mine.yaml")                a user's own
 sensor.rays()                            directions in the sensor's frame: x forward, y left, z up
 """
 
-from pathlib import Path
-from typing import Any
+from zbuf_occlude.sensors.catalog import SENSORS, make
+from zbuf_occlude.sensors.frames import Frame, frames, write_frames
+from zbuf_occlude.sensors.scanning import Scan, look_at, scan
+from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.sensors.files import SUFFIXES, read_sensor
-from zbuf_occlude.sensors.model import Imperfections, Sensor
-from zbuf_occlude.sensors.rays import Rays
-from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import look_at, scan
-from zbuf_occlude.sensors.table import ROWS
+__all__ = [
+    "SENSORS",
+    "Frame",
+    "Imperfections",
+    "Rays",
+    "Scan",
+    "Sensor",
+    "frames",
+    "look_at",
+    "make",
+    "scan",
+    "write_frames",
+]
 
-__all__ = ["SENSORS", "Imperfections", "Rays", "Scan", "Sensor", "look_at", "make", "scan"]
 
-SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
-"""Every sensor of the table by name."""
-
-
-def make(name: str | Path, **numbers: Any) -> Sensor:
-    """Return a sensor.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
-        ``pinhole:width=320,height=240,fov=60``.
-    **numbers
-        To be changed, such as ``columns=900`` or ``noise=0`` (which switches all imperfections off).
-
-    Raises
-    ------
-    OptionError
-        No such sensor, no such number, or a value out of range.
-    """
-    if not isinstance(name, (str, Path)):
-        raise OptionError(f"sensor must be a name or a path; got {type(name).__name__}.")
-    name = str(name)
-    if Path(name).suffix.lower() in SUFFIXES:
-        sensor = read_sensor(Path(name)).sensor()
-    else:
-        name, _, typed = name.partition(":")
-        check_word("sensor", name, [*SENSORS, "a .yaml or .csv file"])
-        sensor = SENSORS[name]
-        for setting in filter(None, typed.split(",")):
-            key, equals, value = setting.partition("=")
-            if not equals:
-                raise OptionError(f"a sensor's numbers must be given name=value; got {setting!r}.")
-            numbers = {key.strip(): value.strip(), **numbers}
-    return sensor.with_numbers(**numbers) if numbers else sensor
+def __dir__() -> list[str]:
+    return list(__all__)

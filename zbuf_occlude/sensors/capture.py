@@ -3,8 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -12,13 +10,11 @@ from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
-from zbuf_occlude.scenes.files import placed_of
-from zbuf_occlude.scenes.hiding import METHOD, N_POINTS
-from zbuf_occlude.scenes.kinds import WITHIN, Asked
+from zbuf_occlude.scenes.contents import placed_of
+from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
-from zbuf_occlude.sensors.record import Scan
-from zbuf_occlude.sensors.scan import look_at, pose_of_camera, scan
+from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -26,19 +22,12 @@ from zbuf_occlude.visibility.interface import Occluder
 
 Pool = Callable[[float], tuple[Mesh, str]]
 """Returns an object of the surroundings by a number in [0, 1): a mesh standing on z = 0, in metres, and its class."""
-ViewSeeds = Callable[[str], np.random.SeedSequence]
-"""Returns the seed of a draw for one view, by what is drawn."""
+Seeds = Callable[[str, int], np.random.SeedSequence]
+"""Returns the seed of a draw, by what is drawn and the view's number."""
 ENLARGED = 1.1
 """A box that is kept has sides this many times the target's."""
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
-
-
-class Seeds(Protocol):
-    """Returns the seed of a draw, by what is drawn and the view's number."""
-
-    def __call__(self, what: str, view: int) -> np.random.SeedSequence:
-        """Return it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +59,8 @@ class Capture:
     reached: bool = True
 
 
-def stand(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
-    """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side.
-
-    Raises
-    ------
-    MeshError
-        A mesh without extent.
-    OptionError
-        A class without a size.
-    """
+def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
+    """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side."""
     if mesh.longest_side == 0.0:
         raise MeshError(f"a mesh must have an extent to be scanned; all vertices of {mesh.name} coincide.")
     size = size_of(label, setup.size, mesh.longest_side)
@@ -88,26 +69,14 @@ def stand(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
 
 
 def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
-    """Return where the sensor stands for each view, about the origin, metres.
+    """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
-    Of a range that begins within the target, what lies outside it is taken.
-
-    Parameters
-    ----------
-    views : Views
-        Distances in the target's size; rolls too. Where there is a ground only their azimuths count.
-    size : float
-        Metres.
-    floor : float
-        The ground's z.
-    setup : Setup
-    seeds : callable
-
-    Raises
-    ------
-    MeshError
-        A sensor within the target.
+    Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
+    count. Of a range that begins within the
+    target, what lies outside it is taken.
     """
+    if views.rotations is not None:
+        return views
     lengths = views.distance * size
     if setup.range is not None:
         low, high = setup.range
@@ -125,25 +94,9 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
 
 
 def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
-    """Scan a target once per view.
+    """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        In metres, the middle of its box at the origin (`stand`).
-    setup : Setup
-    places : Views
-        Of the sensor (`sensor_places`).
-    floor : float
-        The ground's z.
-    seeds : callable
-    pool : callable
-        Objects of the surroundings.
-
-    Yields
-    ------
-    Capture
-        Its occluder is open until the next one is asked for.
+    The occluder of a capture is open until the next one is asked for.
     """
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
@@ -162,7 +115,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, partial(seeds, view=number))
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
@@ -176,23 +129,31 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             with prepare(scene.mesh, setup.method) as occluder:
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, partial(seeds, view=number))
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
 def _captured(
-    scene: Scene, occluder: Occluder, pose: FloatArray, mesh: Mesh, alone: Occluder, setup: Setup, seeds: ViewSeeds
+    scene: Scene,
+    occluder: Occluder,
+    pose: FloatArray,
+    mesh: Mesh,
+    alone: Occluder,
+    setup: Setup,
+    places: Views,
+    seeds: Seeds,
+    view: int,
 ) -> Capture:
     found = scan(
         scene,
-        setup.made_sensor,
+        setup.sensor_of(places, view),
         pose,
-        seed=seeds("scan"),
+        seed=seeds("scan", view),
         occluder=occluder,
         towards=_region(mesh, setup),
         target=alone if setup.keep == "target" and occluder is not alone else None,
     )
-    kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box")))
+    kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
     return Capture(found.select(kept), scene, occluder, pose)
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.checks import check_word, find_row
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_word, find_row
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes
-from zbuf_occlude.sensors.model import Imperfections, Sensor
+from zbuf_occlude.sensors.sensor import Sensor
+from zbuf_occlude.views import Views
 
 SURFACE = "surface"
 """The word for no sensor: points sampled uniformly over the visible surface."""
@@ -29,7 +29,7 @@ class Setup:
     Parameters
     ----------
     sensor : mapping
-        As `document_of` writes a sensor.
+        As `Sensor.document`.
     range : (float, float) or None
         Metres from the sensor to the middle of the target, drawn from between; on the ground where there is one. None:
         as far as the views say, in multiples of the target's size.
@@ -38,7 +38,7 @@ class Setup:
     scene : str
         A name of `zbuf_occlude.scenes.KINDS`, or "file" for `objects`.
     objects : sequence of mapping
-        Of a scene from a file (`zbuf_occlude.scenes.files.read_scene`); it has a ground.
+        Of a scene from a file (`zbuf_occlude.scenes.contents.read_scene`); it has a ground.
     hidden : (float, float) or None
         Share of the target that others hide, drawn from between; None: the scene's own.
     keep : str
@@ -97,7 +97,15 @@ class Setup:
     @cached_property
     def made_sensor(self) -> Sensor:
         """The sensor."""
-        return sensor_of(self.sensor)
+        return Sensor.from_document(self.sensor)
+
+    def sensor_of(self, views: Views, view: int) -> Sensor:
+        """Return the sensor of a view: a pinhole has the picture that cameras of a file have (`Views.windows`)."""
+        sensor = self.made_sensor
+        if views.windows is None or sensor.kind != "pinhole":
+            return sensor
+        (fx, _, cx), (_, fy, cy), _ = views[view].intrinsics(sensor.pattern["width"], sensor.pattern["height"])[0]
+        return sensor.with_numbers(f=fx, fy=fy, cx=cx, cy=cy)
 
     @cached_property
     def box(self) -> dict[str, Any] | None:
@@ -121,22 +129,6 @@ class Setup:
     def height(self) -> float | None:
         """Of the sensor above the ground, metres; None where there is none."""
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height
-
-
-def document_of(sensor: Sensor) -> dict[str, Any]:
-    """Return a sensor as plain data: name, kind and all numbers, for a plan."""
-    faults = {
-        name: getattr(sensor.imperfections, name)
-        for name, default in vars(Imperfections()).items()
-        if getattr(sensor.imperfections, name) != default
-    }
-    return {"name": sensor.name, "kind": sensor.kind, "pattern": dict(sensor.pattern), "imperfections": faults}
-
-
-def sensor_of(document: Mapping[str, Any]) -> Sensor:
-    """Return the sensor that `document_of` wrote down."""
-    faults = Imperfections(**document["imperfections"])
-    return Sensor(document["name"], document["kind"], document["pattern"], faults)
 
 
 def parse_span(name: str, text: str) -> tuple[float, float]:

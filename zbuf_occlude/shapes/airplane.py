@@ -17,10 +17,10 @@ from zbuf_occlude.shapes.airplane_parts import (
     tail,
 )
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part, bar, box, join, pair, rod
+from zbuf_occlude.shapes.kit import MeshPart, bar, cuboid, join, pair, rod
 
 
-def _airliner(draw: Draw) -> Part:
+def _airliner(draw: Draw) -> MeshPart:
     """Swept low wings with two or four jets below them."""
     r, tip = draw.between(0.036, 0.07), draw.between(0.18, 0.36)
     half, sweep, chord = draw.between(0.36, 0.6), draw.between(0.3, 0.8), draw.between(0.13, 0.25)
@@ -43,7 +43,9 @@ def _airliner(draw: Draw) -> Part:
     size = r * draw.between(0.38, 0.75)
     for at in draw.pick(((0.33,), (0.27,), (0.4,), (0.3, 0.58))):
         x, y, z = wing.edge(at, 0, -1.15 * size)
-        pylon = box((x - 0.1 * size, y - 1.2 * size, z + 0.8 * size), (x + 0.1 * size, y + 1.2 * size, z + 1.3 * size))
+        pylon = cuboid(
+            (x - 0.1 * size, y - 1.2 * size, z + 0.8 * size), (x + 0.1 * size, y + 1.2 * size, z + 1.3 * size)
+        )
         parts.append(pair(jet(draw, size, 3.4 * size).at(x, y - 2.2 * size, z) + pylon))
     if draw.chance(0.5):
         parts.append(wing.winglets(draw))
@@ -60,7 +62,7 @@ def _airliner(draw: Draw) -> Part:
     return join(parts)
 
 
-def _business(draw: Draw) -> Part:
+def _business(draw: Draw) -> MeshPart:
     """Jets beside the tail; the tailplane high."""
     r, half = draw.between(0.042, 0.07), draw.between(0.36, 0.55)
     sweep, chord = draw.between(0.05, 0.65), draw.between(0.12, 0.21)
@@ -70,7 +72,7 @@ def _business(draw: Draw) -> Part:
     parts = [airliner_body(draw, r, upsweep=draw.between(0.3, 0.7), droop=0.3), wing.build(draw)]
     parts.append(tail(draw, draw.between(0.3, 0.36), 0.4 * r, draw.between(0.14, 0.21), draw.pick(("T", "T", "cross"))))
     size, y, z = r * draw.between(0.4, 0.7), draw.between(0.14, 0.25), draw.between(0.2, 0.6) * r
-    stub = box((0.5 * r, y + size, z - 0.1 * size), (r + 0.6 * size, y + 2.6 * size, z + 0.1 * size))
+    stub = cuboid((0.5 * r, y + size, z - 0.1 * size), (r + 0.6 * size, y + 2.6 * size, z + 0.1 * size))
     parts.append(pair(jet(draw, size, draw.between(3.5, 5) * size).at(r + 0.95 * size, y, z) + stub))
     if draw.chance(0.25):
         parts.append(jet(draw, size, 3 * size).at(0, 0.3, 1.3 * r))
@@ -81,7 +83,7 @@ def _business(draw: Draw) -> Part:
     return join(parts)
 
 
-def _light(draw: Draw) -> Part:
+def _light(draw: Draw) -> MeshPart:
     """One propeller in front; high wing with struts, or low wing; wheels or floats."""
     r, high, cabin = draw.between(0.055, 0.09), draw.chance(0.55), draw.between(1.1, 1.6)
     rows = [
@@ -118,7 +120,7 @@ def _light(draw: Draw) -> Part:
     return join(parts)
 
 
-def _biplane(draw: Draw) -> Part:
+def _biplane(draw: Draw) -> MeshPart:
     """Two or three wings over each other, with struts."""
     r = draw.between(0.05, 0.09)
     rows = [
@@ -148,14 +150,14 @@ def _biplane(draw: Draw) -> Part:
     ]
     parts += [
         propeller(draw, draw.between(0.13, 0.2)).at(y=-0.53),
-        box((-0.4 * r, 0.05, 0.85 * r), (0.4 * r, 0.07, 1.25 * r)),
+        cuboid((-0.4 * r, 0.05, 0.85 * r), (0.4 * r, 0.07, 1.25 * r)),
     ]
     parts.append(gear(draw, [(1.7 * r, y + 0.1)], -0.6 * r, -2.7 * r, 0.5 * r))
     parts.append(rod((-1.7 * r, y + 0.1, -2.2 * r), (1.7 * r, y + 0.1, -2.2 * r), 0.005, 6))
     return join(parts)
 
 
-def _glider(draw: Draw) -> Part:
+def _glider(draw: Draw) -> MeshPart:
     """Very long, very thin wings."""
     r, hump = draw.between(0.04, 0.065), draw.between(0.9, 1.4)
     rows = [
@@ -194,7 +196,7 @@ def _glider(draw: Draw) -> Part:
     return join(parts)
 
 
-def _turboprop(draw: Draw) -> Part:
+def _turboprop(draw: Draw) -> MeshPart:
     """Two or four propellers on the wing: commuter, cargo, seaplane, old airliner."""
     cargo = draw.chance(0.4)
     r = draw.between(0.06, 0.09) if cargo else draw.between(0.042, 0.065)
@@ -234,7 +236,7 @@ def _turboprop(draw: Draw) -> Part:
     return join(parts)
 
 
-def _canard(draw: Draw) -> Part:
+def _canard(draw: Draw) -> MeshPart:
     """Home-built: the small wing in front, the propeller behind."""
     r, half, chord = draw.between(0.06, 0.09), draw.between(0.6, 0.9), draw.between(0.16, 0.24)
     rows = [

@@ -19,22 +19,22 @@ from zbuf_occlude.shapes.airplane_parts import (
 )
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     around,
-    box,
     boxes,
+    cuboid,
     cylinder,
     ellipsoid,
-    grid,
     join,
     loft,
     pair,
+    quad_grid,
     revolve,
     rod,
 )
 
 
-def warbird(draw: Draw) -> Part:
+def warbird(draw: Draw) -> MeshPart:
     """Return a fighter of 1940: a big propeller, a canopy, rounded wings; radial or pointed nose."""
     r, radial = draw.between(0.052, 0.085), draw.chance(0.5)
     nose = [(0.0, 0.85, 0.85, 0), (0.06, 1.05, 1.05, 0)] if radial else [(0.0, 0.35, 0.35, 0), (0.1, 0.65, 0.75, 0)]
@@ -61,7 +61,7 @@ def warbird(draw: Draw) -> Part:
     return join(parts)
 
 
-def fighter(draw: Draw) -> Part:
+def fighter(draw: Draw) -> MeshPart:
     """Return a jet of today: one or two engines in the body, one or two fins, missiles."""
     r, twin = draw.between(0.04, 0.062), draw.chance(0.5)
     wide = r * (draw.between(1.3, 1.9) if twin else 1.05)
@@ -116,7 +116,7 @@ def fighter(draw: Draw) -> Part:
     return join(parts)
 
 
-def delta(draw: Draw) -> Part:
+def delta(draw: Draw) -> MeshPart:
     """Return a triangle behind a needle: an interceptor, a supersonic liner, a shuttle."""
     kind = draw.pick(("fighter", "liner", "shuttle"))
     r = {"fighter": 0.05, "liner": 0.03, "shuttle": 0.08}[kind] * draw.between(0.75, 1.3)
@@ -149,7 +149,7 @@ def delta(draw: Draw) -> Part:
         if draw.chance(0.5):
             parts.append(pair(panel(draw, (0.6 * r, -0.2, 0.3 * r), (0.11, -0.13, 0.3 * r), (0.09, 0.03), 0.05)))
     elif kind == "liner":
-        parts.append(pair(box((0.4 * half, 0.12, -1.5 * r), (0.62 * half, 0.44, -0.5 * r), edge=0.05 * r)))
+        parts.append(pair(cuboid((0.4 * half, 0.12, -1.5 * r), (0.62 * half, 0.44, -0.5 * r), edge=0.05 * r)))
     else:
         bells = around(revolve([(0.2 * r, 0), (0.42 * r, 0.06)], draw.round(14)).at(0.45 * r), 3, 90)
         parts += [
@@ -159,7 +159,7 @@ def delta(draw: Draw) -> Part:
     return join(parts)
 
 
-def flying_wing(draw: Draw) -> Part:
+def flying_wing(draw: Draw) -> MeshPart:
     """Return one with no body or hardly one."""
     chord, sweep = draw.between(0.42, 0.8), draw.between(0.3, 0.9)
     rise, taper = draw.between(0.0, 0.07), draw.between(0.1, 0.35)
@@ -199,7 +199,7 @@ def flying_wing(draw: Draw) -> Part:
     return join(parts)
 
 
-def twin_boom(draw: Draw) -> Part:
+def twin_boom(draw: Draw) -> MeshPart:
     """Return two tails joined by a plane, with a pod between."""
     half, x, r = draw.between(0.5, 0.85), draw.between(0.13, 0.25), draw.between(0.03, 0.055)
     pusher, chord = draw.chance(0.4), draw.between(0.14, 0.25)
@@ -233,7 +233,7 @@ def twin_boom(draw: Draw) -> Part:
     return join(parts)
 
 
-def bomber(draw: Draw) -> Part:
+def bomber(draw: Draw) -> MeshPart:
     """Return long thin wings with jets in pods, or pistons and turrets."""
     r, half = draw.between(0.034, 0.055), draw.between(0.48, 0.75)
     if draw.chance(0.5):
@@ -255,7 +255,7 @@ def bomber(draw: Draw) -> Part:
         for at in draw.pick(((0.3, 0.6), (0.35,), (0.25, 0.5, 0.75))):
             x, y, z = wing.edge(at)
             one = jet(draw, size, 4 * size)
-            pylon = box((x - 0.15 * size, y - 2 * size, z - 1.6 * size), (x + 0.15 * size, y + size, z))
+            pylon = cuboid((x - 0.15 * size, y - 2 * size, z - 1.6 * size), (x + 0.15 * size, y + size, z))
             parts.append(pair((pair(one.at(1.02 * size)) if twin else one).at(x, y - 3.2 * size, z - 2 * size) + pylon))
         return join(parts)
     knee = draw.pick((0.0, 0.6))
@@ -286,7 +286,7 @@ def bomber(draw: Draw) -> Part:
     return join(parts)
 
 
-def drone(draw: Draw) -> Part:
+def drone(draw: Draw) -> MeshPart:
     """Return a slim unmanned one with a V tail, or a frame under a sail."""
     if draw.chance(0.6):
         r = draw.between(0.04, 0.06)
@@ -329,9 +329,9 @@ def drone(draw: Draw) -> Part:
     sail = np.stack([half * u, -0.3 + sweep * half * np.abs(u) + chord * (1 - 0.4 * np.abs(u)) * v, height], axis=2)
     frame = [((0, -0.4, -0.12), (0, 0.5, 0.0)), ((0, -0.15, -0.1), (0, -0.1, z))]
     brace = ((0.5 * half, -0.25 + 0.25 * sweep * half, z), (0.0, -0.2, -0.1))
-    parts = [grid(sail), *(rod(a, b, 0.004, 8) for a, b in frame), pair(rod(*brace, 0.003, 6))]
+    parts = [quad_grid(sail), *(rod(a, b, 0.004, 8) for a, b in frame), pair(rod(*brace, 0.003, 6))]
     parts += [
-        box((-0.035, -0.22, -0.12), (0.035, -0.05, -0.06), edge=0.004),
+        cuboid((-0.035, -0.22, -0.12), (0.035, -0.05, -0.06), edge=0.004),
         propeller(draw, 0.12).turned("z", 180).at(0, 0.1, 0.1),
     ]
     parts += [

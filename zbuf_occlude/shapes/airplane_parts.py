@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.shapes.curves import circle, smooth, superellipse
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part, Point, around, boxes, ellipsoid, grid, join, loft, pair, revolve, rod
+from zbuf_occlude.shapes.kit import MeshPart, Point, around, boxes, ellipsoid, join, loft, pair, quad_grid, revolve, rod
 
 
-def fuselage(draw: Draw, stations: ArrayLike, *, length: float = 1.0, power: float = 2.0) -> Part:
+def fuselage(draw: Draw, stations: ArrayLike, *, length: float = 1.0, power: float = 2.0) -> MeshPart:
     """Return a body from rows of (fraction of the length from the nose, half width, half height, middle's height)."""
     rows = smooth(stations, draw.round(26))
     n = draw.round(18)
@@ -24,7 +24,7 @@ def fuselage(draw: Draw, stations: ArrayLike, *, length: float = 1.0, power: flo
     return loft(rings)
 
 
-def airliner_body(draw: Draw, r: float, *, upsweep: float = 0.6, droop: float = 0.15) -> Part:
+def airliner_body(draw: Draw, r: float, *, upsweep: float = 0.6, droop: float = 0.15) -> MeshPart:
     """Return a tube of radius r with a blunt nose and a tail drawn up."""
     tall, nose, start = draw.between(0.9, 1.2), draw.between(0.07, 0.16), draw.between(0.58, 0.7)
     rows = [
@@ -41,7 +41,7 @@ def airliner_body(draw: Draw, r: float, *, upsweep: float = 0.6, droop: float = 
     return fuselage(draw, np.array(rows) * (1, r, r, r))
 
 
-def pod(draw: Draw, r: float, length: float, *, nose: float = 0.1) -> Part:
+def pod(draw: Draw, r: float, length: float, *, nose: float = 0.1) -> MeshPart:
     """Return a slim closed body about the y axis: a tank, a float, a missile."""
     rows = [
         (0.0, 0.05, 0.05, 0.0),
@@ -66,7 +66,7 @@ def foil(thickness: float, n: int) -> FloatArray:
 
 def panel(
     draw: Draw, root: Point, tip: Point, chords: tuple[float, float], thick: float = 0.11, knee: float = 0.0
-) -> Part:
+) -> MeshPart:
     """Return a wing between two leading-edge points with the chords there; `knee` above 0 rounds its plan."""
     n = max(4, draw.round(8))
     t = np.linspace(0, 1, 2 if knee == 0.0 else draw.round(8))
@@ -103,26 +103,26 @@ class Wing:
         x, y = at * self.half, self.sweep * self.half * at ** (1 + self.knee)
         return np.array([x, self.y + y + back, self.z + self.rise * x + up])
 
-    def build(self, draw: Draw) -> Part:
+    def build(self, draw: Draw) -> MeshPart:
         """Return both wings."""
         chords = (self.chord, self.chord * self.taper)
         return pair(panel(draw, self.edge(0.0), self.edge(1.0), chords, self.thick, self.knee))
 
-    def winglets(self, draw: Draw) -> Part:
+    def winglets(self, draw: Draw) -> MeshPart:
         """Return upturned tips."""
         tip, chord = self.edge(1.0), self.chord * self.taper
         lean = np.array([draw.between(0.003, 0.05), draw.between(0.03, 0.07), draw.between(0.04, 0.1)])
         return pair(panel(draw, tip, tip + lean, (chord, 0.4 * chord)))
 
 
-def fin(draw: Draw, at: Point, height: float, chord: float, sweep: float, cant: float = 0.0) -> Part:
+def fin(draw: Draw, at: Point, height: float, chord: float, sweep: float, cant: float = 0.0) -> MeshPart:
     """Return a vertical tail, its root's leading edge at a point, canted outwards."""
     root = np.asarray(at, dtype=np.float64)
     tip = root + np.array([cant, sweep, 1.0]) * height
     return panel(draw, root, tip, (chord, chord * draw.between(0.3, 0.7)), 0.1)
 
 
-def tail(draw: Draw, y: float, z: float, size: float, kind: str) -> Part:
+def tail(draw: Draw, y: float, z: float, size: float, kind: str) -> MeshPart:
     """Return fin and tailplane: "low" on the body, "T", "cross", "V", or "twin" fins at the plane's ends."""
     sweep, chord, half = draw.between(0.2, 0.9), size * draw.between(0.7, 1.05), size * draw.between(0.8, 1.35)
     if kind == "V":
@@ -141,11 +141,11 @@ def tail(draw: Draw, y: float, z: float, size: float, kind: str) -> Part:
 # ---- engines, wheels, glass --------------------------------------------------------------------------------------
 
 
-def _along_y(part: Part) -> Part:
+def _along_y(part: MeshPart) -> MeshPart:
     return part.turned("x", -90)
 
 
-def jet(draw: Draw, r: float, length: float) -> Part:
+def jet(draw: Draw, r: float, length: float) -> MeshPart:
     """Return a nacelle about the y axis from y = 0: an open barrel with a lip, a fan within, a cone behind."""
     n = draw.round(14)
     skin = [(0.78, 0.12), (0.86, 0.0), (0.95, 0.02), (1.0, 0.2), (0.92, 0.6), (0.7, 0.95)]
@@ -162,7 +162,7 @@ def jet(draw: Draw, r: float, length: float) -> Part:
     return _along_y(join(parts))
 
 
-def propeller(draw: Draw, r: float) -> Part:
+def propeller(draw: Draw, r: float) -> MeshPart:
     """Return spinner and blades about the y axis, its front at y = 0."""
     n, count, spin = draw.round(12), draw.pick((2, 2, 3, 3, 4, 6)), draw.between(0.12, 0.2) * r
     t = np.linspace(0.1, 1.0, draw.round(6))
@@ -173,17 +173,17 @@ def propeller(draw: Draw, r: float) -> Part:
     net[..., 1] = (chord * np.cos(twist))[:, None] * across
     net[..., 2] = 1.2 * spin + (chord * np.sin(twist))[:, None] * across
     hub = revolve(np.array([(0.0, 0.0), (0.6, 0.4), (1.0, 1.4), (1.0, 2.0)]) * spin, n)
-    return _along_y(hub + around(grid(net), count, draw.between(0, 90)))
+    return _along_y(hub + around(quad_grid(net), count, draw.between(0, 90)))
 
 
-def piston(draw: Draw, r: float, length: float, blade: float) -> Part:
+def piston(draw: Draw, r: float, length: float, blade: float) -> MeshPart:
     """Return a piston or turboprop engine with its propeller, about the y axis from y = 0."""
     shape = smooth([(0.55, 0.0), (0.95, 0.12), (1.0, 0.4), (0.7, 0.8), (0.0, 1.0)], draw.round(10))
     shape[:, 0] = np.maximum(shape[:, 0], 0.0)
     return _along_y(revolve(np.vstack([[(0, 0)], shape * (r, length)]), draw.round(14))) + propeller(draw, blade)
 
 
-def gear(draw: Draw, spots: Sequence[tuple[float, float]], z_top: float, z_low: float, r: float) -> Part:
+def gear(draw: Draw, spots: Sequence[tuple[float, float]], z_top: float, z_low: float, r: float) -> MeshPart:
     """Return legs and wheels at (x, y), each mirrored; at x = 0 a pair of wheels on one leg."""
     rows = [(0.0, -0.2), (0.6, -0.25), (0.95, -0.3), (1.0, 0.0), (0.95, 0.3), (0.6, 0.25), (0.0, 0.2)]
     wheel = revolve(np.array(rows) * r, draw.round(13)).turned("y", 90)
@@ -195,6 +195,6 @@ def gear(draw: Draw, spots: Sequence[tuple[float, float]], z_top: float, z_low: 
     return join(parts)
 
 
-def canopy(draw: Draw, y: float, z: float, w: float, length: float, h: float) -> Part:
+def canopy(draw: Draw, y: float, z: float, w: float, length: float, h: float) -> MeshPart:
     """Return half an ellipsoid of glass on top of a body."""
     return ellipsoid((0, y, z), (w, length / 2, h), draw.round(16), low=0)

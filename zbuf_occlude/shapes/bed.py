@@ -7,18 +7,18 @@ from zbuf_occlude.shapes.curves import bent, cosd, rectangle, sind, smooth, supe
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import drawers, four_legs, leg
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     bar,
-    box,
+    cuboid,
     cylinder,
     ellipsoid,
     four,
-    grid,
     join,
     pair,
     pillow,
     prism,
+    quad_grid,
     repeated,
     revolve,
     rod,
@@ -27,7 +27,7 @@ from zbuf_occlude.shapes.kit import (
 )
 
 
-def _panelled(draw: Draw) -> Part:
+def _panelled(draw: Draw) -> MeshPart:
     w, d = size(draw)
     z, h, kind = draw.between(0.18, 0.5), draw.between(0.65, 1.5), draw.pick(HEADS)
     parts = [
@@ -40,29 +40,29 @@ def _panelled(draw: Draw) -> Part:
     return join(parts)
 
 
-def _platform(draw: Draw) -> Part:
+def _platform(draw: Draw) -> MeshPart:
     """Low and flat; the deck may stand out all around, the head may be a wide wall."""
     w, d = size(draw)
     z, out, x, y = draw.between(0.1, 0.35), draw.between(0.02, 0.35), w / 2, d / 2
-    deck = box((-x - out, -y - out, z - 0.08), (x + out, y + 0.02, z), edge=draw.pick((0.0, 0.02)))
+    deck = cuboid((-x - out, -y - out, z - 0.08), (x + out, y + 0.02, z), edge=draw.pick((0.0, 0.02)))
     parts = [deck, mattress(draw, w, d, z, draw.between(0.12, 0.32))]
     foot = draw.pick(("plinth", "legs", "blocks"))
     if foot == "plinth":
-        parts.append(box((0.1 - x, 0.1 - y, 0), (x - 0.1, y - 0.1, z)))
+        parts.append(cuboid((0.1 - x, 0.1 - y, 0), (x - 0.1, y - 0.1, z)))
     elif foot == "legs":
         parts.append(four_legs(draw, draw.pick(("square", "conical", "round")), x - 0.05, y - 0.05, z - 0.06, 0.06))
     else:
-        parts.append(pair(box((-x, y - 0.5, 0), (x, y - 0.3, z - 0.05)), "y"))
+        parts.append(pair(cuboid((-x, y - 0.5, 0), (x, y - 0.3, z - 0.05)), "y"))
     if draw.chance(0.7):
         wide = w + 2 * out + draw.pick((0.0, draw.between(0.4, 1.1)))
         head = board(draw, draw.pick(("panel", "tufted", "panel", "framed")), wide, draw.between(0.45, 1.2))
         parts.append(head.at(y=y + 0.06))
         if wide > w + 2 * out + 0.3 and draw.chance(0.6):  # shelves beside the bed
-            parts.append(pair(box((x + out + 0.02, y - 0.4, z), (wide / 2, y + 0.03, z + 0.2))))
+            parts.append(pair(cuboid((x + out + 0.02, y - 0.4, z), (wide / 2, y + 0.03, z + 0.2))))
     return join(parts)
 
 
-def _four_poster(draw: Draw) -> Part:
+def _four_poster(draw: Draw) -> MeshPart:
     """Posts with a canopy frame, a cloth over it, curtains at the corners."""
     w, d = size(draw)
     z, top, t, x, y = draw.between(0.25, 0.55), draw.between(1.4, 2.5), draw.between(0.04, 0.14), w / 2, d / 2
@@ -83,22 +83,22 @@ def _four_poster(draw: Draw) -> Part:
     if canopy in ("cloth", "domed"):
         u, v = np.meshgrid(np.linspace(-1, 1, draw.round(11)), np.linspace(-1, 1, draw.round(11)), indexing="ij")
         lift = -0.06 if canopy == "cloth" else draw.between(0.15, 0.45)
-        parts.append(grid(np.stack([u * x, v * y, top + 0.005 + lift * (1 - u**2) * (1 - v**2)], axis=2)))
+        parts.append(quad_grid(np.stack([u * x, v * y, top + 0.005 + lift * (1 - u**2) * (1 - v**2)], axis=2)))
         edge = rectangle(w, d, 0.02, 3)
         ring = np.column_stack([edge, np.full(len(edge), top)])
         valance = np.stack([ring, ring * (1.02, 1.02, 1) - [0, 0, draw.between(0.08, 0.3)]])
-        parts.append(grid(valance, wrap_columns=True))
+        parts.append(quad_grid(valance, wrap_columns=True))
     if canopy == "curtains":
         length, waves, u = draw.between(0.2, 0.7), draw.whole(3, 6), np.linspace(0, 1, draw.round(28))
         gather = 1 - draw.between(0.0, 0.6) * np.exp(-(((np.linspace(0, 1, 7)[:, None] - 0.55) / 0.25) ** 2))
         net = np.empty((7, len(u), 3))
         net[..., 0] = x + 0.04 * np.sin(2 * np.pi * waves * u)
         net[..., 1], net[..., 2] = y - length * u * gather, np.linspace(top, 0.05, 7)[:, None]
-        parts.append(four(grid(net)))
+        parts.append(four(quad_grid(net)))
     return join(parts)
 
 
-def _bunk(draw: Draw) -> Part:
+def _bunk(draw: Draw) -> MeshPart:
     """Two levels with a ladder; or a loft over a desk."""
     w, d, loft = draw.between(0.8, 1.4), draw.between(1.8, 2.15), draw.chance(0.35)
     low, high, t = draw.between(0.2, 0.5), draw.between(1.1, 1.7), draw.between(0.035, 0.1)
@@ -106,28 +106,28 @@ def _bunk(draw: Draw) -> Part:
     if draw.chance(0.35):
         parts = [four(rod((x, y, 0), (x, y, top), 0.025, draw.round(8)))]
     else:
-        parts = [four(box((x - t, y - t, 0), (x, y, top)))]
+        parts = [four(cuboid((x - t, y - t, 0), (x, y, top)))]
     for z in (high,) if loft else (low, high):
-        parts.append(pair(box((x - 0.03, -y, z - 0.1), (x, y, z + 0.04))))
-        parts.append(pair(box((-x, y - 0.03, z - 0.1), (x, y, z + 0.04)), "y"))
+        parts.append(pair(cuboid((x - 0.03, -y, z - 0.1), (x, y, z + 0.04))))
+        parts.append(pair(cuboid((-x, y - 0.03, z - 0.1), (x, y, z + 0.04)), "y"))
         parts.append(mattress(draw, w - 0.08, d - 0.08, z, draw.between(0.1, 0.2)))
     for z in (high + 0.2, top - 0.04):  # guard rails, with a gap for the ladder
-        parts.append(pair(box((-x, y - 0.025, z), (x, y, z + 0.05)), "y"))
-        parts += [box((-x, -y, z), (0.025 - x, y, z + 0.05)), box((x - 0.025, 0.5 - y, z), (x, y, z + 0.05))]
+        parts.append(pair(cuboid((-x, y - 0.025, z), (x, y, z + 0.05)), "y"))
+        parts += [cuboid((-x, -y, z), (0.025 - x, y, z + 0.05)), cuboid((x - 0.025, 0.5 - y, z), (x, y, z + 0.05))]
     if loft:
         parts += [
-            box((0.04 - x, 0.5 - y, 0.7), (w * 0.2, y - 0.05, 0.73)),
-            box((0.04 - x, 0.05 - y, 0), (0, 0.5 - y, 0.73)),
+            cuboid((0.04 - x, 0.5 - y, 0.7), (w * 0.2, y - 0.05, 0.73)),
+            cuboid((0.04 - x, 0.05 - y, 0), (0, 0.5 - y, 0.73)),
         ]
     else:
         spots = np.linspace(-x, x, draw.whole(3, 7) + 2)[1:-1]
-        slats = repeated(box((-0.02, y - 0.03, low), (0.02, y, low + 0.5)), along("x", spots))
-        parts.append(pair(slats + box((-x, y - 0.03, low + 0.45), (x, y, low + 0.5)), "y"))
+        slats = repeated(cuboid((-0.02, y - 0.03, low), (0.02, y, low + 0.5)), along("x", spots))
+        parts.append(pair(slats + cuboid((-x, y - 0.03, low + 0.45), (x, y, low + 0.5)), "y"))
     if draw.chance(0.25):  # stairs with drawers
         steps = draw.whole(4, 6)
         for i in range(steps):
             z = (steps - i) * high / (steps + 1)
-            parts.append(box((-x, -y - 0.28 * (i + 1), 0), (0.1 * x, -y - 0.28 * i, z)))
+            parts.append(cuboid((-x, -y - 0.28 * (i + 1), 0), (0.1 * x, -y - 0.28 * i, z)))
         return join(parts)
     foot, near, far, rise = x + 0.03, 0.08 - y, 0.42 - y, high + 0.15
     lean = draw.between(0.02, 0.45)
@@ -138,12 +138,12 @@ def _bunk(draw: Draw) -> Part:
     return join(parts)
 
 
-def _sleigh(draw: Draw) -> Part:
+def _sleigh(draw: Draw) -> MeshPart:
     """Head and foot roll outwards."""
     w, d = size(draw)
     z, h, n = draw.between(0.25, 0.48), draw.between(0.75, 1.4), draw.round(12)
 
-    def scroll(height: float) -> Part:
+    def scroll(height: float) -> MeshPart:
         r, out = draw.between(0.04, 0.14), draw.between(0.05, 0.3)
         line = smooth([(0, 0.1), (-0.02, 0.4 * height), (0.4 * out, 0.8 * height), (out + r, height)], n)
         net = np.empty((n, 3, 3))
@@ -153,18 +153,18 @@ def _sleigh(draw: Draw) -> Part:
 
     parts = [scroll(h).at(y=d / 2), scroll(h * draw.between(0.45, 0.95)).mirrored("y").at(y=-d / 2)]
     parts.append(mattress(draw, w, d - 0.04, z, draw.between(0.14, 0.32)))
-    parts.append(pair(box((w / 2, -d / 2, z - draw.between(0.08, 0.25)), (w / 2 + 0.04, d / 2, z + 0.06))))
+    parts.append(pair(cuboid((w / 2, -d / 2, z - draw.between(0.08, 0.25)), (w / 2 + 0.04, d / 2, z + 0.06))))
     legs = four_legs(
         draw, draw.pick(("turned", "square", "cabriole")), w / 2, d / 2 - 0.03, draw.between(0.1, 0.22), 0.08
     )
     return join([*parts, legs])
 
 
-def _divan(draw: Draw) -> Part:
+def _divan(draw: Draw) -> MeshPart:
     """A box, a mattress and little else."""
     w, d = size(draw)
     foot, high, x, y = draw.between(0.03, 0.16), draw.between(0.14, 0.42), w / 2, d / 2
-    parts = [box((-x, -y, foot), (x, y, foot + high), edge=draw.between(0.01, 0.04), steps=2)]
+    parts = [cuboid((-x, -y, foot), (x, y, foot + high), edge=draw.between(0.01, 0.04), steps=2)]
     parts.append(mattress(draw, w, d, foot + high, draw.between(0.14, 0.42)))
     parts.append(four_legs(draw, draw.pick(("round", "conical")), x - 0.08, y - 0.1, foot + 0.01, 0.06))
     if draw.chance(0.6):
@@ -174,7 +174,7 @@ def _divan(draw: Draw) -> Part:
     return join(parts)
 
 
-def _daybed(draw: Draw) -> Part:
+def _daybed(draw: Draw) -> MeshPart:
     """Boards on three sides, cushions, bolsters; half a sofa."""
     w, d, z, h = draw.between(0.75, 1.15), draw.between(1.75, 2.2), draw.between(0.22, 0.45), draw.between(0.55, 1.05)
     kind = draw.pick(("slats", "panel", "metal", "arched", "framed"))
@@ -194,7 +194,7 @@ def _daybed(draw: Draw) -> Part:
     return join(parts)
 
 
-def _suite(draw: Draw) -> Part:
+def _suite(draw: Draw) -> MeshPart:
     """A bed with bedside tables, lamps and a bench, as ModelNet has them in one file."""
     w, d = size(draw)
     z, y = draw.between(0.2, 0.45), d / 2
@@ -203,7 +203,7 @@ def _suite(draw: Draw) -> Part:
     a, b, c, gap = draw.between(0.34, 0.6), draw.between(0.32, 0.5), draw.between(0.35, 0.7), draw.between(0.02, 0.2)
     low, high = (-a / 2, -b / 2, draw.pick((0.0, 0.15))), (a / 2, b / 2, c)
     unit = [
-        box(low, high),
+        cuboid(low, high),
         drawers(draw, low, high, draw.whole(1, 3)),
         four_legs(draw, "square", a / 2 - 0.03, b / 2 - 0.03, c, 0.04),
     ]
@@ -216,14 +216,14 @@ def _suite(draw: Draw) -> Part:
     parts.append(pair(spot) if draw.chance(0.7) else spot)
     if draw.chance(0.4):
         seat, legs = (
-            box((-0.4 * w, -0.18, 0.36), (0.4 * w, 0.18, 0.46), edge=0.03, steps=2),
+            cuboid((-0.4 * w, -0.18, 0.36), (0.4 * w, 0.18, 0.46), edge=0.03, steps=2),
             four_legs(draw, "square", 0.37 * w, 0.14, 0.38, 0.05),
         )
         parts.append((seat + legs).at(y=-y - draw.between(0.22, 0.5)))
     return join(parts)
 
 
-def _round_bed(draw: Draw) -> Part:
+def _round_bed(draw: Draw) -> MeshPart:
     """A disc or a pebble with a curved wall behind it."""
     r, z, n = draw.between(0.85, 1.25), draw.between(0.15, 0.45), draw.round(36)
     high, deck = draw.between(0.1, 0.4), r * draw.between(1.0, 1.5)
@@ -240,10 +240,10 @@ def _round_bed(draw: Draw) -> Part:
     return join(parts).scaled(y=oval)
 
 
-def _crib(draw: Draw) -> Part:
+def _crib(draw: Draw) -> MeshPart:
     """Rails all around."""
     w, d, z, h = draw.between(0.55, 0.85), draw.between(1.05, 1.5), draw.between(0.2, 0.55), draw.between(0.75, 1.15)
-    rails = [box((-d / 2, -0.012, low), (d / 2, 0.012, low + 0.05)) for low in (z - 0.08, h - 0.04)]
+    rails = [cuboid((-d / 2, -0.012, low), (d / 2, 0.012, low + 0.05)) for low in (z - 0.08, h - 0.04)]
     rods = repeated(
         rod((0, 0, z - 0.05), (0, 0, h - 0.02), 0.009, 6),
         along("x", np.linspace(-d / 2, d / 2, draw.whole(9, 18))[1:-1]),
@@ -258,12 +258,12 @@ def _crib(draw: Draw) -> Part:
     return join(parts)
 
 
-def _hospital(draw: Draw) -> Part:
+def _hospital(draw: Draw) -> MeshPart:
     """The back raised, rails at the sides, wheels."""
     w, d, z, lift = draw.between(0.8, 1.05), draw.between(1.9, 2.2), draw.between(0.4, 0.75), draw.between(5, 60)
     x, y, hinge = w / 2, d / 2, draw.between(-0.1, 0.3)
-    lying = box((-x, -y, z), (x, hinge, z + 0.14), edge=0.03, steps=2)
-    raised = box((-x, 0, 0), (x, y - hinge, 0.14), edge=0.03, steps=2)
+    lying = cuboid((-x, -y, z), (x, hinge, z + 0.14), edge=0.03, steps=2)
+    raised = cuboid((-x, 0, 0), (x, y - hinge, 0.14), edge=0.03, steps=2)
     raised = raised + pillow((0.6, 0.4, 0.15), draw.round(11)).at(0, 0.75 * (y - hinge), 0.2)
     hoop = bent([(-x, 0, 0.2), (-x, 0, z + 0.5), (x, 0, z + 0.5), (x, 0, 0.2)], 0.12)
     out, a, b = x + 0.03, draw.between(-0.5, -0.1), draw.between(0.3, 0.7)
@@ -272,7 +272,7 @@ def _hospital(draw: Draw) -> Part:
     leg_post = rod((x - 0.05, y - 0.15, 0.1), (x - 0.05, y - 0.15, z), 0.02, 8)
     parts = [lying, raised.turned("x", lift).at(0, hinge, z), pair(rail), four(wheel + leg_post)]
     parts += [tube(hoop, 0.02, 8).at(y=y + 0.05), tube(hoop, 0.02, 8).scaled(z=draw.between(0.65, 1.0)).at(y=-y)]
-    return join([*parts, box((0.05 - x, 0.05 - y, 0.25), (x - 0.05, y - 0.05, 0.33))])
+    return join([*parts, cuboid((0.05 - x, 0.05 - y, 0.25), (x - 0.05, y - 0.05, 0.33))])
 
 
 STYLES = (

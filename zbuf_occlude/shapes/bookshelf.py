@@ -4,55 +4,55 @@ from itertools import pairwise
 
 import numpy as np
 
-from zbuf_occlude.shapes.bookshelf_parts import case, contents, load, pole, tray
+from zbuf_occlude.shapes.bookshelf_parts import book_fill, case, contents, display_pole, tray
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import doors, drawers, four_legs
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     around,
     bar,
-    box,
     boxes,
+    cuboid,
     cylinder,
     ellipsoid,
     four,
-    grid,
     join,
     loft,
     pair,
     prism,
+    quad_grid,
     repeated,
     rod,
     shell,
 )
 
 
-def _plain(draw: Draw) -> Part:
+def _plain(draw: Draw) -> MeshPart:
     """A case with shelves, narrow to wide."""
     w, d, h = draw.between(0.35, 1.5), draw.between(0.2, 0.45), draw.between(1.0, 2.4)
     t, foot, x, y = draw.between(0.014, 0.045), draw.pick((0.0, 0.06, draw.between(0.08, 0.2))), w / 2, d / 2
-    body = case(draw, (w, d), (foot, h), t, draw.pick((1, 1, 2)), draw.whole(3, 7), load(draw), 0.7)
+    body = case(draw, (w, d), (foot, h), t, draw.pick((1, 1, 2)), draw.whole(3, 7), book_fill(draw), 0.7)
     if not foot:
         return body
     if draw.chance(0.5):
-        return body + box((-x, 0.02 - y, 0), (x, y, foot))
+        return body + cuboid((-x, 0.02 - y, 0), (x, y, foot))
     return body + four_legs(draw, draw.pick(("square", "tapered", "conical")), x - 0.03, y - 0.03, foot, 0.05)
 
 
-def _classic(draw: Draw) -> Part:
+def _classic(draw: Draw) -> MeshPart:
     """Cornice above, plinth below, pilasters beside; a pediment at times."""
     w, d, h = draw.between(0.7, 2.2), draw.between(0.26, 0.48), draw.between(1.5, 2.5)
     t, foot, x, y = draw.between(0.02, 0.045), draw.between(0.06, 0.2), w / 2, d / 2
-    parts = [case(draw, (w, d), (foot, h), t, draw.whole(1, 4), draw.whole(3, 7), load(draw), 0.9)]
+    parts = [case(draw, (w, d), (foot, h), t, draw.whole(1, 4), draw.whole(3, 7), book_fill(draw), 0.9)]
     steps, out, rise = draw.whole(1, 4), draw.between(0.01, 0.035), draw.between(0.02, 0.05)
     for i in range(1, steps + 1):
         k = out * i
-        parts.append(box((-x - k, -y - k, h + rise * (i - 1)), (x + k, y, h + rise * i), edge=0.006))
-    parts.append(box((-x - 0.03, -y - 0.03, 0), (x + 0.03, y, foot), edge=0.01))
+        parts.append(cuboid((-x - k, -y - k, h + rise * (i - 1)), (x + k, y, h + rise * i), edge=0.006))
+    parts.append(cuboid((-x - 0.03, -y - 0.03, 0), (x + 0.03, y, foot), edge=0.01))
     if draw.chance(0.6):
-        pilaster = box((-0.04, -y - 0.02, foot), (0.04, 0.01 - y, h), edge=0.005)
+        pilaster = cuboid((-0.04, -y - 0.02, foot), (0.04, 0.01 - y, h), edge=0.005)
         parts.append(repeated(pilaster, along("x", np.linspace(-x, x, draw.whole(2, 5)))))
     if draw.chance(0.35):
         tall, z = draw.between(0.1, 0.4), h + rise * steps
@@ -69,13 +69,15 @@ def _classic(draw: Draw) -> Part:
     return join(parts)
 
 
-def _doored(draw: Draw) -> Part:
+def _doored(draw: Draw) -> MeshPart:
     """Cupboards or drawers below, shelves above, often less deep."""
     w, d, h, t = draw.between(0.6, 1.9), draw.between(0.32, 0.6), draw.between(1.4, 2.4), 0.025
     low, upper, bays, x, y = draw.between(0.4, 1.05), d * draw.between(0.5, 1.0), draw.whole(1, 3), w / 2, d / 2
     corner, end = (-x, -y, 0.06), (x, y, low)
-    parts = [box(corner, end), box((0.03 - x, 0.04 - y, 0), (x - 0.03, y, 0.06))]
-    parts.append(case(draw, (w, upper), (low, h), t, bays, draw.whole(2, 5), load(draw), 0.9).at(y=(d - upper) / 2))
+    parts = [cuboid(corner, end), cuboid((0.03 - x, 0.04 - y, 0), (x - 0.03, y, 0.06))]
+    parts.append(
+        case(draw, (w, upper), (low, h), t, bays, draw.whole(2, 5), book_fill(draw), 0.9).at(y=(d - upper) / 2)
+    )
     if draw.chance(0.65):
         parts.append(doors(draw, corner, end, bays * 2))
     else:
@@ -86,7 +88,7 @@ def _doored(draw: Draw) -> Part:
     return join(parts)
 
 
-def _cubes(draw: Draw) -> Part:
+def _cubes(draw: Draw) -> MeshPart:
     """Square compartments, some closed, often wider than high."""
     cell, t, d = draw.between(0.26, 0.46), draw.between(0.014, 0.06), draw.between(0.25, 0.45)
     columns, rows = draw.whole(1, 5), draw.whole(2, 5)
@@ -95,25 +97,25 @@ def _cubes(draw: Draw) -> Part:
     dx, dz = (w - t) / columns, (h - t) / rows
     for i, j in np.argwhere(draw.rng.random((columns, rows)) < 0.15):
         x, z = -w / 2 + t + i * dx, t + j * dz
-        parts.append(box((x, 0.01 - d / 2, z), (x + dx - t, d / 2 - 0.05, z + dz - t)))
+        parts.append(cuboid((x, 0.01 - d / 2, z), (x + dx - t, d / 2 - 0.05, z + dz - t)))
     return join(parts)
 
 
-def _low(draw: Draw) -> Part:
+def _low(draw: Draw) -> MeshPart:
     """Wide and low, like a sideboard or a bench."""
     w, d, h, foot = draw.between(1.0, 2.5), draw.between(0.28, 0.48), draw.between(0.45, 1.1), draw.between(0.04, 0.25)
     bays, shape = draw.whole(2, 5), draw.pick(("square", "conical", "tapered", "round"))
-    parts = [case(draw, (w, d), (foot, h), draw.between(0.02, 0.05), bays, draw.whole(1, 3), load(draw), 0.7)]
+    parts = [case(draw, (w, d), (foot, h), draw.between(0.02, 0.05), bays, draw.whole(1, 3), book_fill(draw), 0.7)]
     parts.append(four_legs(draw, shape, w / 2 - 0.08, d / 2 - 0.06, foot + 0.01, 0.05, draw.pick((0.0, 8.0))))
     if draw.chance(0.4):
         span, left = w / bays, draw.whole(0, bays - 1)
         x = -w / 2 + left * span
         corner, end = (x, 0.01 - d / 2, foot + 0.02), (x + span, d / 2, h - 0.02)
-        parts += [box(corner, end), doors(draw, corner, end, 1)]
+        parts += [cuboid(corner, end), doors(draw, corner, end, 1)]
     return join(parts)
 
 
-def _ladder(draw: Draw) -> Part:
+def _ladder(draw: Draw) -> MeshPart:
     """Leaning or A-shaped, shelves shrinking upwards."""
     w, h, d, t = draw.between(0.4, 1.2), draw.between(1.2, 2.2), draw.between(0.32, 0.75), draw.between(0.02, 0.05)
     both, x, y = draw.chance(0.35), w / 2, d / 2
@@ -127,26 +129,26 @@ def _ladder(draw: Draw) -> Part:
     for z in np.linspace(draw.between(0.06, 0.25), draw.between(0.85, 0.96), draw.whole(3, 6)) * h:
         front = -y + (head + y) * z / h
         rear = -front if both else y
-        parts.append(box((-x, front, z), (x, rear, z + 0.02)))
+        parts.append(cuboid((-x, front, z), (x, rear, z + 0.02)))
         if rim:
-            parts.append(box((-x, rear - 0.015, z), (x, rear, z + 0.09)))
+            parts.append(cuboid((-x, rear - 0.015, z), (x, rear, z + 0.09)))
         parts += contents(draw, (t - x, front + 0.02, z + 0.02), (x - t, rear, z + 0.28), 0.4)
     return join(parts)
 
 
-def _rack(draw: Draw) -> Part:
+def _rack(draw: Draw) -> MeshPart:
     """Posts and boards: an étagère, a store rack with braces, a wire rack."""
     w, d, h, r = draw.between(0.4, 1.8), draw.between(0.26, 0.6), draw.between(1.0, 2.2), draw.between(0.008, 0.028)
     x, y, n, kind = w / 2 - r, d / 2 - r, draw.round(8), draw.pick(("round", "square", "wire"))
-    post = box((x - r, y - r, 0), (x + r, y + r, h)) if kind == "square" else rod((x, y, 0), (x, y, h), r, n)
+    post = cuboid((x - r, y - r, 0), (x + r, y + r, h)) if kind == "square" else rod((x, y, 0), (x, y, h), r, n)
     levels = np.linspace(draw.between(0.04, 0.3), h - 0.03, draw.whole(3, 6))
     if kind == "wire":
         spots = np.linspace(-x, x, draw.whole(14, 24))
-        sides = pair(box((-x, y - 0.004, -0.03), (x, y + 0.004, 0.006)), "y")
-        ends = pair(box((x - 0.004, -y, -0.03), (x + 0.004, y, 0.006)))
-        shelf = join([repeated(box((-0.003, -y, 0), (0.003, y, 0.006)), along("x", spots)), sides, ends])
+        sides = pair(cuboid((-x, y - 0.004, -0.03), (x, y + 0.004, 0.006)), "y")
+        ends = pair(cuboid((x - 0.004, -y, -0.03), (x + 0.004, y, 0.006)))
+        shelf = join([repeated(cuboid((-0.003, -y, 0), (0.003, y, 0.006)), along("x", spots)), sides, ends])
     else:
-        shelf = box((-x, -y, 0), (x, y, draw.between(0.012, 0.04)))
+        shelf = cuboid((-x, -y, 0), (x, y, draw.between(0.012, 0.04)))
     parts = [four(post), repeated(shelf, along("z", levels))]
     room = 0.9 * (levels[1] - levels[0])
     for z in levels:
@@ -159,7 +161,7 @@ def _rack(draw: Draw) -> Part:
     return join(parts)
 
 
-def _stairs(draw: Draw) -> Part:
+def _stairs(draw: Draw) -> MeshPart:
     """Columns of cubes that climb, from one side or to the middle."""
     cell, t, d = draw.between(0.25, 0.42), draw.between(0.016, 0.04), draw.between(0.24, 0.42)
     columns, tallest, odds = draw.whole(3, 5), draw.whole(3, 6), draw.between(0.0, 0.7)
@@ -171,12 +173,12 @@ def _stairs(draw: Draw) -> Part:
     return join(tower.at((i - (columns - 1) / 2) * cell) for i, tower in enumerate(towers))
 
 
-def _corner(draw: Draw) -> Part:
+def _corner(draw: Draw) -> MeshPart:
     """Quarter-round or L-shaped, for a corner of the room."""
     h, t = draw.between(1.1, 2.2), draw.between(0.018, 0.035)
     if draw.chance(0.5):
         a, b, d, rows = draw.between(0.6, 1.5), draw.between(0.6, 1.5), draw.between(0.22, 0.38), draw.whole(3, 6)
-        one, two = (case(draw, (w, d), (0.05, h), t, draw.whole(1, 2), rows, load(draw), 0.9) for w in (a, b))
+        one, two = (case(draw, (w, d), (0.05, h), t, draw.whole(1, 2), rows, book_fill(draw), 0.9) for w in (a, b))
         return one.at(a / 2 - d / 2) + two.turned("z", 90).at(y=-b / 2 - d / 2)
     r, n = draw.between(0.3, 0.7), draw.round(10)
     angle = np.linspace(0, 90, n + 1)
@@ -184,13 +186,13 @@ def _corner(draw: Draw) -> Part:
     curve = np.column_stack([cosd(angle) ** (1 / bow), sind(angle) ** (1 / bow)]) * r
     levels = np.linspace(0.04, h - t, draw.whole(4, 6))
     parts = [repeated(prism(np.vstack([[0, 0], curve]), 0, t), along("z", levels))]
-    parts += [box((0, -0.015, 0), (r, 0, h)), box((-0.015, 0, 0), (0, r, h))]
+    parts += [cuboid((0, -0.015, 0), (r, 0, h)), cuboid((-0.015, 0, 0), (0, r, h))]
     for z, above in pairwise(levels):
         parts += contents(draw, (0.03, 0.02, z + t), (0.6 * r, 0.5 * r, above), 0.5)
     return join(parts).turned("z", 225)
 
 
-def _tower(draw: Draw) -> Part:
+def _tower(draw: Draw) -> MeshPart:
     """Free-standing, looked at from all sides: a turning case, trays on a pole, a drum of books."""
     h, rows = draw.between(0.8, 2.0), draw.whole(3, 6)
     if draw.chance(0.5):
@@ -201,26 +203,28 @@ def _tower(draw: Draw) -> Part:
             repeated(prism(outline, 0, draw.between(0.015, 0.05)), along("z", levels)),
             cylinder(0.035, 0, h, draw.round(12)),
         ]
-        parts.append(pole(draw, r, h) if draw.chance(0.7) else cylinder(0.7 * r, 0, 0.05, n))
+        parts.append(display_pole(draw, r, h) if draw.chance(0.7) else cylinder(0.7 * r, 0, 0.05, n))
         parts += [tray(draw, r, z, (h - levels[0]) / rows) for z in levels[:-1] if draw.chance(0.4)]
         return join(parts)
     w, t, d = draw.between(0.4, 0.75), 0.02, draw.between(0.18, 0.25)
     one = case(draw, (w, d), (0.1, h), t, draw.pick((1, 2)), rows, draw.between(0.4, 1.0), 1.0).at(y=(d - w) / 2)
     core = (
-        box((d - w / 2, d - w / 2, 0.1), (w / 2 - d, w / 2 - d, h)) if w > 2 * d + 0.05 else cylinder(0.05, 0.1, h, 8)
+        cuboid((d - w / 2, d - w / 2, 0.1), (w / 2 - d, w / 2 - d, h))
+        if w > 2 * d + 0.05
+        else cylinder(0.05, 0.1, h, 8)
     )
-    lid = box((-w / 2 - 0.03, -w / 2 - 0.03, h), (w / 2 + 0.03, w / 2 + 0.03, h + 0.03), edge=0.008)
+    lid = cuboid((-w / 2 - 0.03, -w / 2 - 0.03, h), (w / 2 + 0.03, w / 2 + 0.03, h + 0.03), edge=0.008)
     feet = around(bar((0, 0, 0.07), (w / 2, 0, 0.03), 0.06, 0.06), 4, 45)
     return join([one, one.turned("z", 180), core, lid, feet, cylinder(0.05, 0, 0.1, 12)])
 
 
-def _zigzag(draw: Draw) -> Part:
+def _zigzag(draw: Draw) -> MeshPart:
     """Modern: slanted walls, zigzags, trees, honeycombs."""
     kind, t = draw.pick(("zigzag", "honeycomb", "tree", "slant")), draw.between(0.02, 0.045)
     d, h, w = draw.between(0.2, 0.4), draw.between(1.2, 2.2), draw.between(0.45, 1.3)
     if kind == "zigzag":
         levels, lean = np.linspace(0, h, draw.whole(3, 6) + 1), draw.between(0.2, 0.8) * w
-        parts = [repeated(box((-w / 2, -d / 2, 0), (w / 2, d / 2, t)), along("z", levels))]
+        parts = [repeated(cuboid((-w / 2, -d / 2, 0), (w / 2, d / 2, t)), along("z", levels))]
         for i, (a, b) in enumerate(pairwise(levels)):
             s = 1 if i % 2 else -1
             x = s * (w / 2 - t)
@@ -232,17 +236,17 @@ def _zigzag(draw: Draw) -> Part:
         ring = polygon(6, 30) * r
         outer = np.stack([np.column_stack([ring[:, 0], np.full(6, y), ring[:, 1]]) for y in (-d / 2, d / 2)])
         inner = outer * (draw.between(0.82, 0.94), 1.0, draw.between(0.82, 0.94))
-        cell = grid(np.stack([outer[0], outer[1], inner[1], inner[0]]), wrap_rows=True, wrap_columns=True)
+        cell = quad_grid(np.stack([outer[0], outer[1], inner[1], inner[0]]), wrap_rows=True, wrap_columns=True)
         across, up = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
         spots = np.stack([(across + 0.5 * (up % 2)) * 3**0.5 * r, 0.0 * up, r + 1.5 * r * up], axis=2).reshape(-1, 3)
         return repeated(cell, spots[(spots[:, 2] < 2 * r) | (draw.rng.random(len(spots)) < 0.8)])
     if kind == "tree":
-        parts = [box((-0.06, -d / 2, 0), (0.06, d / 2, h)), box((-0.35, -d / 2, 0), (0.35, d / 2, 0.04))]
+        parts = [cuboid((-0.06, -d / 2, 0), (0.06, d / 2, h)), cuboid((-0.35, -d / 2, 0), (0.35, d / 2, 0.04))]
         for i, z in enumerate(np.linspace(0.3, h - 0.15, draw.whole(4, 7))):
             s, reach, lift = 1 if i % 2 else -1, draw.between(0.25, 0.65), draw.between(0.02, 0.3)
             parts.append(bar((0, 0, z), (s * reach, 0, z + lift), d, t))
             at = np.array([0.3, 0.42, 0.54])[:, None] * (s * reach, 0, lift)
-            parts.append(repeated(box((-0.02, 0.02 - d / 2, z), (0.015, d / 2 - 0.04, z + 0.2)), at))
+            parts.append(repeated(cuboid((-0.02, 0.02 - d / 2, z), (0.015, d / 2 - 0.04, z + 0.2)), at))
         return join(parts)
     body = case(draw, (w, d), (0.0, h), t, draw.whole(1, 3), draw.whole(3, 5), draw.between(0.2, 0.8), 0.5)
     points = body.points.copy()
@@ -251,7 +255,7 @@ def _zigzag(draw: Draw) -> Part:
     return body.warped(points)
 
 
-def _hung(draw: Draw) -> Part:
+def _hung(draw: Draw) -> MeshPart:
     """Boards or boxes on a wall, with brackets; the wall is not there."""
     d, t, w, gap = (
         draw.between(0.18, 0.34),
@@ -266,15 +270,15 @@ def _hung(draw: Draw) -> Part:
         if boxed:
             parts.append(case(draw, (2 * x, d), (z, z + gap * 0.85), t, draw.whole(1, 3), 1, 0.5, 0.5).at(shift))
             continue
-        parts.append(box((shift - x, -y, z), (shift + x, y, z + t), edge=draw.pick((0.0, 0.008))))
+        parts.append(cuboid((shift - x, -y, z), (shift + x, y, z + t), edge=draw.pick((0.0, 0.008))))
         parts.append(pair(bar((0.7 * x, y, z - 0.14), (0.7 * x, -y / 2, z), 0.015, 0.02)).at(shift))
         parts += contents(draw, (shift - x, -y, z + t), (shift + x, y, z + gap * 0.85), 0.7)
     if rails:
-        parts.append(pair(box((0.2 * w, y, -0.15), (0.2 * w + 0.03, y + 0.015, count * gap))))
+        parts.append(pair(cuboid((0.2 * w, y, -0.15), (0.2 * w + 0.03, y + 0.015, count * gap))))
     return join(parts)
 
 
-def _curved(draw: Draw) -> Part:
+def _curved(draw: Draw) -> MeshPart:
     """An arch on top, bowed ends, one bent board, wavy sides."""
     w, d, h = draw.between(0.5, 1.4), draw.between(0.22, 0.42), draw.between(1.2, 2.2)
     t, rows, n, kind = (
@@ -290,13 +294,15 @@ def _curved(draw: Draw) -> Part:
             [(x - t / 2) * cosd(angle), 0 * angle, h - 0.02 + draw.between(0.15, 0.5) * w * sind(angle)]
         )
         net = np.stack([arc - (0, y, 0), arc - (0, -y, 0)])
-        back = grid(np.stack([net[1], net[1] * (1, 1, 0) + [0, 0, h - 0.02]]))
-        return join([case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, load(draw), 0.8), shell(net, t), back])
+        back = quad_grid(np.stack([net[1], net[1] * (1, 1, 0) + [0, 0, h - 0.02]]))
+        return join(
+            [case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, book_fill(draw), 0.8), shell(net, t), back]
+        )
     if kind == "ends":
         half = draw.between(0.15, 0.4)
         curve = smooth([(0, y), (0.7 * half, 0.8 * y), (half, -0.2 * y), (0.6 * half, -0.84 * y), (0, -y)], n)
         ends = repeated(prism(np.vstack([curve, [0, 0]]), 0, t).at(x), along("z", levels))
-        return case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, load(draw), 0.8) + pair(ends)
+        return case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, book_fill(draw), 0.8) + pair(ends)
     if kind == "bent":
         corners = [(x, 0, 0), (x, 0, t)]
         for i, z in enumerate(levels[1:]):

@@ -5,10 +5,10 @@ import numpy as np
 from zbuf_occlude.shapes.bottle_parts import closure, glass, handle, label, notched, rounded
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth, superellipse
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part, box, cylinder, ellipsoid, join, loft, pair, prism, revolve, rod, tube
+from zbuf_occlude.shapes.kit import MeshPart, cuboid, cylinder, ellipsoid, join, loft, pair, prism, revolve, rod, tube
 
 
-def _wine(draw: Draw) -> Part:
+def _wine(draw: Draw) -> MeshPart:
     """Bordeaux with shoulders, Burgundy with slopes, hock as a spindle, champagne with a heavy foot."""
     r, h, neck = draw.between(0.3, 0.62), draw.between(2.3, 3.6), draw.between(0.1, 0.19)
     shape = draw.pick(("bordeaux", "burgundy", "hock", "champagne"))
@@ -32,7 +32,7 @@ def _wine(draw: Draw) -> Part:
     return glass(draw, profile, ("open", "cork", "foil", "none", "foil", "ball"))
 
 
-def _beer(draw: Draw) -> Part:
+def _beer(draw: Draw) -> MeshPart:
     """Long neck, stubby, swing-top; a waisted soda bottle."""
     r, neck, kind = draw.between(0.26, 0.5), draw.between(0.1, 0.18), draw.pick(("long", "stubby", "contour", "swing"))
     h = draw.between(1.3, 1.9) if kind == "stubby" else draw.between(2.0, 2.8)
@@ -52,7 +52,7 @@ def _beer(draw: Draw) -> Part:
     return glass(draw, profile, ("ball",)) + pair(tube(wire, 0.02, 6))
 
 
-def _water(draw: Draw) -> Part:
+def _water(draw: Draw) -> MeshPart:
     """Plastic with rings; the foot in petals; a canister for a cooler."""
     r, h, neck = draw.between(0.28, 0.75), draw.between(1.7, 3.4), draw.between(0.1, 0.22)
     z = np.linspace(0.25, draw.between(0.62, 0.78) * h, 2 * draw.round(24))
@@ -82,7 +82,7 @@ def _water(draw: Draw) -> Part:
     return join(parts)
 
 
-def _spirit(draw: Draw) -> Part:
+def _spirit(draw: Draw) -> MeshPart:
     """Square, oval, many-sided or flat: whisky, gin, hip flask, scent."""
     h, wide, n = draw.between(1.1, 2.9), draw.between(0.32, 0.85), draw.round(32)
     flat, kind = (
@@ -112,7 +112,7 @@ def _spirit(draw: Draw) -> Part:
     stopper = draw.pick(("ball", "cork", "screw", "square", "open"))
     if stopper == "square":
         a = draw.between(1.2, 2.6) * neck
-        parts.append(box((-a, -a * flat, top), (a, a * flat, top + draw.between(0.15, 0.6)), edge=0.03))
+        parts.append(cuboid((-a, -a * flat, top), (a, a * flat, top + draw.between(0.15, 0.6)), edge=0.03))
     elif stopper != "open":
         parts.append(closure(draw, neck, top, stopper))
     if kind == "square" and draw.chance(0.6):
@@ -121,7 +121,7 @@ def _spirit(draw: Draw) -> Part:
     return join(parts)
 
 
-def _bulb(draw: Draw) -> Part:
+def _bulb(draw: Draw) -> MeshPart:
     """Round bellies: chianti, carafe, flask, decanter, gourd."""
     r, h, neck = draw.between(0.5, 1.0), draw.between(1.6, 3.0), draw.between(0.09, 0.22)
     kind = draw.pick(("ball", "gourd", "cone", "drop", "ship"))
@@ -159,7 +159,7 @@ def _bulb(draw: Draw) -> Part:
     return join(parts)
 
 
-def _jug(draw: Draw) -> Part:
+def _jug(draw: Draw) -> MeshPart:
     """A gallon with an ear at the neck; an amphora with two; a ewer with a lip."""
     r, h, neck, kind = (
         draw.between(0.45, 0.9),
@@ -207,7 +207,7 @@ def _jug(draw: Draw) -> Part:
     return skin.warped(lip) + ear
 
 
-def _dispenser(draw: Draw) -> Part:
+def _dispenser(draw: Draw) -> MeshPart:
     """Soap and shampoo: a pump or a trigger on a body of any section."""
     wide, h, n, flat = draw.between(0.32, 0.72), draw.between(1.0, 2.4), draw.round(28), draw.between(0.45, 1.0)
     waist = draw.between(0.6, 0.85)
@@ -228,13 +228,13 @@ def _dispenser(draw: Draw) -> Part:
     else:  # a trigger
         z, reach = h + draw.between(0.2, 0.4), draw.between(0.4, 0.65)
         lever = smooth([(-0.25, 0, z), (-0.42, 0, z - 0.25), (-0.36, 0, z - 0.65)], 7)
-        parts.append(box((-reach, -0.14, z), (0.38, 0.14, z + 0.32), edge=0.08, steps=draw.whole(1, 3)))
+        parts.append(cuboid((-reach, -0.14, z), (0.38, 0.14, z + 0.32), edge=0.08, steps=draw.whole(1, 3)))
         parts += [cylinder(0.12, h + 0.1, z + 0.1, 12), tube(lever, 0.07, draw.round(8))]
         parts.append(rod((-reach - 0.16, 0, z + 0.16), (-reach + 0.02, 0, z + 0.16), 0.08, draw.round(10)))
     return join(parts)
 
 
-def _squeeze(draw: Draw) -> Part:
+def _squeeze(draw: Draw) -> MeshPart:
     """Ketchup, glue, mustard, lotion: soft bodies with a nozzle; standing on the cap at times."""
     wide, h, n, flat = draw.between(0.28, 0.65), draw.between(1.1, 2.5), draw.round(26), draw.between(0.35, 1.0)
     shoulder, neck = draw.between(0.6, 1.0), draw.between(0.25, 0.6)
@@ -255,7 +255,7 @@ def _squeeze(draw: Draw) -> Part:
     return body + closure(draw, neck * wide, h, draw.pick(("cone", "screw", "flip")))
 
 
-def _canister(draw: Draw) -> Part:
+def _canister(draw: Draw) -> MeshPart:
     """Thermos, sports bottle, shaker, pill jar, baby bottle, gas bottle."""
     r, n, kind = (
         draw.between(0.32, 0.65),
@@ -271,7 +271,7 @@ def _canister(draw: Draw) -> Part:
             revolve([(0.6 * r, z + 0.6 * r), (0.6 * r, z + r + 0.1)], n),
             revolve([(0.8 * r, 0.0), (0.8 * r, 0.2)], n),
         )
-        valve = cylinder(0.16, z + 0.75 * r, z + 0.75 * r + 0.3, n) + box(
+        valve = cylinder(0.16, z + 0.75 * r, z + 0.75 * r + 0.3, n) + cuboid(
             (-0.25, -0.05, z + r), (0.1, 0.05, z + r + 0.1)
         )
         return join([skin, collar, base, valve])
@@ -302,7 +302,7 @@ def _canister(draw: Draw) -> Part:
     return join(parts)
 
 
-def _detergent(draw: Draw) -> Part:
+def _detergent(draw: Draw) -> MeshPart:
     """A plastic can whose handle is part of it; a big cap off its middle."""
     w, d, h, n = draw.between(0.8, 1.6), draw.between(0.4, 0.9), draw.between(1.3, 2.4), draw.round(28)
     s, aside = draw.between(0.4, 0.7), draw.between(0.0, 0.25)
@@ -318,11 +318,11 @@ def _detergent(draw: Draw) -> Part:
     spout = closure(draw, cap, 1.02 * h, draw.pick(("screw", "screw", "flip"))) + cylinder(cap, 0.9 * h, 1.03 * h, n)
     parts = [loft(rings), grip, spout.at(-aside * w)]
     if draw.chance(0.4):
-        parts.append(box((-0.3 * w, -0.51 * d, 0.15 * h), (0.3 * w, -0.49 * d, (s - 0.15) * h)))
+        parts.append(cuboid((-0.3 * w, -0.51 * d, 0.15 * h), (0.3 * w, -0.49 * d, (s - 0.15) * h)))
     return join(parts)
 
 
-def _vial(draw: Draw) -> Part:
+def _vial(draw: Draw) -> MeshPart:
     """Scent and ink: a small throat on a low body, a stopper as large as the bottle likes."""
     r, h, n = draw.between(0.45, 0.9), draw.between(0.6, 1.3), draw.round(26)
     power = draw.pick((2.0, 2.0, 3.0, 6.0))

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.shapes.curves import bent, circle, cosd, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part, cylinder, ellipsoid, grid, join, revolve, tube
+from zbuf_occlude.shapes.kit import MeshPart, cylinder, ellipsoid, join, quad_grid, revolve, tube
 
 
 def rounded(profile: ArrayLike, draw: Draw) -> FloatArray:
@@ -19,7 +19,7 @@ def notched(count: int, depth: float) -> FloatArray:
     return circle(count) * np.where(np.arange(count) % 2, 1.0, 1.0 + depth)[:, None]
 
 
-def closure(draw: Draw, r: float, z: float, kind: str) -> Part:
+def closure(draw: Draw, r: float, z: float, kind: str) -> MeshPart:
     """Return what closes a neck of radius r whose mouth is at height z."""
     n = draw.round(20)
     if kind == "cork":
@@ -44,7 +44,7 @@ def closure(draw: Draw, r: float, z: float, kind: str) -> Part:
     return revolve([(1.15 * r, z - 0.12), (1.22 * r, z - 0.06), (1.15 * r, z), (0.8 * r, z)], n)
 
 
-def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: FloatArray | None = None) -> Part:
+def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: FloatArray | None = None) -> MeshPart:
     """Return a bottle from its profile: outer skin, sometimes inner skin and label, and one of the closures."""
     n = draw.round(28)
     parts = [revolve(profile, n, section)]
@@ -60,7 +60,7 @@ def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: F
     return join(parts)
 
 
-def label(draw: Draw, profile: FloatArray) -> Part:
+def label(draw: Draw, profile: FloatArray) -> MeshPart:
     """Return paper around part of the belly: a second sheet just off the glass."""
     height = np.ptp(profile[:, 1])
     low = profile[:, 1].min() + draw.between(0.12, 0.25) * height
@@ -68,10 +68,10 @@ def label(draw: Draw, profile: FloatArray) -> Part:
     order = np.argsort(profile[:, 1], kind="stable")
     r = np.interp(z, profile[order, 1], profile[order, 0])[:, None] * 1.012 + 0.004
     angle = np.linspace(-90, draw.pick((90, 180, 270)), draw.round(24))
-    return grid(np.stack([r * cosd(angle), r * sind(angle), z[:, None] * np.ones(len(angle))], axis=2))
+    return quad_grid(np.stack([r * cosd(angle), r * sind(angle), z[:, None] * np.ones(len(angle))], axis=2))
 
 
-def handle(draw: Draw, low: tuple[float, float], high: tuple[float, float], out: float, thick: float) -> Part:
+def handle(draw: Draw, low: tuple[float, float], high: tuple[float, float], out: float, thick: float) -> MeshPart:
     """Return an ear in the xz plane from the point (x, z) `low` to the point `high`, standing off by `out`."""
     (x0, z0), (x1, z1) = low, high
     x = max(x0, x1) + out

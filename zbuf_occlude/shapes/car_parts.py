@@ -8,11 +8,11 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.shapes.curves import circle, cosd, rectangle
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     around,
     bar,
-    box,
+    cuboid,
     cylinder,
     ellipsoid,
     join,
@@ -114,7 +114,7 @@ def form_of(draw: Draw, kind: str) -> Form:
     return Form(**values)
 
 
-def hull(draw: Draw, f: Form) -> Part:
+def hull(draw: Draw, f: Form) -> MeshPart:
     """Return the body below the windows: cross-sections along the car, cut out above the wheels."""
     arch, turns = f.wheel * draw.between(1.08, 1.25), np.linspace(180, 0, draw.round(11))
     ends = [0.004, 0.015, 0.03, 0.97, 0.985, 0.996, f.cowl, f.tail]
@@ -150,7 +150,7 @@ def hull(draw: Draw, f: Form) -> Part:
     return loft(rings)
 
 
-def cabin(draw: Draw, f: Form) -> Part:
+def cabin(draw: Draw, f: Form) -> MeshPart:
     """Return the house of glass: rounded rectangles from belt to roof, pillars and roof a little proud of it."""
     n, rise = draw.round(6) // 2 + 1, f.height - f.belt
     levels = np.array([-0.15, 0.0, 0.5, 0.85, 0.95, 1.0])
@@ -178,7 +178,7 @@ def cabin(draw: Draw, f: Form) -> Part:
     return join(parts)
 
 
-def wheel(draw: Draw, r: float, width: float) -> Part:
+def wheel(draw: Draw, r: float, width: float) -> MeshPart:
     """Return tyre, rim and spokes about the x axis, the face towards +x."""
     n, w, rim = draw.round(22), width / 2, r * draw.between(0.55, 0.75)
     tyre = [
@@ -201,22 +201,22 @@ def wheel(draw: Draw, r: float, width: float) -> Part:
     return join(parts).turned("y", 90)
 
 
-def wheels(draw: Draw, f: Form, width: float | None = None, out: float = 0.0) -> Part:
+def wheels(draw: Draw, f: Form, width: float | None = None, out: float = 0.0) -> MeshPart:
     """Return the four wheels, their outer sides flush with the body or `out` beyond it."""
     w = draw.between(0.17, 0.28) if width is None else width
     one, x = wheel(draw, f.wheel, w), f.width / 2 - w / 2 + 0.005 + out
     return join(pair(one.at(x, f.y(axle), f.wheel)) for axle in (f.front_axle, f.rear_axle))
 
 
-def trim(draw: Draw, f: Form) -> Part:
+def trim(draw: Draw, f: Form) -> MeshPart:
     """Return bumpers, lamps, grille, mirrors, handles, plates: as many as this modeller cared for."""
     y0, y1, w = f.y(0.0), f.y(1.0), f.width
-    parts = [box((-0.25, y1 - 0.02, f.clearance + 0.25), (0.25, y1 + 0.03, f.clearance + 0.36))]
+    parts = [cuboid((-0.25, y1 - 0.02, f.clearance + 0.25), (0.25, y1 + 0.03, f.clearance + 0.36))]
     if draw.chance(0.8):
         z, high, deep = f.clearance + 0.1, draw.between(0.1, 0.2), draw.between(0.06, 0.14)
         for y in (y0 - deep / 2, y1 - deep / 2):
             parts.append(
-                box((-0.42 * w, y, z), (0.42 * w, y + deep, z + high), edge=0.3 * deep, steps=draw.whole(1, 3))
+                cuboid((-0.42 * w, y, z), (0.42 * w, y + deep, z + high), edge=0.3 * deep, steps=draw.whole(1, 3))
             )
     x, z, s = 0.33 * w, f.clearance + 0.68 * (f.hood - f.clearance), draw.between(0.07, 0.11)
     kind = draw.pick(("round", "slit", "box", "none"))
@@ -225,20 +225,20 @@ def trim(draw: Draw, f: Form) -> Part:
     elif kind == "slit":
         parts.append(pair(ellipsoid((x, y0 + 0.1, z + 0.04), (0.16, 0.14, 0.05), draw.round(14))))
     elif kind == "box":
-        parts.append(pair(box((x - 0.13, y0 - 0.01, z - 0.06), (x + 0.1, y0 + 0.1, z + 0.07), edge=0.015)))
+        parts.append(pair(cuboid((x - 0.13, y0 - 0.01, z - 0.06), (x + 0.1, y0 + 0.1, z + 0.07), edge=0.015)))
     if draw.chance(0.7):
         rear = f.clearance + 0.7 * (f.deck - f.clearance)
-        parts.append(pair(box((0.28 * w, y1 - 0.08, rear - 0.07), (0.39 * w, y1 + 0.01, rear + 0.08), edge=0.01)))
+        parts.append(pair(cuboid((0.28 * w, y1 - 0.08, rear - 0.07), (0.39 * w, y1 + 0.01, rear + 0.08), edge=0.01)))
     if draw.chance(0.6):
-        slat = box((-0.2 * w, y0 - 0.015, 0), (0.2 * w, y0 + 0.03, 0.012))
+        slat = cuboid((-0.2 * w, y0 - 0.015, 0), (0.2 * w, y0 + 0.03, 0.012))
         parts.append(repeated(slat, along("z", np.linspace(z - 0.1, z + 0.07, draw.whole(3, 8)))))
     if draw.chance(0.8):
         y, z = f.y(f.cowl) + 0.35, f.belt + 0.05
-        glass = box((0.5 * w, y - 0.05, z), (0.5 * w + 0.17, y + 0.05, z + 0.12), edge=0.03, steps=2)
+        glass = cuboid((0.5 * w, y - 0.05, z), (0.5 * w + 0.17, y + 0.05, z + 0.12), edge=0.03, steps=2)
         parts.append(pair(glass + bar((0.44 * w, y, z), (0.5 * w + 0.05, y, z + 0.05), 0.04, 0.03)))
     if draw.chance(0.5):
         z = f.belt - 0.12
-        handles = [box((0.49 * w, y, z), (0.5 * w + 0.01, y + 0.16, z + 0.025)) for y in (f.y(0.5), f.y(0.68) - 0.1)]
+        handles = [cuboid((0.49 * w, y, z), (0.5 * w + 0.01, y + 0.16, z + 0.025)) for y in (f.y(0.5), f.y(0.68) - 0.1)]
         parts.append(pair(join(handles)))
     if draw.chance(0.4):
         pipe = rod((0.28 * w, y1 - 0.3, f.clearance), (0.28 * w, y1 + 0.06, f.clearance), 0.035, draw.round(8))
@@ -246,10 +246,10 @@ def trim(draw: Draw, f: Form) -> Part:
     return join(parts)
 
 
-def seats(draw: Draw, f: Form, rows: tuple[float, ...]) -> Part:
+def seats(draw: Draw, f: Form, rows: tuple[float, ...]) -> MeshPart:
     """Return pairs of seats at fractions of the length and a steering wheel, for what can be looked into."""
-    one = box((-0.22, -0.25, 0), (0.22, 0.25, 0.18), edge=0.05, steps=2)
-    one = one + box((-0.22, 0.0, 0.1), (0.22, 0.14, 0.7), edge=0.05, steps=2).turned("x", -12).at(y=0.2)
+    one = cuboid((-0.22, -0.25, 0), (0.22, 0.25, 0.18), edge=0.05, steps=2)
+    one = one + cuboid((-0.22, 0.0, 0.1), (0.22, 0.14, 0.7), edge=0.05, steps=2).turned("x", -12).at(y=0.2)
     n = draw.round(16)
     ring = tube(np.column_stack([circle(n) * 0.18, np.zeros(n)]), 0.014, 6, closed=True)
     steering = (ring + rod((0, 0, 0), (0, 0, -0.3), 0.02, 6)).turned("x", 60)

@@ -7,17 +7,17 @@ from zbuf_occlude.shapes.curves import bent, circle, cosd, rectangle, sind, smoo
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import frame
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     bar,
-    box,
     boxes,
+    cuboid,
     cylinder,
     ellipsoid,
-    grid,
     join,
     loft,
     pair,
+    quad_grid,
     repeated,
     revolve,
     rod,
@@ -26,7 +26,7 @@ from zbuf_occlude.shapes.kit import (
 )
 
 
-def jeep(draw: Draw) -> Part:
+def jeep(draw: Draw) -> MeshPart:
     """Return flat sheets: a tub, square wings, hoops or a canvas top, a spare wheel behind."""
     w, length, z, r = (
         draw.between(1.4, 1.75),
@@ -42,16 +42,21 @@ def jeep(draw: Draw) -> Part:
         [(x, y1, z + 0.05), (0.05 - x, y1, belt), (x, y1, belt), (x, y1, belt)],
     )
     lamp = cylinder(0.09, 0, 0.06, draw.round(14)).turned("x", 90).at(0.78 * half, y0, belt - 0.15)
-    slat = box((-0.02, y0 - 0.03, z + 0.1), (0.02, y0 + 0.02, belt - 0.1))
+    slat = cuboid((-0.02, y0 - 0.03, z + 0.1), (0.02, y0 + 0.02, belt - 0.1))
     grille = repeated(slat, along("x", np.linspace(-0.5 * half, 0.5 * half, draw.whole(5, 8))))
     middle, wide = 0.5 * (half + x), 0.4 * (x - half) + 0.1
-    wing = box((half, y0 - 0.05, 2 * r + 0.05), (x + 0.05, cowl - 0.1, 2 * r + 0.11))
+    wing = cuboid((half, y0 - 0.05, 2 * r + 0.05), (x + 0.05, cowl - 0.1, 2 * r + 0.11))
     wing = wing + bar((middle, cowl - 0.15, 2 * r + 0.08), (middle, cowl + 0.2, z), wide, 0.05)
     f = Form(length, w + 0.1, top, belt, belt, belt, 0.35, 0.36, 0.9, 0.95, z, r, 0.18, draw.between(0.74, 0.82))
-    parts = [tub, box((-half, y0, z), (half, cowl + 0.1, belt), edge=draw.pick((0.0, 0.04))), pair(wing + lamp), grille]
+    parts = [
+        tub,
+        cuboid((-half, y0, z), (half, cowl + 0.1, belt), edge=draw.pick((0.0, 0.04))),
+        pair(wing + lamp),
+        grille,
+    ]
     parts += [wheels(draw, f, draw.between(0.18, 0.32)), seats(draw, f, (0.5, 0.72))]
     parts += [
-        box((-0.45 * w, y0 - 0.12, z), (0.45 * w, y0 - 0.02, z + 0.14)),
+        cuboid((-0.45 * w, y0 - 0.12, z), (0.45 * w, y0 - 0.02, z + 0.14)),
         bar((0, y0 + 0.2, r), (0, y1 - 0.2, r), 0.6 * w, 0.12),
     ]
     parts.append(frame(w, top - belt, 0.05, 0.04).at(0, cowl + 0.02, belt))
@@ -62,14 +67,14 @@ def jeep(draw: Draw) -> Part:
         hoop = bent([(0.05 - x, 0, belt), (0.1 - x, 0, top), (x - 0.1, 0, top), (x - 0.05, 0, belt)], 0.15)
         parts += [tube(hoop, 0.03, draw.round(7)).at(y=y) for y in (cowl + 0.9, y1 - 0.15)]
         if roof == "canvas":
-            parts.append(grid(np.stack([hoop * 1.02 + (0, y, -0.01) for y in (cowl + 0.02, cowl + 0.9, y1)])))
+            parts.append(quad_grid(np.stack([hoop * 1.02 + (0, y, -0.01) for y in (cowl + 0.02, cowl + 0.9, y1)])))
     elif roof == "hard":
-        parts.append(box((-x, cowl, top - 0.03), (x, y1, top + 0.04), edge=0.03, steps=2))
-        parts += [pair(box((x - 0.07, y, belt), (x, y + 0.08, top))) for y in (cowl + 1.0, y1 - 0.1)]
+        parts.append(cuboid((-x, cowl, top - 0.03), (x, y1, top + 0.04), edge=0.03, steps=2))
+        parts += [pair(cuboid((x - 0.07, y, belt), (x, y + 0.08, top))) for y in (cowl + 1.0, y1 - 0.1)]
     return join(parts)
 
 
-def bubble(draw: Draw) -> Part:
+def bubble(draw: Draw) -> MeshPart:
     """Return one that is round all over, with wings that stand out."""
     f, n = form_of(draw, "bubble"), draw.round(16)
     low, w = f.clearance + 0.25, f.width
@@ -88,15 +93,15 @@ def bubble(draw: Draw) -> Part:
     reach = f.wheel * draw.between(1.1, 1.3)
     section = [(0.3, 1.02), (0.44, 1.0), (0.5, 0.92), (0.51, 0.82)]
     arcs = [np.column_stack([np.full(n, x * w), k * reach * cosd(angle), k * reach * sind(angle)]) for x, k in section]
-    wing = pair(grid(np.stack(arcs)))
+    wing = pair(quad_grid(np.stack(arcs)))
     parts += [wing.at(0, f.y(axle), f.wheel) for axle in (f.front_axle, f.rear_axle)]
-    board = box(
+    board = cuboid(
         (0.36 * w, f.y(f.front_axle) + 0.3, f.clearance), (0.49 * w, f.y(f.rear_axle) - 0.3, f.clearance + 0.05)
     )
     return join([*parts, pair(board)])
 
 
-def vintage(draw: Draw) -> Part:
+def vintage(draw: Draw) -> MeshPart:
     """Return one from before 1940: a long narrow hood, an upright cabin, sweeping wings, thin wheels."""
     w, length, r = draw.between(1.5, 1.8), draw.between(3.4, 5.2), draw.between(0.34, 0.46)
     z, hood, roof = r + 0.05, draw.between(0.95, 1.2), draw.between(1.5, 1.95)
@@ -141,14 +146,14 @@ def vintage(draw: Draw) -> Part:
         rod((-0.4 * w, y0, hood - 0.32), (0.4 * w, y0, hood - 0.32), 0.02, 6),
     ]
     parts += [
-        box((-0.4 * w, y0 - 0.4, 0.4), (0.4 * w, y0 - 0.34, 0.5)),
-        box((-0.24 * w, y0 - 0.04, z), (0.24 * w, y0, hood - 0.08), edge=0.02),
+        cuboid((-0.4 * w, y0 - 0.4, 0.4), (0.4 * w, y0 - 0.34, 0.5)),
+        cuboid((-0.24 * w, y0 - 0.04, z), (0.24 * w, y0, hood - 0.08), edge=0.02),
     ]
     if draw.chance(0.6):
         parts.append(wheel(draw, 0.9 * r, 0.13).turned("z", 90).at(0, y1 + 0.02, z + 0.35))
     if not closed:
         return join(
-            [*parts, seats(draw, f, (0.58, 0.76)), box((-0.4 * w, cowl - 0.02, hood), (0.4 * w, cowl, hood + 0.4))]
+            [*parts, seats(draw, f, (0.58, 0.76)), cuboid((-0.4 * w, cowl - 0.02, hood), (0.4 * w, cowl, hood + 0.4))]
         )
     wide, high = 0.5 * (y1 - cowl) - 0.35, roof - hood - 0.16
     panes = [
@@ -158,7 +163,7 @@ def vintage(draw: Draw) -> Part:
     return join([*parts, pair(join(panes)), frame(0.68 * w, high, 0.05, 0.06).at(0, cowl - 0.25, hood + 0.02)])
 
 
-def racer(draw: Draw) -> Part:
+def racer(draw: Draw) -> MeshPart:
     """Return a single-seater: a slender body, bare wheels, wings fore and aft or a cigar."""
     length, w, r, n = draw.between(3.6, 5.4), draw.between(1.5, 2.1), draw.between(0.28, 0.4), draw.round(16)
     modern, fat = draw.chance(0.65), draw.between(0.8, 1.3)
@@ -193,16 +198,16 @@ def racer(draw: Draw) -> Part:
     y0, y1, span, high = -0.5 * length, 0.47 * length, draw.between(0.34, 0.48) * w, draw.between(0.65, 1.0)
     if modern:
         parts += [
-            box((-span, y0 - 0.1, 0.12), (span, y0 + 0.3, 0.15)),
-            box((-span, y1, high), (span, y1 + 0.35, high + 0.03)),
+            cuboid((-span, y0 - 0.1, 0.12), (span, y0 + 0.3, 0.15)),
+            cuboid((-span, y1, high), (span, y1 + 0.35, high + 0.03)),
         ]
-        parts.append(pair(box((span, y0 - 0.15, 0.1), (span + 0.01, y0 + 0.35, 0.3))))
-        parts.append(pair(box((span, y1 - 0.05, 0.45), (span + 0.01, y1 + 0.4, high + 0.12))))
+        parts.append(pair(cuboid((span, y0 - 0.15, 0.1), (span + 0.01, y0 + 0.35, 0.3))))
+        parts.append(pair(cuboid((span, y1 - 0.05, 0.45), (span + 0.01, y1 + 0.4, high + 0.12))))
         parts.append(
-            pair(box((0.18, -0.05 * length, 0.1), (0.62, 0.24 * length, 0.5), edge=0.1, steps=draw.whole(1, 3)))
+            pair(cuboid((0.18, -0.05 * length, 0.1), (0.62, 0.24 * length, 0.5), edge=0.1, steps=draw.whole(1, 3)))
         )
         parts += [
-            box((-0.06, 0.4 * length, 0.4), (0.06, 0.5 * length, high)),
+            cuboid((-0.06, 0.4 * length, 0.4), (0.06, 0.5 * length, high)),
             ellipsoid((0, 0.1 * length, 0.85), (0.13, 0.35, 0.16), n),
         ]
         if draw.chance(0.5):
@@ -218,7 +223,7 @@ def racer(draw: Draw) -> Part:
             parts.append(tube(halo, 0.03, 6))
     else:
         pipe = bent([(0.3, 0.0, 0.35), (0.36, 0.1, 0.3), (0.36, 0.5 * length, 0.3)], 0.1)
-        parts += [tube(pipe, 0.05, draw.round(8)), box((-0.25, y0 + 0.08, 0.25), (0.25, y0 + 0.14, 0.5), edge=0.004)]
+        parts += [tube(pipe, 0.05, draw.round(8)), cuboid((-0.25, y0 + 0.08, 0.25), (0.25, y0 + 0.14, 0.5), edge=0.004)]
     parts.append(ellipsoid((0, -0.02 * length, 0.75), (0.14, 0.16, 0.15), n))
-    parts.append(box((-0.2, -0.06 * length, 0.5), (0.2, 0.02 * length, 0.68), edge=0.06, steps=2))
+    parts.append(cuboid((-0.2, -0.06 * length, 0.5), (0.2, 0.02 * length, 0.68), edge=0.06, steps=2))
     return join(parts)

@@ -6,9 +6,9 @@ from zbuf_occlude.shapes.chair_parts import (
     BACKS,
     arms,
     back,
+    chair_pedestal,
     curved,
     legs,
-    pedestal,
     placed,
     rail,
     seat,
@@ -19,23 +19,23 @@ from zbuf_occlude.shapes.curves import bent, circle, cosd, rectangle, sind, smoo
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import four_legs, leg, splayed, stretchers
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     bar,
-    box,
+    cuboid,
     cylinder,
     ellipsoid,
-    grid,
     join,
     pair,
     pillow,
     prism,
+    quad_grid,
     rod,
     shell,
     tube,
 )
 
 
-def _dining(draw: Draw, kinds: tuple[str, ...] = BACKS) -> Part:
+def _dining(draw: Draw, kinds: tuple[str, ...] = BACKS) -> MeshPart:
     w, d, z = draw.between(0.36, 0.58), draw.between(0.36, 0.52), draw.between(0.4, 0.52)
     behind = back(draw, draw.pick(kinds), w * draw.between(0.85, 1.0), draw.between(0.28, 0.78))
     parts = [seat(draw, w, d, z), placed(behind, d, z - 0.02, draw.between(1, 16)), legs(draw, w, d, z - 0.02)]
@@ -44,34 +44,39 @@ def _dining(draw: Draw, kinds: tuple[str, ...] = BACKS) -> Part:
     return join(parts)
 
 
-def _slatted(draw: Draw) -> Part:
+def _slatted(draw: Draw) -> MeshPart:
     return _dining(draw, ("slats", "ladder", "cross"))
 
 
-def _office(draw: Draw) -> Part:
+def _office(draw: Draw) -> MeshPart:
     """On a swivel base; the back on a spine."""
     w, d, z, h = draw.between(0.4, 0.6), draw.between(0.4, 0.56), draw.between(0.4, 0.6), draw.between(0.25, 0.85)
     thick, soft = draw.between(0.05, 0.12), draw.whole(2, 4)
     kind = draw.pick(("soft", "soft", "frame", "oval", "panel"))
     if kind == "soft":
         wide = draw.between(0.36, 0.48) * w
-        behind = box((-wide, -0.035, 0), (wide, 0.035, h), edge=0.03, steps=soft)
+        behind = cuboid((-wide, -0.035, 0), (wide, 0.035, h), edge=0.03, steps=soft)
         if draw.chance(0.5):
-            rest = box((-0.14, -0.03, h + 0.04), (0.14, 0.03, h + 0.18), edge=0.028, steps=2)
+            rest = cuboid((-0.14, -0.03, h + 0.04), (0.14, 0.03, h + 0.18), edge=0.028, steps=2)
             behind = behind + rest + pair(rod((0.05, 0, h - 0.05), (0.05, 0, h + 0.1), 0.008, 6))
     else:
         behind = curved(back(draw, kind, w * draw.between(0.75, 1.0), h), w, 0.05)
     gap, rear = draw.between(0.02, 0.22), d / 2 + 0.07
     spine = bent([(0, 0, z - 0.06), (0, rear, z - 0.06), (0, rear + 0.03, z + gap + 0.15)], 0.08)
-    parts = [box((-w / 2, -d / 2, z - thick), (w / 2, d / 2, z), edge=0.45 * thick, steps=soft), tube(spine, 0.018, 8)]
+    parts = [
+        cuboid((-w / 2, -d / 2, z - thick), (w / 2, d / 2, z), edge=0.45 * thick, steps=soft),
+        tube(spine, 0.018, 8),
+    ]
     parts.append(placed(behind, d + 0.06, z + gap, draw.between(2, 18)))
     under = z - 0.08
-    parts.append(star(draw, under, draw.between(0.22, 0.38)) if draw.chance(0.85) else pedestal(draw, under, 0.26))
+    parts.append(
+        star(draw, under, draw.between(0.22, 0.38)) if draw.chance(0.85) else chair_pedestal(draw, under, 0.26)
+    )
     if draw.chance(0.35):
         parts.append(arms(draw, w + 0.06, d, z))
     elif draw.chance(0.55):
         x, top = w / 2 + 0.04, z + draw.between(0.14, 0.26)
-        rest = box((x - 0.035, -0.14, top), (x + 0.035, 0.12, top + 0.03), edge=0.012, steps=2)
+        rest = cuboid((x - 0.035, -0.14, top), (x + 0.035, 0.12, top + 0.03), edge=0.012, steps=2)
         post = bar((x - 0.1, 0, z - 0.06), (x, 0, z - 0.04), 0.05, 0.02) + bar(
             (x, 0, z - 0.05), (x, 0, top), 0.02, 0.05
         )
@@ -79,25 +84,25 @@ def _office(draw: Draw) -> Part:
     return join(parts)
 
 
-def _armchair(draw: Draw) -> Part:
+def _armchair(draw: Draw) -> MeshPart:
     """Upholstered, on a plinth or short legs; sometimes with wings."""
     w, d, z = draw.between(0.55, 0.95), draw.between(0.55, 0.9), draw.between(0.34, 0.48)
     arm, h, foot = draw.between(0.07, 0.2), draw.between(0.3, 0.85), draw.between(0.02, 0.2)
     s, lift, soft = draw.whole(2, 4), draw.between(0.1, 0.28), draw.between(0.02, 0.06)
     x, y = w / 2, d / 2
-    parts = [box((-x, -y, foot), (x, y, z - 0.12), edge=0.02, steps=s)]
-    parts.append(box((arm - x, -y - 0.03, z - 0.14), (x - arm, y - 0.15, z), edge=soft, steps=s))
-    behind = box((0.6 * arm - x, -0.09, 0), (x - 0.6 * arm, 0.09, h), edge=soft, steps=s)
+    parts = [cuboid((-x, -y, foot), (x, y, z - 0.12), edge=0.02, steps=s)]
+    parts.append(cuboid((arm - x, -y - 0.03, z - 0.14), (x - arm, y - 0.15, z), edge=soft, steps=s))
+    behind = cuboid((0.6 * arm - x, -0.09, 0), (x - 0.6 * arm, 0.09, h), edge=soft, steps=s)
     parts.append(behind.turned("x", -draw.between(2, 18)).at(0, y - 0.08, z - 0.08))
     if draw.chance(0.4):  # rolled arms
         roll = cylinder(arm * 0.62, -y, y - 0.08, draw.round(16)).turned("x", 90).at(z=z + lift)
-        wall = box((-0.4 * arm, 0.02 - y, foot), (0.4 * arm, y, z + lift))
+        wall = cuboid((-0.4 * arm, 0.02 - y, foot), (0.4 * arm, y, z + lift))
         parts.append(pair((wall + roll).at(x - arm / 2)))
     else:
-        parts.append(pair(box((x - arm, -y, foot), (x, y, z + lift), edge=min(soft, arm / 3), steps=s)))
+        parts.append(pair(cuboid((x - arm, -y, foot), (x, y, z + lift), edge=min(soft, arm / 3), steps=s)))
     if h > 0.55 and draw.chance(0.7):
         low, high = (x - arm, y - 0.3, z + lift - 0.05), (x - 0.45 * arm, y + 0.02, z + h - 0.1)
-        parts.append(pair(box(low, high, edge=0.03, steps=s)))
+        parts.append(pair(cuboid(low, high, edge=0.03, steps=s)))
     if draw.chance(0.35):
         parts.append(pillow((0.36, 0.36, 0.14), draw.round(11)).turned("x", 70).at(0, y - 0.28, z + 0.16))
     if foot > 0.04:
@@ -106,7 +111,7 @@ def _armchair(draw: Draw) -> Part:
     return join(parts)
 
 
-def _tub(draw: Draw) -> Part:
+def _tub(draw: Draw) -> MeshPart:
     """A barrel: one wall around a round seat."""
     r, z, h, n = draw.between(0.28, 0.45), draw.between(0.34, 0.46), draw.between(0.15, 0.55), draw.round(24)
     gap, drop, power = draw.between(35, 85), draw.between(0.0, 0.6), draw.between(2.0, 5.0)
@@ -125,11 +130,11 @@ def _tub(draw: Draw) -> Part:
     elif draw.chance(0.6):
         parts.append(legs(draw, 1.5 * r, 1.5 * r, under))
     else:
-        parts.append(star(draw, under, r * 0.9) if draw.chance(0.5) else pedestal(draw, under, r * 0.75))
+        parts.append(star(draw, under, r * 0.9) if draw.chance(0.5) else chair_pedestal(draw, under, r * 0.75))
     return join(parts)
 
 
-def _cantilever(draw: Draw) -> Part:
+def _cantilever(draw: Draw) -> MeshPart:
     """One bent pipe for legs and back, without hind legs."""
     w, d, z, h = draw.between(0.38, 0.6), draw.between(0.4, 0.56), draw.between(0.38, 0.5), draw.between(0.25, 0.6)
     r, n, x, y, lean = draw.between(0.009, 0.02), draw.round(8), w / 2, d / 2, draw.between(0.0, 0.2)
@@ -145,11 +150,11 @@ def _cantilever(draw: Draw) -> Part:
     parts.append(pair(tube(bent(side, bow, draw.round(5)), r, n)))
     behind = back(draw, draw.pick(("panel", "panel", "cushion", "ladder")), w, h * draw.between(0.7, 1.0))
     parts.append(behind.turned("x", -float(np.degrees(np.arctan2(lean, h)))).at(0, y, z))
-    parts.append(box((-x, -y, z - 0.01), (x, y - 0.02, z + draw.between(0.015, 0.09)), edge=0.006, steps=2))
+    parts.append(cuboid((-x, -y, z - 0.01), (x, y - 0.02, z + draw.between(0.015, 0.09)), edge=0.006, steps=2))
     return join(parts)
 
 
-def _moulded(draw: Draw) -> Part:
+def _moulded(draw: Draw) -> MeshPart:
     """Seat and back in one skin, on any base."""
     w, d, z, h = draw.between(0.4, 0.66), draw.between(0.38, 0.54), draw.between(0.34, 0.48), draw.between(0.2, 0.7)
     n, lean = draw.round(13), draw.between(0.02, 0.22)
@@ -166,7 +171,7 @@ def _moulded(draw: Draw) -> Part:
     net[..., 0] = half[:, None] * u
     net[..., 1] = spine[:, :1] - rim * slope[:, 1:]
     net[..., 2] = spine[:, 1:] + rim * slope[:, :1]
-    skin = grid(net) if draw.chance(0.3) else shell(net, draw.between(0.006, 0.02))
+    skin = quad_grid(net) if draw.chance(0.3) else shell(net, draw.between(0.006, 0.02))
     base, under = draw.pick(("legs", "wires", "star", "pedestal", "sled", "legs")), z - 0.02
     if base == "legs":
         one = leg(draw, draw.pick(("conical", "round", "tapered")), under, 0.035)
@@ -177,12 +182,12 @@ def _moulded(draw: Draw) -> Part:
     if base == "star":
         return skin + star(draw, under, draw.between(0.22, 0.34))
     if base == "pedestal":
-        return skin + pedestal(draw, under, draw.between(0.18, 0.3))
+        return skin + chair_pedestal(draw, under, draw.between(0.18, 0.3))
     path = bent([(0.12, -0.1, under), (0.2, -0.22, 0.01), (0.2, 0.22, 0.01), (0.12, 0.1, under)], 0.06)
     return skin + pair(tube(path, 0.009, draw.round(8)))
 
 
-def _windsor(draw: Draw) -> Part:
+def _windsor(draw: Draw) -> MeshPart:
     """Spindles under a bow, turned and splayed legs."""
     w, d, z, h = draw.between(0.4, 0.58), draw.between(0.38, 0.5), draw.between(0.4, 0.5), draw.between(0.3, 0.75)
     round_top, splay = draw.between(0.5, 1.0), draw.between(5, 15)
@@ -207,7 +212,7 @@ def _windsor(draw: Draw) -> Part:
     return join(parts)
 
 
-def _stool(draw: Draw) -> Part:
+def _stool(draw: Draw) -> MeshPart:
     """Low or high, with a hint of a back or none."""
     z, r, n = draw.pick((draw.between(0.38, 0.5), draw.between(0.6, 0.85))), draw.between(0.14, 0.24), draw.round(22)
     outline = rectangle(1.9 * r, 1.7 * r, 0.04) if draw.chance(0.4) else circle(n) * r
@@ -221,7 +226,7 @@ def _stool(draw: Draw) -> Part:
         )
         parts.append(stretchers(draw, spread, spread, level * z, 0.02, draw.pick(("box", "H", "sides"))))
     else:
-        foot = pedestal(draw, z - 0.02, r * 1.15) if base == "pedestal" else star(draw, z - 0.02, r * 1.4)
+        foot = chair_pedestal(draw, z - 0.02, r * 1.15) if base == "pedestal" else star(draw, z - 0.02, r * 1.4)
         parts.append(foot)
         if z > 0.58:
             path = np.column_stack([circle(n) * r * 0.85, np.full(n, 0.3 * z)])
@@ -232,7 +237,7 @@ def _stool(draw: Draw) -> Part:
     return join(parts)
 
 
-def _rocking(draw: Draw) -> Part:
+def _rocking(draw: Draw) -> MeshPart:
     w, d, z = draw.between(0.42, 0.6), draw.between(0.42, 0.56), draw.between(0.38, 0.48)
     behind = back(draw, draw.pick(("slats", "ladder", "panel", "oval")), w * 0.94, draw.between(0.45, 0.85))
     y = np.linspace(-draw.between(0.4, 0.55), draw.between(0.45, 0.65), draw.round(12))
@@ -243,7 +248,7 @@ def _rocking(draw: Draw) -> Part:
     return join([*parts, arms(draw, w, d, z)]) if draw.chance(0.8) else join(parts)
 
 
-def _folding(draw: Draw) -> Part:
+def _folding(draw: Draw) -> MeshPart:
     """Crossed legs; the long ones carry the back."""
     w, z, h, t = draw.between(0.36, 0.6), draw.between(0.36, 0.5), draw.between(0.22, 0.55), draw.between(0.018, 0.032)
     x, y, lean = w / 2, draw.between(0.16, 0.3), draw.between(0.02, 0.2)
@@ -253,33 +258,33 @@ def _folding(draw: Draw) -> Part:
     )
     parts = [
         pair(long + short),
-        box((-x, -y, 0.1), (x, 0.02 - y, 0.13)),
-        box((-x, y - 0.04, 0.12), (x, y - 0.02, 0.15)),
+        cuboid((-x, -y, 0.1), (x, 0.02 - y, 0.13)),
+        cuboid((-x, y - 0.04, 0.12), (x, y - 0.02, 0.15)),
     ]
     if draw.chance(0.5):  # canvas, sagging
         u, v = np.meshgrid(np.linspace(-1, 1, draw.round(9)), np.linspace(-1, 1, draw.round(9)), indexing="ij")
         sag = draw.between(0.02, 0.09) * (1 - u**2)
-        parts.append(grid(np.stack([x * u, (y + 0.02) * v, z - sag], axis=2)))
-        parts.append(grid(np.stack([x * u, y + 0.8 * lean + sag + 0.02 * v, z + h * (0.72 + 0.25 * v)], axis=2)))
+        parts.append(quad_grid(np.stack([x * u, (y + 0.02) * v, z - sag], axis=2)))
+        parts.append(quad_grid(np.stack([x * u, y + 0.8 * lean + sag + 0.02 * v, z + h * (0.72 + 0.25 * v)], axis=2)))
     else:
         parts.append(seat(draw, w, 2 * y + 0.03, z + 0.02))
         angle = float(np.degrees(np.arctan2(2 * y + lean, z + h)))
         board = rail(w, 0, draw.between(0.08, 0.4) * h, 0.02, 9)
         parts.append(board.turned("x", -angle).at(0, y + 0.5 * lean, z + h * 0.55))
     if draw.chance(0.4):
-        rest = box((x - 0.03, -y - 0.02, z + 0.18), (x + 0.03, y + 0.04, z + 0.2))
+        rest = cuboid((x - 0.03, -y - 0.02, z + 0.18), (x + 0.03, y + 0.04, z + 0.2))
         parts.append(pair(rest + bar((x, -y, z), (x, -y, z + 0.19), t, t)))
     return join(parts)
 
 
-def _blocky(draw: Draw) -> Part:
+def _blocky(draw: Draw) -> MeshPart:
     """Boards and cubes: panel sides, thrones, bent plywood."""
     w, d, z, h = draw.between(0.42, 0.75), draw.between(0.42, 0.7), draw.between(0.32, 0.48), draw.between(0.25, 0.95)
     t, high, x, y = draw.between(0.02, 0.09), draw.pick((0.0, draw.between(0.12, 0.28))), w / 2, d / 2
-    parts = [box((-x, -y, z - t), (x, y, z)), pair(box((x - t, -y, 0), (x, y, z + high)))]
-    parts.append(box((-x, 0, 0), (x, t, h + 0.02)).turned("x", -draw.between(0, 12)).at(0, y - t, z - t))
+    parts = [cuboid((-x, -y, z - t), (x, y, z)), pair(cuboid((x - t, -y, 0), (x, y, z + high)))]
+    parts.append(cuboid((-x, 0, 0), (x, t, h + 0.02)).turned("x", -draw.between(0, 12)).at(0, y - t, z - t))
     if draw.chance(0.5):
-        parts.append(box((t - x, y - t, 0.02), (x - t, y, z)))
+        parts.append(cuboid((t - x, y - t, 0.02), (x - t, y, z)))
     if draw.chance(0.6):
         parts.append(pillow((w - 2 * t, d - t, draw.between(0.08, 0.2)), draw.round(11), power=7).at(z=z + 0.03))
     if h > 0.6:

@@ -7,17 +7,16 @@ from types import MappingProxyType
 
 import numpy as np
 
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.origin import Origin
+from zbuf_occlude.provenance import Origin
 from zbuf_occlude.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.finish import finished
-from zbuf_occlude.shapes.kit import Part
+from zbuf_occlude.shapes.kit import MeshPart
 
-Style = Callable[[Draw], Part]
+Style = Callable[[Draw], MeshPart]
 
 STYLES: MappingProxyType[str, tuple[Style, ...]] = MappingProxyType(
     {

@@ -4,12 +4,12 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part
+from zbuf_occlude.shapes.kit import MeshPart
 
 FEWEST_FACES = 200
 
 
-def finished(part: Part, draw: Draw) -> tuple[FloatArray, IntArray]:
+def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
     """Turn a modelled part into the vertices (v, 3) and faces (f, 3) of a file.
 
     Notes

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.checks import check_word
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
-from zbuf_occlude.shapes.kit import grid
+from zbuf_occlude.shapes.kit import quad_grid
 
 Array = Any  # a parameter net or an expression of it: broadcasting float arrays
 PI, TURN = np.pi, 2 * np.pi
@@ -180,7 +179,7 @@ def make(name: str, n: int = 48) -> Mesh:
         for letter, ends in (("u", formula.u), ("v", formula.v))
     )
     net: FloatArray = np.stack(np.broadcast_arrays(*formula.surface(*np.meshgrid(u, v, indexing="ij"))), axis=2)
-    part = grid(net, wrap_rows="u" in formula.closed, wrap_columns="v" in formula.closed)
+    part = quad_grid(net, wrap_rows="u" in formula.closed, wrap_columns="v" in formula.closed)
     return Mesh(part.points, part.faces, name=name).cleaned().normalized()
 
 

@@ -4,16 +4,16 @@ import numpy as np
 
 from zbuf_occlude.shapes.curves import bent, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import Part, Point, bar, box, boxes, ellipsoid, four, join, pair, revolve, rod, tube
+from zbuf_occlude.shapes.kit import MeshPart, Point, bar, boxes, cuboid, ellipsoid, four, join, pair, revolve, rod, tube
 
 LEG_KINDS = ("square", "tapered", "round", "conical", "turned", "cabriole", "hairpin")
 
 
-def leg(draw: Draw, kind: str, height: float, thick: float) -> Part:
+def leg(draw: Draw, kind: str, height: float, thick: float) -> MeshPart:
     """Return one upright leg about the z axis, from the floor to `height`."""
     t = thick / 2.0
     if kind == "square":
-        return box((-t, -t, 0), (t, t, height), edge=t * draw.pick((0.0, 0.0, 0.25)))
+        return cuboid((-t, -t, 0), (t, t, height), edge=t * draw.pick((0.0, 0.0, 0.25)))
     if kind == "tapered":
         return bar((0, 0, height), (0, 0, 0), thick, thick, end=draw.between(0.4, 0.7))
     if kind == "round":
@@ -36,20 +36,20 @@ def leg(draw: Draw, kind: str, height: float, thick: float) -> Part:
     return tube(wire, t * 0.35, draw.round(6)).turned("z", 45)
 
 
-def splayed(part: Part, height: float, x: float, y: float) -> Part:
+def splayed(part: MeshPart, height: float, x: float, y: float) -> MeshPart:
     """Lean a leg outwards by the angles x and y in degrees; its top at `height` stays where it is."""
     points = part.points.copy()
     points[:, :2] += (height - points[:, 2:]) * sind([x, y])
     return part.warped(points)
 
 
-def four_legs(draw: Draw, kind: str, x: float, y: float, height: float, thick: float, splay: float = 0.0) -> Part:
+def four_legs(draw: Draw, kind: str, x: float, y: float, height: float, thick: float, splay: float = 0.0) -> MeshPart:
     """Return four legs whose tops stand at (+-x, +-y)."""
     one = splayed(leg(draw, kind, height, thick), height, splay, splay)
     return four(one.at(x, y))
 
 
-def stretchers(draw: Draw, x: float, y: float, z: float, thick: float, plan: str) -> Part:
+def stretchers(draw: Draw, x: float, y: float, z: float, thick: float, plan: str) -> MeshPart:
     """Return the rails between four legs at height z: "box", "H", "X" or "sides"."""
     t = thick
     side = bar((x, -y, z), (x, y, z), t, t)
@@ -62,7 +62,7 @@ def stretchers(draw: Draw, x: float, y: float, z: float, thick: float, plan: str
     return bar((-x, -y, z), (x, y, z), t, t) + bar((x, -y, z), (-x, y, z), t, t)
 
 
-def frame(width: float, height: float, bar_width: float, depth: float) -> Part:
+def frame(width: float, height: float, bar_width: float, depth: float) -> MeshPart:
     """Return a rectangular frame in the xz plane, its lower edge at z = 0, centred in x and y."""
     w, b, d = width / 2.0, bar_width, depth / 2.0
     low = [(-w, -d, 0), (w - b, -d, 0), (-w, -d, 0), (-w, -d, height - b)]
@@ -70,7 +70,7 @@ def frame(width: float, height: float, bar_width: float, depth: float) -> Part:
     return boxes(low, high)
 
 
-def knob(draw: Draw, at: Point, size: float) -> Part:
+def knob(draw: Draw, at: Point, size: float) -> MeshPart:
     """Return a small handle on a front that looks towards -y: a ball or a bar."""
     x, y, z = at
     if draw.chance(0.5):
@@ -82,7 +82,7 @@ def knob(draw: Draw, at: Point, size: float) -> Part:
     )
 
 
-def drawers(draw: Draw, low: Point, high: Point, rows: int, columns: int = 1) -> Part:
+def drawers(draw: Draw, low: Point, high: Point, rows: int, columns: int = 1) -> MeshPart:
     """Return drawer fronts with knobs that stand a little proud of the face y = low[1] of a case."""
     (x0, y, z0), (x1, _, z1) = low, high
     dx, dz = (x1 - x0) / columns, (z1 - z0) / rows
@@ -91,12 +91,12 @@ def drawers(draw: Draw, low: Point, high: Point, rows: int, columns: int = 1) ->
     for i in range(columns):
         for j in range(rows):
             x, z = x0 + i * dx, z0 + j * dz
-            parts.append(box((x + gap, y - proud, z + gap), (x + dx - gap, y + proud, z + dz - gap), edge=proud / 2))
+            parts.append(cuboid((x + gap, y - proud, z + gap), (x + dx - gap, y + proud, z + dz - gap), edge=proud / 2))
             parts.append(knob(draw, (x + dx / 2, y - proud, z + dz * 0.55), 0.05 * min(dx, dz) + 0.006))
     return join(parts)
 
 
-def doors(draw: Draw, low: Point, high: Point, count: int) -> Part:
+def doors(draw: Draw, low: Point, high: Point, count: int) -> MeshPart:
     """Return framed doors with knobs on the face y = low[1] of a case."""
     (x0, y, z0), (x1, _, z1) = low, high
     dx = (x1 - x0) / count
@@ -107,13 +107,13 @@ def doors(draw: Draw, low: Point, high: Point, count: int) -> Part:
         width, height = right - left, z1 - z0 - 2 * gap
         middle = (left + right) / 2
         parts.append(frame(width, height, rail, 0.02).at(middle, y - 0.01, z0 + gap))
-        parts.append(box((left, y - 0.008, z0 + gap), (right, y, z1 - gap)))
+        parts.append(cuboid((left, y - 0.008, z0 + gap), (right, y, z1 - gap)))
         side = right - rail / 2 if i % 2 == 0 and count > 1 else left + rail / 2
         parts.append(knob(draw, (side, y - 0.02, (z0 + z1) / 2), 0.012 + 0.02 * rail))
     return join(parts)
 
 
-def books(draw: Draw, low: Point, high: Point, fill: float) -> Part:
+def books(draw: Draw, low: Point, high: Point, fill: float) -> MeshPart:
     """Return a row of upright books between two corners of a shelf, spines towards -y; the last may lean or lie."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     room, depth = z1 - z0, y1 - y0
@@ -132,7 +132,7 @@ def books(draw: Draw, low: Point, high: Point, fill: float) -> Part:
     free = x1 - (edges[-1] if len(edges) else x0)
     if free > 0.6 * room and draw.chance(0.5):
         tall = 0.8 * room
-        book = box((0, y0 + 0.1 * depth, 0), (0.04, y0 + 0.8 * depth, tall))
+        book = cuboid((0, y0 + 0.1 * depth, 0), (0.04, y0 + 0.8 * depth, tall))
         parts.append(book.turned("y", -draw.between(12, 30)).at(edges[-1] + 0.42 * tall, 0, z0))
     elif free > 0.2 and draw.chance(0.5):
         layers = draw.whole(1, 4)
@@ -140,4 +140,4 @@ def books(draw: Draw, low: Point, high: Point, fill: float) -> Part:
         shift = draw.rng.uniform(0, 0.02, size=layers)
         lows = np.stack([x1 - 0.18 + shift - 0.02, np.full(layers, y0 + 0.1 * depth), top], axis=1)
         parts.append(boxes(lows, lows + np.array((0.16, 0.7 * depth, 0.033))))
-    return join(parts) if parts else box((x0, y0, z0), (x0 + 0.03, y1 - 0.1 * depth, z0 + 0.8 * room))
+    return join(parts) if parts else cuboid((x0, y0, z0), (x0 + 0.03, y1 - 0.1 * depth, z0 + 0.8 * room))

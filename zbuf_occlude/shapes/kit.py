@@ -17,71 +17,71 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MeshPart:
     """Points (v, 3) and triangles (f, 3); every operation returns a new part."""
 
     points: FloatArray
     faces: IntArray
 
-    def __add__(self, other: "Part") -> "Part":
+    def __add__(self, other: "MeshPart") -> "MeshPart":
         return join([self, other])
 
-    def at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Part":
+    def at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "MeshPart":
         """Move by (x, y, z)."""
-        return Part(self.points + np.array((x, y, z)), self.faces)
+        return MeshPart(self.points + np.array((x, y, z)), self.faces)
 
-    def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> "Part":
+    def scaled(self, x: float = 1.0, y: float = 1.0, z: float = 1.0) -> "MeshPart":
         """Scale about the origin, axis by axis."""
-        return Part(self.points * (x, y, z), self.faces)
+        return MeshPart(self.points * (x, y, z), self.faces)
 
-    def turned(self, axis: str, degrees: float) -> "Part":
+    def turned(self, axis: str, degrees: float) -> "MeshPart":
         """Rotate about a coordinate axis through the origin, counter-clockwise seen from its tip."""
         i, j = (AXES[axis] + 1) % 3, (AXES[axis] + 2) % 3
         c, s = cosd(degrees), sind(degrees)
         points = self.points.copy()
         points[:, i] = c * self.points[:, i] - s * self.points[:, j]
         points[:, j] = s * self.points[:, i] + c * self.points[:, j]
-        return Part(points, self.faces)
+        return MeshPart(points, self.faces)
 
-    def mirrored(self, axis: str) -> "Part":
+    def mirrored(self, axis: str) -> "MeshPart":
         """Reflect in the coordinate plane across an axis. The winding turns over, as it does in careless CAD."""
         points = self.points.copy()
         points[:, AXES[axis]] *= -1.0
-        return Part(points, self.faces)
+        return MeshPart(points, self.faces)
 
-    def warped(self, points: FloatArray) -> "Part":
+    def warped(self, points: FloatArray) -> "MeshPart":
         """Keep the triangles and put other points under them, (v, 3)."""
-        return Part(points, self.faces)
+        return MeshPart(points, self.faces)
 
 
-def join(parts: Iterable[Part]) -> Part:
+def join(parts: Iterable[MeshPart]) -> MeshPart:
     """Put parts side by side into one; nothing is merged."""
     kept = list(parts)
     starts = np.cumsum([0] + [len(part.points) for part in kept[:-1]])
     faces = [part.faces + start for part, start in zip(kept, starts, strict=True)]
-    return Part(np.concatenate([part.points for part in kept]), np.concatenate(faces).astype(np.int32))
+    return MeshPart(np.concatenate([part.points for part in kept]), np.concatenate(faces).astype(np.int32))
 
 
-def pair(part: Part, axis: str = "x") -> Part:
+def pair(part: MeshPart, axis: str = "x") -> MeshPart:
     """Return the part and its mirror image."""
     return part + part.mirrored(axis)
 
 
-def four(part: Part) -> Part:
+def four(part: MeshPart) -> MeshPart:
     """Return the part mirrored in x, in y and in both: a table's legs from one."""
     return pair(pair(part, "x"), "y")
 
 
-def around(part: Part, count: int, start: float = 0.0) -> Part:
+def around(part: MeshPart, count: int, start: float = 0.0) -> MeshPart:
     """Return `count` copies turned evenly about the z axis, the first by `start` degrees."""
     return join(part.turned("z", start + 360.0 * i / count) for i in range(count))
 
 
-def repeated(part: Part, offsets: ArrayLike) -> Part:
+def repeated(part: MeshPart, offsets: ArrayLike) -> MeshPart:
     """Return one copy of the part at every offset, (k, 3)."""
     moved = np.asarray(offsets, dtype=np.float64)[:, None, :] + part.points
     starts = np.arange(len(moved))[:, None, None] * len(part.points)
-    return Part(moved.reshape(-1, 3), (part.faces + starts).reshape(-1, 3).astype(np.int32))
+    return MeshPart(moved.reshape(-1, 3), (part.faces + starts).reshape(-1, 3).astype(np.int32))
 
 
 def along(axis: str, values: ArrayLike) -> FloatArray:
@@ -95,7 +95,7 @@ def along(axis: str, values: ArrayLike) -> FloatArray:
 # ---- surfaces ----------------------------------------------------------------------------------------------------
 
 
-def grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool = False) -> Part:
+def quad_grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool = False) -> MeshPart:
     """Span a net of points (m, n, 3) with two triangles a mesh; triangles with two equal corners are left out."""
     m, n = points.shape[:2]
     rows, columns = np.arange(m if wrap_rows else m - 1), np.arange(n if wrap_columns else n - 1)
@@ -106,20 +106,20 @@ def grid(points: FloatArray, *, wrap_rows: bool = False, wrap_columns: bool = Fa
     flat = points.reshape(-1, 3)
     corners = flat[faces]
     same = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
-    return Part(flat, faces[~same].astype(np.int32))
+    return MeshPart(flat, faces[~same].astype(np.int32))
 
 
-def fan(ring: FloatArray, tip: ArrayLike | None = None) -> Part:
+def fan(ring: FloatArray, tip: ArrayLike | None = None) -> MeshPart:
     """Fill a ring of points (n, 3), star-shaped about its tip (its mean by default)."""
     centre = ring.mean(axis=0) if tip is None else np.asarray(tip, dtype=np.float64)
     n = len(ring)
     i = np.arange(n)
-    return Part(np.vstack([ring, centre]), np.stack([i, (i + 1) % n, np.full(n, n)], axis=1).astype(np.int32))
+    return MeshPart(np.vstack([ring, centre]), np.stack([i, (i + 1) % n, np.full(n, n)], axis=1).astype(np.int32))
 
 
-def loft(rings: FloatArray, *, caps: str = "both") -> Part:
+def loft(rings: FloatArray, *, caps: str = "both") -> MeshPart:
     """Join closed rings (m, n, 3) into a skin; `caps` is "both", "first", "last" or "none"."""
-    parts = [grid(rings, wrap_columns=True)]
+    parts = [quad_grid(rings, wrap_columns=True)]
     if caps in ("both", "first"):
         parts.append(fan(rings[0]))
     if caps in ("both", "last"):
@@ -127,17 +127,17 @@ def loft(rings: FloatArray, *, caps: str = "both") -> Part:
     return join(parts)
 
 
-def shell(points: FloatArray, thickness: float) -> Part:
+def shell(points: FloatArray, thickness: float) -> MeshPart:
     """Give a net of points (m, n, 3) a thickness, half to either side, and close its rim."""
     du, dv = np.gradient(points, axis=0), np.gradient(points, axis=1)
     normals = np.cross(du, dv)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
     front, back = points + normals * (thickness / 2), points - normals * (thickness / 2)
     rim = [np.concatenate([s[0], s[1:, -1], s[-1, -2::-1], s[-2:0:-1, 0]]) for s in (front, back)]
-    return join([grid(front), grid(back), grid(np.stack(rim), wrap_columns=True)])
+    return join([quad_grid(front), quad_grid(back), quad_grid(np.stack(rim), wrap_columns=True)])
 
 
-def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None) -> Part:
+def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None) -> MeshPart:
     """Turn a profile of (radius, z) rows about the z axis; ends with radius 0 close by themselves.
 
     `section` (n, 2) replaces the unit circle: squares, ovals and ribs are turned the same way.
@@ -147,16 +147,16 @@ def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None
     points = np.empty((len(rz), len(ring), 3))
     points[..., :2] = rz[:, None, :1] * ring
     points[..., 2] = rz[:, 1:]
-    return grid(points, wrap_columns=True)
+    return quad_grid(points, wrap_columns=True)
 
 
-def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = False, flat: float = 1.0) -> Part:
+def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = False, flat: float = 1.0) -> MeshPart:
     """Lay a round tube along a path (m, 3); `radius` is one number or one each, `flat` squeezes its second axis."""
     first, second = frames(path, closed=closed)
     r = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))[:, None, None]
     ring = circle(segments)
     rings = path[:, None] + r * (ring[:, :1] * first[:, None] + flat * ring[:, 1:] * second[:, None])
-    return grid(rings, wrap_rows=True, wrap_columns=True) if closed else loft(rings)
+    return quad_grid(rings, wrap_rows=True, wrap_columns=True) if closed else loft(rings)
 
 
 # ---- solids ------------------------------------------------------------------------------------------------------
@@ -168,15 +168,15 @@ _BOX_FACES = np.array(
 _BOX_CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], dtype=np.float64)
 
 
-def boxes(low: ArrayLike, high: ArrayLike) -> Part:
+def boxes(low: ArrayLike, high: ArrayLike) -> MeshPart:
     """Return boxes between the corners low and high, both (k, 3): 12 triangles each."""
     lo, hi = (np.atleast_2d(np.asarray(a, dtype=np.float64)) for a in np.broadcast_arrays(low, high))
     points = lo[:, None] + _BOX_CORNERS * (hi - lo)[:, None]
     starts = 8 * np.arange(len(lo))[:, None, None]
-    return Part(points.reshape(-1, 3), (_BOX_FACES + starts).reshape(-1, 3).astype(np.int32))
+    return MeshPart(points.reshape(-1, 3), (_BOX_FACES + starts).reshape(-1, 3).astype(np.int32))
 
 
-def box(low: Point, high: Point, edge: float = 0.0, steps: int = 1) -> Part:
+def cuboid(low: Point, high: Point, edge: float = 0.0, steps: int = 1) -> MeshPart:
     """Return one box; an `edge` above 0 bevels it by that much (44 triangles), more `steps` round it."""
     if edge <= 0.0:
         return boxes(low, high)
@@ -196,11 +196,11 @@ def box(low: Point, high: Point, edge: float = 0.0, steps: int = 1) -> Part:
     points[..., 2] = (sz * (half[2] - r) + r * sind(latitude))[:, None]
     points += (lo + hi) / 2.0
     corners = points[[0, -1]][:, :: steps + 1]
-    lids = Part(corners.reshape(-1, 3), np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]], dtype=np.int32))
-    return grid(points, wrap_columns=True) + lids
+    lids = MeshPart(corners.reshape(-1, 3), np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]], dtype=np.int32))
+    return quad_grid(points, wrap_columns=True) + lids
 
 
-def prism(outline: FloatArray, z0: float, z1: float, edge: float = 0.0) -> Part:
+def prism(outline: FloatArray, z0: float, z1: float, edge: float = 0.0) -> MeshPart:
     """Raise an outline (n, 2), star-shaped about its mean, from z0 to z1; an `edge` above 0 bevels its rims."""
     centre = outline.mean(axis=0)
     if edge <= 0.0:
@@ -214,20 +214,20 @@ def prism(outline: FloatArray, z0: float, z1: float, edge: float = 0.0) -> Part:
     return loft(rings)
 
 
-def cylinder(radius: float, z0: float, z1: float, segments: int, top: float | None = None) -> Part:
+def cylinder(radius: float, z0: float, z1: float, segments: int, top: float | None = None) -> MeshPart:
     """Return an upright closed cylinder, or a cone frustum when `top` gives another radius at z1."""
     upper = radius if top is None else top
     return revolve([(0.0, z0), (radius, z0), (upper, z1), (0.0, z1)], segments)
 
 
-def ellipsoid(centre: Point, radii: Point, segments: int, low: float = -90.0, high: float = 90.0) -> Part:
+def ellipsoid(centre: Point, radii: Point, segments: int, low: float = -90.0, high: float = 90.0) -> MeshPart:
     """Return an ellipsoid, or the zone of it between two latitudes in degrees."""
     latitude = np.linspace(low, high, max(3, round(segments * (high - low) / 360.0)) + 1)
     rz = np.stack([np.where(np.abs(latitude) == 90.0, 0.0, cosd(latitude)), sind(latitude)], axis=1)
     return revolve(rz, segments).scaled(*radii).at(*centre)
 
 
-def pillow(size: Point, segments: int, power: float = 3.0) -> Part:
+def pillow(size: Point, segments: int, power: float = 3.0) -> MeshPart:
     """Return a stuffed cushion of size (x, y, z) about the origin: two bulging sheets that meet at a thin seam."""
     u = np.linspace(-1.0, 1.0, segments)
     x, y = np.meshgrid(np.sin(u * np.pi / 2), np.sin(u * np.pi / 2), indexing="ij")
@@ -235,19 +235,19 @@ def pillow(size: Point, segments: int, power: float = 3.0) -> Part:
     # corners are drawn in a little, as a stuffed seam is
     draw_in = 1.0 - 0.06 * (x * y) ** 2
     sheet = np.stack([x * draw_in, y * draw_in, z], axis=2) * np.asarray(size) / 2.0
-    return pair(grid(sheet), "z")
+    return pair(quad_grid(sheet), "z")
 
 
 # ---- bars between two points -------------------------------------------------------------------------------------
 
 
-def rod(a: Point, b: Point, radius: float, segments: int, end: float | None = None) -> Part:
+def rod(a: Point, b: Point, radius: float, segments: int, end: float | None = None) -> MeshPart:
     """Return a round closed bar from a to b, of radius `end` at b when given."""
     path = np.array([a, b], dtype=np.float64)
     return tube(path, np.array([radius, radius if end is None else end]), segments)
 
 
-def bar(a: Point, b: Point, width: float, height: float, end: float = 1.0) -> Part:
+def bar(a: Point, b: Point, width: float, height: float, end: float = 1.0) -> MeshPart:
     """Return a rectangular bar from a to b, its height as upright as can be; `end` scales its section at b."""
     ends = np.array([a, b], dtype=np.float64)
     along = ends[1] - ends[0]

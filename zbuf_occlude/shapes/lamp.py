@@ -5,11 +5,11 @@ import numpy as np
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     Point,
     around,
     bar,
-    box,
+    cuboid,
     cylinder,
     ellipsoid,
     join,
@@ -20,10 +20,10 @@ from zbuf_occlude.shapes.kit import (
     shell,
     tube,
 )
-from zbuf_occlude.shapes.lamp_parts import foot, lantern, shade, spot, stand
+from zbuf_occlude.shapes.lamp_parts import foot, lamp_stand, lampshade, lantern, spot
 
 
-def _floor(draw: Draw) -> Part:
+def _floor(draw: Draw) -> MeshPart:
     """A post with a shade at the height of a person."""
     h, r, wide, high = (
         draw.between(1.1, 1.9),
@@ -33,8 +33,8 @@ def _floor(draw: Draw) -> Part:
     )
     parts = [
         foot(draw, draw.between(0.1, 0.24)),
-        stand(draw, 0.01, h - 0.4 * high, r),
-        shade(draw, wide, high).at(z=h - high),
+        lamp_stand(draw, 0.01, h - 0.4 * high, r),
+        lampshade(draw, wide, high).at(z=h - high),
     ]
     if draw.chance(0.3):  # a tray
         z = draw.between(0.3, 0.6) * h
@@ -44,7 +44,7 @@ def _floor(draw: Draw) -> Part:
     return join(parts)
 
 
-def _table(draw: Draw) -> Part:
+def _table(draw: Draw) -> MeshPart:
     """A vase, a ball or a bottle with a shade on it."""
     r, h, n = draw.between(0.05, 0.17), draw.between(0.16, 0.48), draw.round(26)
     kind = draw.pick(("vase", "bottle", "ball", "stack", "block", "ginger", "urn", "column"))
@@ -68,27 +68,27 @@ def _table(draw: Draw) -> Part:
         base = join(ellipsoid((0, 0, t - 0.85 * s), (s, s, 0.9 * s), n) for s, t in zip(sizes, tops, strict=True))
         h = float(tops[-1])
     elif kind == "block":
-        base = box((-r, -0.6 * r, 0), (r, 0.6 * r, h * 0.9), edge=draw.pick((0.0, 0.01, 0.03)), steps=2)
+        base = cuboid((-r, -0.6 * r, 0), (r, 0.6 * r, h * 0.9), edge=draw.pick((0.0, 0.01, 0.03)), steps=2)
         base = base.turned("z", draw.pick((0.0, 45.0)))
     else:
-        base = foot(draw, 1.1 * r) + stand(draw, 0.02, h, draw.between(0.01, 0.04))
+        base = foot(draw, 1.1 * r) + lamp_stand(draw, 0.02, h, draw.between(0.01, 0.04))
     wide, high = draw.between(1.1, 2.8) * max(r, 0.08), draw.between(0.11, 0.36)
-    top = shade(draw, wide, high).at(z=h - draw.between(-0.06, 0.05))
+    top = lampshade(draw, wide, high).at(z=h - draw.between(-0.06, 0.05))
     return join([base, cylinder(0.012, 0.8 * h, h + 0.5 * high, 8), top])
 
 
-def _joint(at: Point, r: float, n: int) -> Part:
+def _joint(at: Point, r: float, n: int) -> MeshPart:
     return cylinder(r, -r, r, n).turned("y", 90).at(*at)
 
 
-def _desk(draw: Draw) -> Part:
+def _desk(draw: Draw) -> MeshPart:
     """Two arms with joints and springs, and a reflector."""
     a, b, n, t = draw.between(0.22, 0.5), draw.between(0.2, 0.5), draw.round(8), draw.between(0.006, 0.013)
     rise, drop = draw.between(35, 115), draw.between(-20, 60)
     start = np.array([0.0, 0.0, 0.04])
     elbow = start + a * np.array([0, cosd(rise), sind(rise)])
     end = elbow + b * np.array([0, -cosd(drop), sind(drop)])
-    clamp = box((-0.03, -0.05, -0.06), (0.03, 0.03, 0.03))
+    clamp = cuboid((-0.03, -0.05, -0.06), (0.03, 0.03, 0.03))
     parts = [foot(draw, draw.between(0.07, 0.14)) if draw.chance(0.75) else clamp]
     parts += [_joint(at, r, n) for at, r in ((start, 0.018), (elbow, 0.016), (end, 0.014))]
     gap = draw.pick((0.0, 0.012, 0.018))
@@ -101,7 +101,7 @@ def _desk(draw: Draw) -> Part:
     return join([*parts, spot(draw, draw.between(0.05, 0.12), draw.between(-50, 20)).at(*end)])
 
 
-def _gooseneck(draw: Draw) -> Part:
+def _gooseneck(draw: Draw) -> MeshPart:
     """A bent neck: banker's, pharmacy and reading lamps, small or standing."""
     small = draw.chance(0.65)
     h, r = draw.between(0.25, 0.65) if small else draw.between(1.0, 1.6), draw.between(0.005, 0.014)
@@ -120,24 +120,24 @@ def _gooseneck(draw: Draw) -> Part:
     return join([*parts, spot(draw, draw.between(0.04, 0.13), draw.between(-60, 10)).at(x, y, z)])
 
 
-def _arc(draw: Draw) -> Part:
+def _arc(draw: Draw) -> MeshPart:
     """A great bow from a heavy foot."""
     h, reach, end = draw.between(1.3, 2.1), draw.between(0.5, 1.5), draw.between(0.65, 0.92)
     knots = [(0, 0, 0), (0.03, 0, 0.45 * h), (0.25 * reach, 0, 0.9 * h), (0.62 * reach, 0, h), (reach, 0, end * h)]
     curve, wide = smooth(knots, draw.round(26)), draw.between(0.1, 0.28)
-    head = shade(draw, wide, wide * draw.between(0.5, 1.4), ("dome", "dome", "drum", "empire", "coolie"))
+    head = lampshade(draw, wide, wide * draw.between(0.5, 1.4), ("dome", "dome", "drum", "empire", "coolie"))
     block = cylinder(draw.between(0.12, 0.24), 0, draw.between(0.03, 0.14), draw.round(24))
     drop = float(np.ptp(head.points[:, 2]))
     lamp = join([block, tube(curve, draw.between(0.01, 0.02), draw.round(8)), head.at(reach, 0, end * h - drop)])
     return lamp.turned("z", draw.pick((0, 180)))
 
 
-def _torchiere(draw: Draw) -> Part:
+def _torchiere(draw: Draw) -> MeshPart:
     """A bowl that shines upwards; at times with a reading arm."""
     h, wide, n, deep = draw.between(1.3, 2.0), draw.between(0.11, 0.32), draw.round(26), draw.between(0.05, 0.28)
     angle = np.linspace(-80, -5, draw.round(9))
     bowl = revolve(np.column_stack([wide * cosd(angle), h + deep * (1 + sind(angle))]), n)
-    parts = [foot(draw, draw.between(0.1, 0.22)), stand(draw, 0.01, h + 0.02, draw.between(0.01, 0.03)), bowl]
+    parts = [foot(draw, draw.between(0.1, 0.22)), lamp_stand(draw, 0.01, h + 0.02, draw.between(0.01, 0.03)), bowl]
     if draw.chance(0.5):
         z, k = draw.between(0.6, 1.3), draw.between(0.6, 1.6)
         arm = smooth([(0, 0, z), (0.1 * k, -0.1 * k, z + 0.12), (0.22 * k, -0.22 * k, z + 0.1)], 10)
@@ -145,7 +145,7 @@ def _torchiere(draw: Draw) -> Part:
     return join(parts)
 
 
-def _tripod(draw: Draw) -> Part:
+def _tripod(draw: Draw) -> MeshPart:
     """Three legs, wood or pipe, under a shade or a studio light."""
     h, spread, t = draw.between(0.7, 1.45), draw.between(0.15, 0.45), draw.between(0.012, 0.03)
     wood = draw.chance(0.5)
@@ -166,10 +166,10 @@ def _tripod(draw: Draw) -> Part:
         return join([*parts, head, tube(yoke, 0.006, 6)])
     wide = draw.between(0.14, 0.34)
     kinds = ("drum", "drum", "empire", "bell", "square")
-    return join([*parts, shade(draw, wide, wide * draw.between(0.6, 1.6), kinds).at(z=h + 0.03)])
+    return join([*parts, lampshade(draw, wide, wide * draw.between(0.6, 1.6), kinds).at(z=h + 0.03)])
 
 
-def _pendant(draw: Draw) -> Part:
+def _pendant(draw: Draw) -> MeshPart:
     """It hangs: a rose at the ceiling, a cord, a shade, a globe, a saucer or a cage."""
     wide, n = draw.between(0.1, 0.34), draw.round(26)
     drop, kind = wide * draw.between(0.8, 4.5), draw.pick(("shade", "dome", "globe", "cage", "saucer", "lantern"))
@@ -181,7 +181,7 @@ def _pendant(draw: Draw) -> Part:
     if kind in ("shade", "dome"):
         high = wide * draw.between(0.5, 1.7)
         kinds = ("dome",) if kind == "dome" else ("drum", "empire", "coolie", "bell", "pleated", "sides")
-        parts.append(shade(draw, wide, high, kinds).at(z=-high))
+        parts.append(lampshade(draw, wide, high, kinds).at(z=-high))
     elif kind == "globe":
         parts.append(ellipsoid((0, 0, -wide), (wide, wide, wide * draw.between(0.5, 1.3)), n))
         if draw.chance(0.5):  # paper on rings
@@ -211,7 +211,7 @@ def _pendant(draw: Draw) -> Part:
     return join(parts)
 
 
-def _chandelier(draw: Draw) -> Part:
+def _chandelier(draw: Draw) -> MeshPart:
     """Arms with candles, shades or globes around a turned stem; on a chain or on a post."""
     count, reach = draw.whole(3, 9), draw.between(0.2, 0.6)
     stem = smooth(
@@ -239,7 +239,11 @@ def _chandelier(draw: Draw) -> Part:
     if draw.chance(0.3):
         h = draw.between(0.5, 1.5)
         return join(
-            [*(part.at(z=h) for part in parts), stand(draw, 0.01, h - 0.1, 0.012), foot(draw, draw.between(0.12, 0.2))]
+            [
+                *(part.at(z=h) for part in parts),
+                lamp_stand(draw, 0.01, h - 0.1, 0.012),
+                foot(draw, draw.between(0.12, 0.2)),
+            ]
         )
     drop, links = draw.between(0.35, 0.9), 2 * draw.whole(4, 7)
     ring = np.column_stack([0.012 * circle(8)[:, 0], np.zeros(8), 0.02 * circle(8)[:, 1]])
@@ -248,7 +252,7 @@ def _chandelier(draw: Draw) -> Part:
     return join([*parts, *chain, cylinder(0.06, drop, drop + 0.02, draw.round(14))])
 
 
-def _glowing(draw: Draw) -> Part:
+def _glowing(draw: Draw) -> MeshPart:
     """The whole thing is the light: mushroom, globe, paper column, lava, egg, lantern, panel."""
     n, kind = draw.round(28), draw.pick(("mushroom", "globe", "column", "lava", "egg", "lantern", "panel"))
     h, r = draw.between(0.2, 0.6), draw.between(0.08, 0.2)
@@ -280,7 +284,7 @@ def _glowing(draw: Draw) -> Part:
         return lantern(draw, 0.9 * r, 1.3 * h, draw.pick((4, 6))) + tube(arc, 0.006, 6)
     if kind == "panel":
         w, tall = draw.between(0.1, 0.25), draw.between(0.3, 0.55)
-        head = box((-w, -0.015, -0.09), (w, 0.015, 0.09), edge=0.01).turned("x", draw.between(-70, -10))
+        head = cuboid((-w, -0.015, -0.09), (w, 0.015, 0.09), edge=0.01).turned("x", draw.between(-70, -10))
         neck = tube(smooth([(0, 0, 0), (0, 0.06, 0.55 * tall), (0, -0.08, tall)], 14), 0.01, 8)
         return join([foot(draw, draw.between(0.08, 0.13)), neck, head.at(0, -0.1, tall)])
     knots = [(0.0, 0), (0.6 * r, 0.02), (r, draw.between(0.25, 0.55) * h), (0.75 * r, 0.75 * h), (0, h)]
@@ -288,7 +292,7 @@ def _glowing(draw: Draw) -> Part:
     return revolve(egg, n) + cylinder(0.5 * r, -0.03, 0.03, n)
 
 
-def _street(draw: Draw) -> Part:
+def _street(draw: Draw) -> MeshPart:
     """Out of doors: a mast with one or two arms, a garden post with a lantern or globes."""
     h, kind, k = draw.between(2.0, 4.5), draw.pick(("arm", "lantern", "globes", "arm")), draw.between(0.7, 1.4)
     base = revolve(np.array([(0.16, 0), (0.16, 0.25), (0.09, 0.35), (0.08, 0.6)]) * k, draw.round(14))
@@ -297,7 +301,7 @@ def _street(draw: Draw) -> Part:
         reach, rise = draw.between(0.4, 1.8), draw.between(0.1, 0.7)
         knots = [(0, 0, h - 0.1), (0.08, 0, h + 0.3 * rise), (0.4 * reach, 0, h + 0.85 * rise), (reach, 0, h + rise)]
         low, high = (reach - 0.1, -0.13, h + rise - 0.1), (reach + 0.5, 0.13, h + rise + 0.05)
-        one = tube(smooth(knots, 14), 0.035, draw.round(8)) + box(low, high, edge=0.06, steps=draw.whole(1, 3))
+        one = tube(smooth(knots, 14), 0.035, draw.round(8)) + cuboid(low, high, edge=0.06, steps=draw.whole(1, 3))
         return join([*parts, pair(one) if draw.chance(0.4) else one])
     if kind == "lantern":
         return join(
@@ -309,11 +313,11 @@ def _street(draw: Draw) -> Part:
     return join([*parts, around(one, draw.whole(2, 5)), ellipsoid((0, 0, h + r), (r, r, r), draw.round(16))])
 
 
-def _sconce(draw: Draw) -> Part:
+def _sconce(draw: Draw) -> MeshPart:
     """For a wall at y = 0: a plate, an arm or two, a shade; or several spots on a rail."""
     if draw.chance(0.5):
         wide, r = draw.between(0.4, 1.2), draw.between(0.045, 0.09)
-        rail = box((-wide / 2 - 0.06, -0.02, 0), (wide / 2 + 0.06, 0.02, 0.03), edge=0.005)
+        rail = cuboid((-wide / 2 - 0.06, -0.02, 0), (wide / 2 + 0.06, 0.02, 0.03), edge=0.005)
         parts = [rail]
         for x in np.linspace(-wide / 2, wide / 2, draw.whole(2, 5)):
             head = spot(draw, r, draw.between(-60, 30)).turned("z", draw.between(-40, 40))
@@ -327,7 +331,7 @@ def _sconce(draw: Draw) -> Part:
         draw.round(8),
     )
     cup = cylinder(0.03, up - 0.01, up, draw.round(12)).at(0, -out)
-    light = join([arm, shade(draw, wide, wide * draw.between(0.8, 2.0)).at(0, -out, up), cup])
+    light = join([arm, lampshade(draw, wide, wide * draw.between(0.8, 2.0)).at(0, -out, up), cup])
     return plate + (light if draw.chance(0.5) else light.turned("z", 32) + light.turned("z", -32))
 
 

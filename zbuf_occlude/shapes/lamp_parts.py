@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.shapes.curves import circle, cosd, polygon, rectangle, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     around,
     cylinder,
     ellipsoid,
@@ -20,7 +20,7 @@ from zbuf_occlude.shapes.kit import (
 SHADES = ("drum", "empire", "coolie", "bell", "pleated", "square", "sides", "dome")
 
 
-def shade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> Part:
+def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> MeshPart:
     """Return an open shade of lower radius r and height h with bulb and spider, its lower rim at z = 0.
 
     Cloth has no thickness; some shades are lined.
@@ -51,7 +51,7 @@ def shade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> Pa
     return join([skin, bulb, around(arm, 3)])
 
 
-def foot(draw: Draw, r: float) -> Part:
+def foot(draw: Draw, r: float) -> MeshPart:
     """Return what a stand stands on: a plate, a dome, a block, steps, three claws."""
     n, kind = draw.round(26), draw.pick(("plate", "dome", "block", "stepped", "claws"))
     if kind == "plate":
@@ -68,7 +68,7 @@ def foot(draw: Draw, r: float) -> Part:
     return around(tube(path, 0.09 * r, draw.round(7)), draw.pick((3, 4)))
 
 
-def stand(draw: Draw, z0: float, z1: float, r: float) -> Part:
+def lamp_stand(draw: Draw, z0: float, z1: float, r: float) -> MeshPart:
     """Return a post from z0 to z1: plain, tapering, with knobs, turned, twisted, bamboo."""
     n, h, kind = draw.round(12), z1 - z0, draw.pick(("plain", "taper", "knobs", "turned", "twist", "bamboo"))
     if kind == "plain":
@@ -93,7 +93,7 @@ def stand(draw: Draw, z0: float, z1: float, r: float) -> Part:
     return revolve(np.column_stack([profile, z0 + h * z]), n)
 
 
-def spot(draw: Draw, r: float, tilt: float) -> Part:
+def spot(draw: Draw, r: float, tilt: float) -> MeshPart:
     """Return a reflector, its socket at the origin, its opening downwards, turned by `tilt` degrees about x."""
     n, h, kind = draw.round(22), r * draw.between(0.9, 1.9), draw.pick(("cone", "bell", "can", "bowl"))
     angle = np.linspace(85, 0, 8)
@@ -107,7 +107,7 @@ def spot(draw: Draw, r: float, tilt: float) -> Part:
     return join([revolve(profiles[kind], n), bulb, cylinder(0.22 * r, 0, 0.4 * h, 8)]).turned("x", tilt)
 
 
-def lantern(draw: Draw, r: float, h: float, sides: int) -> Part:
+def lantern(draw: Draw, r: float, h: float, sides: int) -> MeshPart:
     """Return bars, panes without thickness, a roof, a candle."""
     ring, flare = polygon(sides, 180 / sides), draw.between(0.75, 1.35)
     panes = revolve([(0.97 * r, 0.02), (0.97 * flare * r, 0.75 * h)], 0, ring)

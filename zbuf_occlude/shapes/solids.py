@@ -7,7 +7,7 @@ from zbuf_occlude.arrays import FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.shapes.finish import quartered
-from zbuf_occlude.shapes.kit import Part, boxes, ellipsoid, grid, join
+from zbuf_occlude.shapes.kit import MeshPart, boxes, ellipsoid, join, quad_grid
 
 _PHI = (1 + 5**0.5) / 2
 _ICOSAHEDRON = np.array(
@@ -82,7 +82,7 @@ def holed_plate(side: float = 1.0, hole: float = 0.5, gap: float = 1.0) -> Mesh:
     if hole >= side:
         raise OptionError(f"hole must be smaller than side ({side:g}); got {hole:g}.")
     rings = np.stack([_corners(side, 0.0), _corners(hole, 0.0)])
-    part = join([grid(rings, wrap_columns=True), _square(side, gap)])
+    part = join([quad_grid(rings, wrap_columns=True), _square(side, gap)])
     return Mesh(part.points, part.faces, name="holed_plate")
 
 
@@ -118,8 +118,8 @@ def _corners(side: float, y: float) -> FloatArray:
     return np.array([[-half, y, -half], [half, y, -half], [half, y, half], [-half, y, half]])
 
 
-def _square(side: float, y: float) -> Part:
-    return grid(_corners(side, y)[[[0, 1], [3, 2]]])
+def _square(side: float, y: float) -> MeshPart:
+    return quad_grid(_corners(side, y)[[[0, 1], [3, 2]]])
 
 
 def _positive(**values: float) -> None:

@@ -6,41 +6,41 @@ from zbuf_occlude.shapes.curves import bent, circle, rectangle
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import doors, drawers, four_legs, leg, splayed, stretchers
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     around,
     bar,
-    box,
+    cuboid,
     cylinder,
     ellipsoid,
-    grid,
     join,
     pair,
     prism,
+    quad_grid,
     repeated,
     revolve,
     rod,
     shell,
     tube,
 )
-from zbuf_occlude.shapes.table_parts import LEGS, four_legged, pedestal, top
+from zbuf_occlude.shapes.table_parts import LEGS, four_legged, table_pedestal, top
 
 
-def _dining(draw: Draw) -> Part:
+def _dining(draw: Draw) -> MeshPart:
     w, d, z = draw.between(0.95, 2.9), draw.between(0.65, 1.25), draw.between(0.66, 0.82)
     return four_legged(
         draw, w, d, z, ("rectangle", "rectangle", "planks", "rounded", "barrel", "pane"), draw.between(0.04, 0.14)
     )
 
 
-def _square(draw: Draw) -> Part:
+def _square(draw: Draw) -> MeshPart:
     w, z = draw.between(0.5, 1.2), draw.between(0.4, 0.95)
     return four_legged(
         draw, w, w * draw.between(0.8, 1.0), z, ("rectangle", "planks", "rounded", "barrel"), draw.between(0.03, 0.1)
     )
 
 
-def _coffee(draw: Draw) -> Part:
+def _coffee(draw: Draw) -> MeshPart:
     """Low, often with a shelf below."""
     w, d, z = draw.between(0.7, 1.7), draw.between(0.45, 1.0), draw.between(0.24, 0.5)
     thick, kind = draw.between(0.03, 0.12), draw.pick(("shelf", "glass", "slabs", "kidney"))
@@ -55,31 +55,31 @@ def _coffee(draw: Draw) -> Part:
         wall, level, at = draw.between(0.03, 0.2), draw.between(0.1, 0.6) * z, draw.between(0.24, 0.4) * w
         parts = [
             top(draw, w, d, z, ("rectangle", "rounded")),
-            pair(box((at, -0.4 * d, 0), (at + wall, 0.4 * d, z - 0.02))),
+            pair(cuboid((at, -0.4 * d, 0), (at + wall, 0.4 * d, z - 0.02))),
         ]
-        return join([*parts, box((-at - 0.01, -0.38 * d, level), (at + 0.01, 0.38 * d, level + 0.02))])
+        return join([*parts, cuboid((-at - 0.01, -0.38 * d, level), (at + 0.01, 0.38 * d, level + 0.02))])
     kinds = ("pane", "rounded") if kind == "glass" else ("rectangle", "planks", "rounded")
     parts = [top(draw, w, d, z, kinds), four_legs(draw, draw.pick(LEGS), x, y, z - 0.02, thick)]
     if draw.chance(0.7):
         low = draw.between(0.15, 0.55) * z
-        parts.append(box((-x, -y, low), (x, y, low + 0.025)))
+        parts.append(cuboid((-x, -y, low), (x, y, low + 0.025)))
     if draw.chance(0.4):
         low = z - draw.between(0.1, 0.2)
         parts += [
-            box((-x, -y, low), (x, y, z - 0.02)),
+            cuboid((-x, -y, low), (x, y, z - 0.02)),
             drawers(draw, (-x, -y, low), (x, y, z - 0.03), 1, draw.whole(1, 3)),
         ]
     return join(parts)
 
 
-def _round(draw: Draw) -> Part:
+def _round(draw: Draw) -> MeshPart:
     """On one foot: café, bar and dining."""
     w, z, stretch = draw.between(0.45, 1.7), draw.between(0.45, 1.15), draw.pick((1.0, 1.0, draw.between(0.6, 0.85)))
     plate = top(draw, w, w * stretch, z, ("ellipse", "ellipse", "ellipse", "polygon", "barrel"))
-    return plate + pedestal(draw, min(w, 1.2) * stretch, z - 0.02)
+    return plate + table_pedestal(draw, min(w, 1.2) * stretch, z - 0.02)
 
 
-def _round_legs(draw: Draw) -> Part:
+def _round_legs(draw: Draw) -> MeshPart:
     """A round top on three to six legs, with an apron, a ring or a lower top."""
     w, z, count = draw.between(0.35, 1.5), draw.between(0.35, 0.8), draw.whole(3, 6)
     splay, r, n = draw.pick((0.0, draw.between(4, 16))), draw.between(0.26, 0.42) * w, draw.round(30)
@@ -98,7 +98,7 @@ def _round_legs(draw: Draw) -> Part:
     return join(parts)
 
 
-def _trestle(draw: Draw) -> Part:
+def _trestle(draw: Draw) -> MeshPart:
     w, d, z, t = draw.between(1.1, 2.8), draw.between(0.6, 1.1), draw.between(0.62, 0.82), draw.between(0.035, 0.1)
     x, y, kind = draw.between(0.22, 0.42) * w, draw.between(0.3, 0.46) * d, draw.pick(("A", "X", "T", "U"))
     if kind == "A":
@@ -109,8 +109,8 @@ def _trestle(draw: Draw) -> Part:
     elif kind == "X":
         side = pair(bar((x, -y, 0), (x, y, z - 0.03), t, t), "y")
     elif kind == "T":
-        post, foot = box((x - t, -0.08, 0.04), (x + t, 0.08, z)), box((x - t, -y, 0), (x + t, y, 0.08))
-        side = join([post, foot, box((x - t, -y, z - 0.1), (x + t, y, z - 0.03))])
+        post, foot = cuboid((x - t, -0.08, 0.04), (x + t, 0.08, z)), cuboid((x - t, -y, 0), (x + t, y, 0.08))
+        side = join([post, foot, cuboid((x - t, -y, z - 0.1), (x + t, y, z - 0.03))])
     else:
         path = bent([(x, -y, z - 0.03), (x, -y, 0.02), (x, y, 0.02), (x, y, z - 0.03)], 0.05)
         side = tube(path, t * 0.5, 4)
@@ -121,39 +121,42 @@ def _trestle(draw: Draw) -> Part:
     return join(parts)
 
 
-def _desk(draw: Draw) -> Part:
+def _desk(draw: Draw) -> MeshPart:
     """One or two cases of drawers below the top; sometimes pigeon-holes above."""
     w, d, z, low = draw.between(1.0, 2.0), draw.between(0.5, 0.95), draw.between(0.68, 0.8), draw.pick((0.0, 0.08))
     case, x, y = draw.between(0.2, 0.36) * w, w / 2, d / 2
     x0 = x - case - 0.02
     corner, end = (x0, 0.03 - y, low), (x - 0.02, y - 0.03, z - 0.02)
     front = doors(draw, corner, end, 1) if draw.chance(0.25) else drawers(draw, corner, end, draw.whole(2, 5))
-    unit = box(corner, end) + front
+    unit = cuboid(corner, end) + front
     if low > 0:
-        foot = pair(box((case / 2 - 0.06, y - 0.08, 0), (case / 2 - 0.02, y - 0.04, low + 0.01)), "y")
+        foot = pair(cuboid((case / 2 - 0.06, y - 0.08, 0), (case / 2 - 0.02, y - 0.04, low + 0.01)), "y")
         unit = unit + pair(foot).at(x0 + case / 2)
     parts = [top(draw, w, d, z, ("rectangle", "rectangle", "rounded")), unit]
     if draw.chance(0.5):
         parts.append(unit.at(-(2 * x0 + case)))
     else:
         one = leg(draw, draw.pick(("square", "tapered", "round")), z - 0.02, draw.between(0.03, 0.08))
-        parts += [pair(one.at(0.06 - x, y - 0.06), "y"), box((0.06 - x, 0.05 - y, z - 0.12), (x0, y - 0.05, z - 0.02))]
+        parts += [
+            pair(one.at(0.06 - x, y - 0.06), "y"),
+            cuboid((0.06 - x, 0.05 - y, z - 0.12), (x0, y - 0.05, z - 0.02)),
+        ]
     if draw.chance(0.6):
-        parts.append(box((0.03 - x, y - 0.06, draw.between(0.05, 0.5)), (x - 0.03, y - 0.045, z - 0.02)))
+        parts.append(cuboid((0.03 - x, y - 0.06, draw.between(0.05, 0.5)), (x - 0.03, y - 0.045, z - 0.02)))
     if draw.chance(0.35):
         h, deep = draw.between(0.2, 0.6), y - draw.between(0.18, 0.3)
         walls = np.linspace(-x, x - 0.02, draw.whole(2, 5) + 1)
-        parts.append(repeated(box((0, deep, z), (0.02, y, z + h)), along("x", walls)))
-        parts += [box((-x, deep, z + k * h), (x, y, z + k * h + 0.018)) for k in (0.5, 1.0)]
-        parts.append(box((-x, y - 0.01, z), (x, y, z + h)))
+        parts.append(repeated(cuboid((0, deep, z), (0.02, y, z + h)), along("x", walls)))
+        parts += [cuboid((-x, deep, z + k * h), (x, y, z + k * h + 0.018)) for k in (0.5, 1.0)]
+        parts.append(cuboid((-x, y - 0.01, z), (x, y, z + h)))
     return join(parts)
 
 
-def _corner(draw: Draw) -> Part:
+def _corner(draw: Draw) -> MeshPart:
     """An L of two tops."""
     w, d, z, arm = draw.between(1.2, 2.1), draw.between(0.5, 0.85), draw.between(0.68, 0.8), draw.between(1.1, 2.0)
     t, x, y = draw.between(0.02, 0.06), w / 2, arm / 2
-    tops = box((-x, y - d, z - t), (x, y, z)) + box((-x, -y, z - t), (d - x, y - d, z))
+    tops = cuboid((-x, y - d, z - t), (x, y, z)) + cuboid((-x, -y, z - t), (d - x, y - d, z))
     kind = draw.pick(("panel", "legs", "case"))
     if kind == "legs":
         spots = [(-x, -y), (d - x - 0.12, -y), (-x, y - 0.12), (x - 0.12, y - 0.12), (x - 0.12, y - d)]
@@ -162,31 +165,31 @@ def _corner(draw: Draw) -> Part:
     low = draw.between(0.05, 0.4)
     parts = [
         tops,
-        box((x - t, y - d + 0.02, 0), (x, y - 0.02, z - t)),
-        box((0.02 - x, -y, 0), (d - x - 0.02, t - y, z - t)),
+        cuboid((x - t, y - d + 0.02, 0), (x, y - 0.02, z - t)),
+        cuboid((0.02 - x, -y, 0), (d - x - 0.02, t - y, z - t)),
     ]
-    parts += [box((-x, -y, low), (0.02 - x, y, z - t)), box((-x, y - 0.02, low), (x, y, z - t))]
+    parts += [cuboid((-x, -y, low), (0.02 - x, y, z - t)), cuboid((-x, y - 0.02, low), (x, y, z - t))]
     if kind == "case":
         unit = (x - draw.between(0.35, 0.55), y - d + 0.04, 0.02), (x - t, y - 0.04, z - t)
-        parts += [box(*unit), drawers(draw, *unit, draw.whole(2, 4))]
+        parts += [cuboid(*unit), drawers(draw, *unit, draw.whole(2, 4))]
     return join(parts).mirrored("x") if draw.chance(0.5) else join(parts)
 
 
-def _console(draw: Draw) -> Part:
+def _console(draw: Draw) -> MeshPart:
     """Narrow, for a wall."""
     w, d, z = draw.between(0.8, 2.0), draw.between(0.25, 0.5), draw.between(0.7, 1.1)
     x, y = w / 2 - 0.05, d / 2 - 0.03
     parts = [four_legged(draw, w, d, z, ("rectangle", "rounded", "barrel"), draw.between(0.03, 0.07))]
     if draw.chance(0.6):
         low, high = (-x, -y, z - draw.between(0.08, 0.3)), (x, y, z - 0.02)
-        parts += [box(low, high), drawers(draw, low, high, 1, draw.whole(1, 4))]
+        parts += [cuboid(low, high), drawers(draw, low, high, 1, draw.whole(1, 4))]
     if draw.chance(0.5):
         level = draw.between(0.08, 0.4)
-        parts.append(box((-x, -y, level), (x, y, level + 0.025)))
+        parts.append(cuboid((-x, -y, level), (x, y, level + 0.025)))
     return join(parts)
 
 
-def _waterfall(draw: Draw) -> Part:
+def _waterfall(draw: Draw) -> MeshPart:
     """One bent sheet, or legs of one bent pipe."""
     w, d, z = draw.between(0.5, 1.8), draw.between(0.4, 1.0), draw.between(0.3, 0.82)
     radius, t, x, lean = draw.between(0.02, 0.28), draw.between(0.01, 0.06), w / 2, draw.between(-0.12, 0.12) * w
@@ -197,7 +200,7 @@ def _waterfall(draw: Draw) -> Part:
         if draw.chance(0.5):
             k = draw.between(0.2, 0.6)
             reach = x + lean * (1 - k)
-            return sheet + box((-reach, 0.02 - d / 2, k * z), (reach, d / 2 - 0.02, k * z + t))
+            return sheet + cuboid((-reach, 0.02 - d / 2, k * z), (reach, d / 2 - 0.02, k * z + t))
         return sheet
     parts = [
         pair(tube(path - [0, 0, t], t * 0.6, draw.round(8)).at(y=d * 0.36), "y"),
@@ -209,16 +212,16 @@ def _waterfall(draw: Draw) -> Part:
     return join(parts)
 
 
-def _crossed(draw: Draw) -> Part:
+def _crossed(draw: Draw) -> MeshPart:
     """Crossed legs: folding, picnic (with benches), campaign tables."""
     w, d, z, t = draw.between(0.6, 2.2), draw.between(0.45, 1.0), draw.between(0.4, 0.82), draw.between(0.018, 0.055)
     x, y = draw.between(0.34, 0.46) * w, draw.between(0.34, 0.46) * d
     parts = [top(draw, w, d, z, ("planks", "rectangle", "rounded"))]
     if w > 1.1 and draw.chance(0.6):  # picnic
         out, seat = d / 2 + draw.between(0.2, 0.45), draw.between(0.5, 0.65) * z
-        beam = box((x - t, -out - 0.12, seat - 0.1), (x + t, out + 0.12, seat - 0.03))
+        beam = cuboid((x - t, -out - 0.12, seat - 0.1), (x + t, out + 0.12, seat - 0.03))
         side = pair(bar((x, 0.25 * d, z - 0.03), (x, out, 0), 2 * t, t), "y") + beam
-        bench = repeated(box((-w / 2, 0, seat - 0.03), (w / 2, 0.12, seat)), along("y", [out - 0.16, out - 0.03]))
+        bench = repeated(cuboid((-w / 2, 0, seat - 0.03), (w / 2, 0.12, seat)), along("y", [out - 0.16, out - 0.03]))
         return join([*parts, pair(side), pair(bench, "y")])
     if draw.chance(0.5):  # scissors seen from the long side
         parts.append(pair(pair(bar((-x, y, 0), (x, y, z - 0.03), t, t)), "y"))
@@ -228,7 +231,7 @@ def _crossed(draw: Draw) -> Part:
     return join(parts)
 
 
-def _game(draw: Draw) -> Part:
+def _game(draw: Draw) -> MeshPart:
     """Billiards, ping-pong, a workbench with its vice."""
     w, d, z = draw.between(1.4, 2.9), draw.between(0.75, 1.55), draw.between(0.7, 0.95)
     kind, x, y = draw.pick(("billiards", "net", "bench")), w / 2, d / 2
@@ -237,7 +240,7 @@ def _game(draw: Draw) -> Part:
         net = np.array([[(0, -out, z), (0, out, z)], [(0, -out, z + h), (0, out, z + h)]], dtype=np.float64)
         parts = [
             top(draw, w, d, z, ("rectangle",)),
-            grid(net),
+            quad_grid(net),
             pair(rod((0, out, z - 0.05), (0, out, z + h), 0.01, 6), "y"),
         ]
         at = draw.between(0.25, 0.44) * w
@@ -249,22 +252,25 @@ def _game(draw: Draw) -> Part:
         a, b, t = 0.88 * x, 0.56 * y, draw.between(0.06, 0.13)
         parts = [top(draw, w, d * 0.7, z, ("planks", "rectangle")), four_legs(draw, "square", a, b, z - 0.02, t)]
         low = draw.between(0.1, 0.35)
-        parts += [box((-a, -b, low), (a, b, low + 0.04)), box((0.6 * x, -0.84 * y, z - 0.16), (0.84 * x, -0.74 * y, z))]
+        parts += [
+            cuboid((-a, -b, low), (a, b, low + 0.04)),
+            cuboid((0.6 * x, -0.84 * y, z - 0.16), (0.84 * x, -0.74 * y, z)),
+        ]
         parts.append(rod((0.72 * x, -y, z - 0.08), (0.72 * x, -0.6 * y, z - 0.08), 0.015, draw.round(8)))
         if draw.chance(0.5):
-            parts.append(box((-0.96 * x, 0.66 * y, z), (0.96 * x, 0.7 * y, z + draw.between(0.2, 0.8))))
+            parts.append(cuboid((-0.96 * x, 0.66 * y, z), (0.96 * x, 0.7 * y, z + draw.between(0.2, 0.8))))
         return join(parts)
     rim, deep = draw.between(0.06, 0.18), draw.between(0.1, 0.3)
-    parts = [pair(box((-x, y - rim, z - 0.05), (x, y, z + 0.05), edge=0.02), "y")]
-    parts.append(pair(box((x - rim, -y, z - 0.05), (x, y, z + 0.05), edge=0.02)))
-    parts.append(box((0.03 - x, 0.03 - y, z - deep), (x - 0.03, y - 0.03, z)))
+    parts = [pair(cuboid((-x, y - rim, z - 0.05), (x, y, z + 0.05), edge=0.02), "y")]
+    parts.append(pair(cuboid((x - rim, -y, z - 0.05), (x, y, z + 0.05), edge=0.02)))
+    parts.append(cuboid((0.03 - x, 0.03 - y, z - deep), (x - 0.03, y - 0.03, z)))
     shape = draw.pick(("turned", "square", "cabriole", "tapered"))
     parts.append(four_legs(draw, shape, 0.8 * x, 0.72 * y, z - deep + 0.05, draw.between(0.1, 0.24)))
     spots = draw.rng.uniform((-0.7 * x, -0.6 * y, z + 0.03), (0.7 * x, 0.6 * y, z + 0.03), size=(draw.whole(1, 7), 3))
     return join([*parts, repeated(ellipsoid((0, 0, 0), (0.03,) * 3, draw.round(9)), spots)])
 
 
-def _side(draw: Draw) -> Part:
+def _side(draw: Draw) -> MeshPart:
     """Small: bedside cabinet, nest of tables, C-shaped, tray."""
     w, d, z, kind = (
         draw.between(0.3, 0.65),
@@ -282,26 +288,26 @@ def _side(draw: Draw) -> Part:
         )
         for i in range(draw.whole(2, 4)):
             a, b, c = x * (1.25 - 0.22 * i), y * (1 - 0.1 * i), z * (1 - 0.13 * i)
-            one = box((-a, -b, c - 0.02), (a, b, c)) + four_legs(draw, shape, a - t, b - t, c, t)
+            one = cuboid((-a, -b, c - 0.02), (a, b, c)) + four_legs(draw, shape, a - t, b - t, c, t)
             parts.append(one.at(y=-gap * d * i))
         return join(parts)
     if kind == "C":
         side = tube(
             bent([(-x, -y, z), (-x, y - 0.02, z), (-x, y - 0.02, 0.02), (-x, -y, 0.02)], 0.03), 0.012, draw.round(8)
         )
-        back = box((0.03 - x, y - 0.03, 0.01), (x - 0.03, y - 0.01, 0.03))
+        back = cuboid((0.03 - x, y - 0.03, 0.01), (x - 0.03, y - 0.01, 0.03))
         return join([pair(side), top(draw, w, d, z + 0.02, ("rectangle", "rounded")), back])
     if kind == "tray":
         n, r = draw.round(5), draw.between(0.02, 0.14)
         rim = np.column_stack([rectangle(w, d, r, n), np.full(4 * (n + 1), z)])
-        lip = grid(np.stack([rim, rim * (1.04, 1.04, 1) + [0, 0, draw.between(0.03, 0.1)]]), wrap_columns=True)
+        lip = quad_grid(np.stack([rim, rim * (1.04, 1.04, 1) + [0, 0, draw.between(0.03, 0.1)]]), wrap_columns=True)
         cross = pair(bar((0.8 * x, -0.8 * y, 0), (0.8 * x, 0.8 * y, z), 0.025, 0.02), "y")
         return join([prism(rectangle(w, d, r, n), z - 0.02, z), lip, pair(cross)])
     low = draw.between(0.05, 0.45) * z
     corner, end = (0.02 - x, 0.02 - y, low), (x - 0.02, y - 0.02, z - 0.02)
     legs = four_legs(draw, draw.pick(LEGS), x - 0.04, y - 0.04, low + 0.02, 0.04)
     return join(
-        [top(draw, w, d, z, ("rectangle",)), box(corner, end), drawers(draw, corner, end, draw.whole(1, 3)), legs]
+        [top(draw, w, d, z, ("rectangle",)), cuboid(corner, end), drawers(draw, corner, end, draw.whole(1, 3)), legs]
     )
 
 

@@ -7,16 +7,16 @@ from zbuf_occlude.shapes.curves import circle, polygon, rectangle, smooth, super
 from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.furniture import four_legs, frame, stretchers
 from zbuf_occlude.shapes.kit import (
-    Part,
+    MeshPart,
     along,
     around,
     bar,
-    box,
+    cuboid,
     cylinder,
-    grid,
     join,
     pair,
     prism,
+    quad_grid,
     repeated,
     revolve,
     tube,
@@ -45,7 +45,7 @@ def outline(draw: Draw, kind: str, w: float, d: float) -> FloatArray:
     return rectangle(w, d)
 
 
-def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> Part:
+def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> MeshPart:
     """Return a table top of one of some kinds, 2 to 6 cm thick, whose upper side is at z.
 
     Besides those of `outline` there are "planks" with gaps and "pane": a sheet without thickness in a frame.
@@ -53,35 +53,35 @@ def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> Par
     thick, kind, x, y = draw.between(0.018, 0.065), draw.pick(kinds), w / 2, d / 2
     if kind == "planks":
         count = draw.whole(3, 8)
-        plank = box((-x, 0, z - thick), (x, d / count - draw.between(0.004, 0.025), z))
-        battens = pair(box((0.3 * w, -0.48 * d, z - thick - 0.03), (0.36 * w, 0.48 * d, z - thick)))
+        plank = cuboid((-x, 0, z - thick), (x, d / count - draw.between(0.004, 0.025), z))
+        battens = pair(cuboid((0.3 * w, -0.48 * d, z - thick - 0.03), (0.36 * w, 0.48 * d, z - thick)))
         return repeated(plank, along("y", np.linspace(-y, y, count + 1)[:-1])) + battens
     if kind == "pane":
         rail = draw.between(0.04, 0.12) * d
         rails = frame(w, d, rail, thick).turned("x", 90).at(0, y, z - thick / 2)
         across, deep = np.meshgrid((rail - x, x - rail), (rail - y, y - rail), indexing="ij")
-        return rails + grid(np.stack([across, deep, np.full((2, 2), z - thick / 3)], axis=2))
+        return rails + quad_grid(np.stack([across, deep, np.full((2, 2), z - thick / 3)], axis=2))
     if kind == "rectangle":
-        return box((-x, -y, z - thick), (x, y, z), edge=draw.pick((0.0, 0.006, thick / 3)), steps=2)
+        return cuboid((-x, -y, z - thick), (x, y, z), edge=draw.pick((0.0, 0.006, thick / 3)), steps=2)
     return prism(outline(draw, kind, w, d), z - thick, z, edge=draw.pick((0.0, 0.25 * thick)))
 
 
-def four_legged(draw: Draw, w: float, d: float, z: float, tops: tuple[str, ...], thick: float) -> Part:
+def four_legged(draw: Draw, w: float, d: float, z: float, tops: tuple[str, ...], thick: float) -> MeshPart:
     """Return a top on four legs, with an apron and stretchers as it comes."""
     inset, splay = draw.between(0.6, 3.0) * thick, draw.pick((0.0, 0.0, 0.0, draw.between(3, 14)))
     x, y, t = w / 2 - inset, d / 2 - inset, 0.012
     parts = [top(draw, w, d, z, tops), four_legs(draw, draw.pick(LEGS), x, y, z - 0.02, thick, splay)]
     if draw.chance(0.6):
         low = z - 0.02 - draw.between(0.04, 0.18)
-        parts.append(pair(box((-x, y - t, low), (x, y + t, z - 0.02)), "y"))
-        parts.append(pair(box((x - t, -y, low), (x + t, y, z - 0.02))))
+        parts.append(pair(cuboid((-x, y - t, low), (x, y + t, z - 0.02)), "y"))
+        parts.append(pair(cuboid((x - t, -y, low), (x + t, y, z - 0.02))))
     if draw.chance(0.3) and splay == 0.0:
         plan = draw.pick(("H", "box", "X"))
         parts.append(stretchers(draw, x, y, draw.between(0.08, 0.35) * z, thick * 0.6, plan))
     return join(parts)
 
 
-def pedestal(draw: Draw, w: float, z: float) -> Part:
+def table_pedestal(draw: Draw, w: float, z: float) -> MeshPart:
     """Return one foot for a round top of width w at height z."""
     n, kind = draw.round(26), draw.pick(("trumpet", "column", "turned", "cross", "drum", "hourglass"))
     if kind == "trumpet":
@@ -111,7 +111,7 @@ def pedestal(draw: Draw, w: float, z: float) -> Part:
             bar((0, 0, z - 0.03), (0.8 * reach, 0, z - 0.03), 0.06, 0.05),
         )
         t = draw.between(0.03, 0.09)
-        return box((-t, -t, 0), (t, t, z)) + around(feet, 4) + around(arms, 4)
+        return cuboid((-t, -t, 0), (t, t, z)) + around(feet, 4) + around(arms, 4)
     beads = [(0.4, 0.12), (0.9, 0.16), (1.0, 0.28), (0.5, 0.36), (0.45, 0.6), (0.8, 0.68), (0.45, 0.74), (0.6, 1)]
     column = revolve(smooth(beads, draw.round(22)) * (draw.between(0.04, 0.13), z), draw.round(16))
     path = smooth(

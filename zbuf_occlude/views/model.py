@@ -10,6 +10,9 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
+PAPER_DISTANCE = 4.0
+"""Distance of the camera in units of the object's longest side (paper 4.1)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Views:
@@ -37,6 +40,14 @@ class Views:
     ------
     ArgumentError
         Different lengths, values out of range or not finite.
+
+    Examples
+    --------
+    >>> views = zo.views.paper100(distance=2.0)
+    >>> views[0]
+    Views(1 view about (0, 0, 0))
+    >>> views.eyes.shape
+    (100, 3)
     """
 
     azimuth: FloatArray
@@ -84,7 +95,13 @@ class Views:
         return len(self.azimuth)
 
     def __repr__(self) -> str:
-        return f"Views({len(self)})"
+        about = ", ".join(f"{x:g}" for x in np.asarray(self.target))
+        return f"Views({len(self)} view{'s' * (len(self) != 1)} about ({about}))"
+
+    def __getitem__(self, which: ArrayLike | slice) -> "Views":
+        """Return the views of an index, a slice, a mask or an index array; of an index Views of one."""
+        chosen = np.arange(len(self))[which]  # type: ignore[index]  # ArrayLike: whatever NumPy takes
+        return self.select(np.atleast_1d(chosen))
 
     @property
     def eyes(self) -> FloatArray:
@@ -122,6 +139,19 @@ class Views:
             x, y, z = (positions @ pose[:3, :3].T + pose[:3, 3]).T
             row[:] = (z < 0) & (x >= left * -z) & (x <= right * -z) & (y >= bottom * -z) & (y <= top * -z)
         return inside
+
+    def intrinsics(self, width: int, height: int) -> FloatArray:
+        """Return K (k, 3, 3) of pictures of `windows`, pixels, y down, the upper left pixel's corner at (0, 0).
+
+        Raises ArgumentError where there are no windows.
+        """
+        if self.windows is None:
+            raise ArgumentError("views must have pictures; these have none. Give a field of view: views.looking.")
+        left, right, bottom, top = self.windows.T
+        found = np.zeros((len(self), 3, 3))
+        found[:, 0, 0], found[:, 1, 1], found[:, 2, 2] = width / (right - left), height / (top - bottom), 1.0
+        found[:, 0, 2], found[:, 1, 2] = -left * found[:, 0, 0], top * found[:, 1, 1]
+        return found
 
     def select(self, which: ArrayLike) -> "Views":
         """Return the views that a boolean mask or an index array picks, in its order."""

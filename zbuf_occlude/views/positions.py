@@ -1,15 +1,22 @@
-"""Sets of camera positions: the paper's (Eq. 11-12, section 4.3) and the usual others."""
+"""Sets of camera positions: the paper's (Eq. 11-12, section 4.3), the usual others, and what a person types for them.
+
+To add a specification: a row in `SPECIFICATIONS`, with its function here or in `cameras.py`.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.checks import check_int
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.seeds import generator
-from zbuf_occlude.views.model import Views
-
-PAPER_DISTANCE = 4.0
-"""Distance of the camera in units of the object's longest side (paper 4.1)."""
+from zbuf_occlude.errors import ArgumentError, OptionError, check_int, did_you_mean
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
+from zbuf_occlude.provenance import generator
+from zbuf_occlude.views import cameras
+from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 MAX_VIEWS = 1_000_000
 """A mistyped specification must not fill the memory."""
@@ -17,8 +24,52 @@ MAX_VIEWS = 1_000_000
 Seed = int | np.random.SeedSequence
 
 
+def from_angles(azimuth: float, elevation: float, distance: float = PAPER_DISTANCE, roll: float = 0.0) -> Views:
+    """Return one view, by angles in degrees as they are typed, about the origin.
+
+    Parameters
+    ----------
+    azimuth : float
+        Degrees from +x towards +y.
+    elevation : float
+        Degrees above the xy plane, within -90..90; 90 is +z.
+    distance : float
+        In whatever unit; `Views.around` turns longest sides into those of a mesh.
+    roll : float
+        Degrees; positive turns the camera's top towards its right.
+
+    Raises
+    ------
+    ArgumentError
+        Not finite, or out of range.
+
+    Examples
+    --------
+    >>> zo.views.from_angles(azimuth=90, elevation=0, distance=2).eyes.round(6).tolist()
+    [[0.0, 2.0, 0.0]]
+    """
+    try:
+        angles = np.array([azimuth, elevation, roll], dtype=np.float64)
+    except (TypeError, ValueError):
+        angles = np.full(0, np.nan)
+    if angles.shape != (3,):
+        raise ArgumentError(
+            f"azimuth, elevation and roll must be numbers; got {azimuth!r:.40}, {elevation!r:.40} and {roll!r:.40}."
+        )
+    if not np.abs(angles[1]) <= 90.0:
+        raise ArgumentError(f"elevation must lie in [-90, 90], degrees; got {elevation}.")
+    radians = np.radians(angles)
+    return Views(radians[:1], radians[1:2], np.asarray(distance), roll=radians[2:])
+
+
 def paper100(distance: float = PAPER_DISTANCE) -> Views:
-    """Return the paper's 100 positions (Eq. 11-12): 19 elevations 10 degrees apart, 1 to 10 azimuths on each."""
+    """Return the paper's 100 positions (Eq. 11-12): 19 elevations 10 degrees apart, 1 to 10 azimuths on each.
+
+    Examples
+    --------
+    >>> len(zo.views.paper100())
+    100
+    """
     azimuth, elevation = [], []
     for i in range(1, 20):
         n_azimuths = min(i, 20 - i)
@@ -28,12 +79,24 @@ def paper100(distance: float = PAPER_DISTANCE) -> Views:
 
 
 def modelnet8(distance: float = PAPER_DISTANCE) -> Views:
-    """Return the 25 positions of section 4.3: elevations 0, +-40, +-80 by five azimuths 72 degrees apart."""
+    """Return the 25 positions of section 4.3: elevations 0, +-40, +-80 by five azimuths 72 degrees apart.
+
+    Examples
+    --------
+    >>> len(zo.views.modelnet8())
+    25
+    """
     return _product(np.radians([-80.0, -40.0, 0.0, 40.0, 80.0]), 5, distance)
 
 
 def ring(n_views: int, elevation: float, distance: float = PAPER_DISTANCE) -> Views:
-    """Return `n_views` equally spaced azimuths at one elevation (radians)."""
+    """Return `n_views` equally spaced azimuths at one elevation (radians).
+
+    Examples
+    --------
+    >>> np.degrees(zo.views.ring(4, np.radians(20)).azimuth).tolist()
+    [0.0, 90.0, 180.0, 270.0]
+    """
     return _product(np.asarray([elevation]), n_views, distance)
 
 
@@ -46,6 +109,11 @@ def grid(
     """Return equally spaced elevations (ends included, radians) by equally spaced azimuths.
 
     Section 4.3 suggests ``elevations=(0, radians(50))`` for automated driving.
+
+    Examples
+    --------
+    >>> len(zo.views.grid(3, 4))
+    12
     """
     _positive(n_elevations, "n_elevations")
     low, high = elevations
@@ -54,7 +122,13 @@ def grid(
 
 
 def fibonacci(n_views: int, distance: float = PAPER_DISTANCE) -> Views:
-    """Return `n_views` positions spread evenly over the sphere on a Fibonacci (golden angle) spiral."""
+    """Return `n_views` positions spread evenly over the sphere on a Fibonacci (golden angle) spiral.
+
+    Examples
+    --------
+    >>> zo.views.fibonacci(50, distance=2.0)
+    Views(50 views about (0, 0, 0))
+    """
     index = np.arange(_positive(n_views, "n_views"))
     elevation = np.arcsin(1.0 - (2.0 * index + 1.0) / n_views)
     azimuth = (index * np.pi * (3.0 - np.sqrt(5.0))) % (2 * np.pi)
@@ -67,7 +141,13 @@ def random(
     distance: float = PAPER_DISTANCE,
     seed: Seed = 0,
 ) -> Views:
-    """Return `n_views` positions uniform over the sphere's band between two elevations (radians)."""
+    """Return `n_views` positions uniform over the sphere's band between two elevations (radians).
+
+    Examples
+    --------
+    >>> bool((zo.views.random(9, elevations=(0.0, 0.5), seed=1).elevation >= 0).all())
+    True
+    """
     rng = generator(seed)
     if not -np.pi / 2 <= elevations[0] <= elevations[1] <= np.pi / 2:
         raise OptionError(f"elevations must run upwards within -pi/2..pi/2; got {elevations[0]:g}..{elevations[1]:g}.")
@@ -82,6 +162,11 @@ def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -
     References
     ----------
     PCN (Yuan et al. 2018) draws its camera poses so, for each object anew.
+
+    Examples
+    --------
+    >>> zo.views.random_so3(3, seed=1).poses.shape
+    (3, 4, 4)
     """
     rng = generator(seed)
     elevation = np.arcsin(rng.uniform(-1, 1, _positive(n_views, "n_views")))
@@ -100,3 +185,200 @@ def _positive(count: int, name: str) -> int:
     if count > MAX_VIEWS:
         raise OptionError(f"{name} must be at most {MAX_VIEWS:,}; got {count}.")
     return int(count)
+
+
+_NUMBER = r"([-+]?\d+(?:\.\d*)?)"
+_RANGE = rf"(?:@{_NUMBER}\.\.{_NUMBER})?"
+_COUNT = r"(\d{1,9})"
+"""More digits than any number of views has."""
+
+Make = Callable[[Sequence[Any], float, Seed], Views]
+
+
+@dataclass(frozen=True)
+class Specification:
+    """One row of the table of view specifications.
+
+    Parameters
+    ----------
+    form : str
+        As it is shown to people.
+    pattern : str
+        Regular expression of the whole specification.
+    make : callable
+        Returns the views from what the pattern's groups found, a distance in longest sides, and a seed.
+    drawn : bool
+        Whether views are drawn at random: a dataset draws them for each object anew.
+    """
+
+    form: str
+    pattern: str
+    make: Make
+    drawn: bool = False
+
+
+def _ring(found: Sequence[Any], distance: float, seed: Seed) -> Views:
+    return ring(int(found[0]), _band(found[1], found[1])[0], distance)
+
+
+def _grid(found: Sequence[Any], distance: float, seed: Seed) -> Views:
+    return grid(int(found[0]), int(found[1]), _band(*found[2:]), distance)
+
+
+def _random(found: Sequence[Any], distance: float, seed: Seed) -> Views:
+    return random(int(found[0]), _band(*found[1:]), distance, seed)
+
+
+SPECIFICATIONS: tuple[Specification, ...] = (
+    Specification("paper100", "paper100", lambda found, distance, seed: paper100(distance)),
+    Specification("modelnet8", "modelnet8", lambda found, distance, seed: modelnet8(distance)),
+    Specification("ring:N@EL", rf"ring:{_COUNT}@{_NUMBER}", _ring),
+    Specification("grid:ELxAZ[@EL0..EL1]", rf"grid:{_COUNT}x{_COUNT}{_RANGE}", _grid),
+    Specification(
+        "fibonacci:N", rf"fibonacci:{_COUNT}", lambda found, distance, seed: fibonacci(int(found[0]), distance)
+    ),
+    Specification("random:N[@EL0..EL1]", rf"random:{_COUNT}{_RANGE}", _random, drawn=True),
+    Specification(
+        "random-so3:N",
+        rf"random-so3:{_COUNT}",
+        lambda found, distance, seed: random_so3(int(found[0]), distance, seed),
+        drawn=True,
+    ),
+    Specification(
+        "a CSV of views or cameras",
+        r"(.+\.(?i:csv))",
+        lambda found, distance, seed: cameras.from_csv(found[0], distance),
+    ),
+    Specification(
+        "cameras as JSON (K, R, t, or transforms.json)",
+        r"(.+\.(?i:jsonl?))",
+        lambda found, distance, seed: cameras.from_json(Path(found[0])),
+    ),
+    Specification(
+        "COLMAP's images.txt or images.bin",
+        r"(.*images\.(?:txt|bin))",
+        lambda found, distance, seed: cameras.from_colmap(Path(found[0])),
+    ),
+)
+
+
+def forms() -> str:
+    """Return what may be typed, in words.
+
+    Examples
+    --------
+    >>> zo.views.forms().startswith("paper100, modelnet8, ring:N@EL")
+    True
+    """
+    *most, last = (row.form for row in SPECIFICATIONS)
+    return f"{', '.join(most)}, or {last}"
+
+
+def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthest: float | None = None) -> Views:
+    """Make views from what a person types: angles in degrees, distances in longest sides.
+
+    Parameters
+    ----------
+    spec : str
+        One of `forms`.
+    distance : float
+        For all but files that say it themselves.
+    seed : int or SeedSequence
+        For what is drawn at random.
+    farthest : float, optional
+        Distances are drawn uniformly between `distance` and this one, for all but files that say them.
+
+    Raises
+    ------
+    OptionError
+        Not understood; the message says what there is.
+
+    Examples
+    --------
+    >>> zo.views.parse("grid:3x4@0..50")
+    Views(12 views about (0, 0, 0))
+    """
+    row, found = _find(spec)
+    views = row.make(found, distance, seed)
+    if farthest is None or views.rotations is not None:
+        return views
+    if not farthest > distance:
+        raise OptionError(f"distances must run upwards; got {distance:g}..{farthest:g}.")
+    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
+    own = views.distance == row.make(found, farthest, seed).distance  # of a table with a column of distances
+    lengths = np.where(own, views.distance, lengths)
+    return Views(views.azimuth, views.elevation, lengths, views.target, views.roll)
+
+
+def for_mesh(
+    mesh: MeshLike,
+    spec: str | Views,
+    *,
+    distance: float = PAPER_DISTANCE,
+    seed: Seed = 0,
+    farthest: float | None = None,
+) -> Views:
+    """Return views about a mesh, in its own units: what `parse` makes, around its centre.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Or anything else that is one (`as_mesh`).
+    spec : str or Views
+        As `parse` takes it; or views about the origin, distances in longest sides.
+    distance, seed, farthest
+        As in `parse`; distances in multiples of the mesh's longest side.
+
+    Raises
+    ------
+    OptionError
+        As `parse`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> views = zo.views.for_mesh(mesh, "ring:8@20")
+    >>> len(views), bool(mesh.in_box(views.eyes).any())
+    (8, False)
+    """
+    mesh = as_mesh(mesh)
+    views = spec if isinstance(spec, Views) else parse(spec, distance=distance, seed=seed, farthest=farthest)
+    return views.around(mesh.centre, mesh.longest_side)
+
+
+def is_drawn(spec: str) -> bool:
+    """Return whether views are drawn at random.
+
+    Examples
+    --------
+    >>> zo.views.is_drawn("random:5"), zo.views.is_drawn("paper100")
+    (True, False)
+    """
+    return _find(spec)[0].drawn
+
+
+def _find(spec: str) -> tuple[Specification, Sequence[Any]]:
+    for row in SPECIFICATIONS if isinstance(spec, str) else ():
+        if match := re.fullmatch(row.pattern, spec):
+            return row, match.groups()
+    raise OptionError(f"views must be {forms()}; got {spec!r:.80}.{_wrong_part(str(spec))}")
+
+
+def _wrong_part(spec: str) -> str:
+    """Return a sentence that says what of a specification is not understood."""
+    word, _, rest = spec.partition(":")
+    if re.search(r"[/.\\]|^$", word):
+        return ""
+    by_word = {row.form.partition(":")[0]: row.form for row in SPECIFICATIONS if " " not in row.form}
+    if word not in by_word:
+        return f" There is no {word!r:.40}.{did_you_mean(word, by_word)}"
+    _, colon, form = by_word[word].partition(":")
+    return f" After {word}: must come {form}; got {rest!r:.40}." if colon else f" {word} takes nothing after it."
+
+
+def _band(low: str | None = None, high: str | None = None) -> tuple[float, float]:
+    low_degrees, high_degrees = float(low or -90.0), float(high or 90.0)
+    if not -90.0 <= low_degrees <= high_degrees <= 90.0:
+        raise OptionError(f"elevations must run upwards within -90..90; got {low_degrees:g}..{high_degrees:g}.")
+    return np.radians(low_degrees), np.radians(high_degrees)

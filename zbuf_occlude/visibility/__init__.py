@@ -2,90 +2,99 @@
 
 from typing import Any
 
-from zbuf_occlude.checks import find_row
-from zbuf_occlude.errors import ArgumentError, OptionError
-from zbuf_occlude.geometry.mesh import Mesh, box_around
+from zbuf_occlude.errors import ArgumentError, OptionError, find_row
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh, box_around
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder
 
-METHODS: tuple[Method, ...] = (
-    Method(
-        "depth_buffer",
-        "the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU",
-        "zbuf_occlude.visibility.depth_buffer:prepare",
-        needs_gl=True,
-    ),
-    Method(
-        "exact",
-        "image space made exact on the CPU: the oracle's answers, and nearly always faster than a ray caster",
-        "zbuf_occlude.visibility.exact:prepare",
-        exact=True,
-    ),
-    Method(
-        "oracle",
-        "exact CPU judge, float64, brute force over all faces: slow, simple, the definition",
-        "zbuf_occlude.visibility.oracle:prepare",
-        exact=True,
-    ),
-    Method(
-        "exact_gl",
-        "image space made exact on the GPU: an irregular z-buffer in compute shaders, equal to the oracle",
-        "zbuf_occlude.visibility.exact_gl:prepare",
-        exact=True,
-        needs_gl=True,
-        no_first_hits="its entries are sample points; rays have none",
-    ),
-    Method(
-        "embree",
-        "ray casting with Intel Embree, float32: an independent check and the peer to beat",
-        "zbuf_occlude.visibility.embree:prepare",
-        extra="embree",
-        requires="embreex",
-    ),
-    Method(
-        "pyrender",
-        "depth images by pyrender in a process of its own, and the depth test: the peer in image space",
-        "zbuf_occlude.visibility.pyrender:prepare",
-        extra="pyrender",
-        requires="pyrender",
-        check="zbuf_occlude.visibility.pyrender:missing",
-        no_first_hits="its pixels lie where its camera has them, not where the rays go",
-    ),
-    Method(
-        "vertex_hsr",
-        "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
-        "zbuf_occlude.visibility.vertex_hsr:prepare",
-        no_first_hits="it keeps or drops whole faces, and looks at no ray",
-    ),
-    Method(
-        "vertex_hsr_culled",
-        "the same with far faces excluded by distance: first or second suggestion of paper 3.6",
-        "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
-        no_first_hits="it keeps or drops whole faces, and looks at no ray",
-    ),
-    Method(
-        "exact_hsr",
-        "paper 3.5: every point against all faces by planes and perpendicular planes",
-        "zbuf_occlude.visibility.exact_hsr:prepare",
-        exact=True,
-        no_first_hits="the paper asks whether a point is hidden, not what hides it first",
-    ),
-    Method(
-        "occupancy_grid",
-        "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
-        "zbuf_occlude.visibility.occupancy_grid:prepare",
-        no_first_hits="its cells name no face",
-    ),
-    Method(
-        "hidden_point_removal",
-        "Katz 2007 through Open3D: convex hull of the flipped cloud, faces unknown",
-        "zbuf_occlude.visibility.hidden_point_removal:prepare",
-        needs_faces=False,
-        extra="open3d",
-        requires="open3d",
-        check="zbuf_occlude.visibility.hidden_point_removal:missing",
-        no_first_hits="it knows points and no faces",
-    ),
+
+class Methods(tuple[Method, ...]):
+    """The rows of the table in their order; ``METHODS["exact"]`` is the row of a name."""
+
+    def __getitem__(self, which: Any) -> Any:  # a name, or what a tuple takes
+        return find_method(which) if isinstance(which, str) else super().__getitem__(which)
+
+
+METHODS = Methods(
+    (
+        Method(
+            "depth_buffer",
+            "the mesh drawn into a depth buffer for each eye, the points tested against it, all on the GPU",
+            "zbuf_occlude.visibility.depth_buffer:prepare",
+            needs_gl=True,
+        ),
+        Method(
+            "exact",
+            "image space made exact on the CPU: the oracle's answers, and nearly always faster than a ray caster",
+            "zbuf_occlude.visibility.exact:prepare",
+            exact=True,
+        ),
+        Method(
+            "oracle",
+            "exact CPU reference, float64, brute force over all faces: slow, simple, the definition",
+            "zbuf_occlude.visibility.oracle:prepare",
+            exact=True,
+        ),
+        Method(
+            "exact_gl",
+            "image space made exact on the GPU: an irregular z-buffer in compute shaders, equal to the oracle",
+            "zbuf_occlude.visibility.exact_gl:prepare",
+            exact=True,
+            needs_gl=True,
+            no_first_hits="its entries are sample points; rays have none",
+        ),
+        Method(
+            "embree",
+            "ray casting with Intel Embree, float32: an independent check and the peer to beat",
+            "zbuf_occlude.visibility.embree:prepare",
+            extra="embree",
+            requires="embreex",
+        ),
+        Method(
+            "pyrender",
+            "depth images by pyrender in a process of its own, and the depth test: the peer in image space",
+            "zbuf_occlude.visibility.pyrender:prepare",
+            extra="pyrender",
+            requires="pyrender",
+            libraries=("libEGL.so.1",),
+            no_first_hits="its pixels lie where its camera has them, not where the rays go",
+        ),
+        Method(
+            "vertex_hsr",
+            "paper 3.3: every face with a hidden vertex is dropped; large faces can be divided first",
+            "zbuf_occlude.visibility.vertex_hsr:prepare",
+            no_first_hits="it keeps or drops whole faces, and looks at no ray",
+        ),
+        Method(
+            "vertex_hsr_culled",
+            "the same with far faces excluded by distance: first or second suggestion of paper 3.6",
+            "zbuf_occlude.visibility.vertex_hsr_culled:prepare",
+            no_first_hits="it keeps or drops whole faces, and looks at no ray",
+        ),
+        Method(
+            "exact_hsr",
+            "paper 3.5: every point against all faces by planes and perpendicular planes",
+            "zbuf_occlude.visibility.exact_hsr:prepare",
+            exact=True,
+            no_first_hits="the paper asks whether a point is hidden, not what hides it first",
+        ),
+        Method(
+            "occupancy_grid",
+            "paper 3.6, third suggestion: occluded cells of an n x n x n grid",
+            "zbuf_occlude.visibility.occupancy_grid:prepare",
+            no_first_hits="its cells name no face",
+        ),
+        Method(
+            "hidden_point_removal",
+            "Katz 2007 through Open3D: convex hull of the flipped cloud, faces unknown",
+            "zbuf_occlude.visibility.hidden_point_removal:prepare",
+            needs_faces=False,
+            extra="open3d",
+            requires="open3d",
+            libraries=("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1"),
+            no_first_hits="it knows points and no faces",
+        ),
+    )
 )
 
 
@@ -100,13 +109,16 @@ def find_method(name: str) -> Method:
     return find_row("method", name, METHODS)
 
 
-def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any = None, **options: Any) -> Occluder:
+def prepare(
+    mesh: MeshLike | SurfacePoints, method: str = "depth_buffer", *, gl: Any = None, **options: Any
+) -> Occluder:
     """Make a mesh ready to answer line-of-sight questions by one method.
 
     Parameters
     ----------
     mesh : Mesh or SurfacePoints
-        A point cloud for methods that do not look at faces (`Method.needs_faces`).
+        Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces). A point
+        cloud for methods that do not look at faces (`Method.needs_faces`).
     method : str
         A name of the table `METHODS`.
     gl : GlContext, optional
@@ -121,19 +133,25 @@ def prepare(mesh: Mesh | SurfacePoints, method: str = "depth_buffer", *, gl: Any
     Raises
     ------
     ArgumentError
-        `mesh` is of another package, a name, or a cloud without points.
+        `mesh` is none, or a cloud without points.
     OptionError
         Unknown method, unknown option, a value out of range, or a point cloud for a method that needs faces.
     UnavailableError
         A package the method needs is not installed.
     GlError
         The method needs GL and no context could be opened.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> points = zo.sample_surface(mesh, n_points=1000)
+    >>> with zo.prepare(mesh, "exact") as occluder:
+    ...     mask = occluder.visible(points, zo.views.for_mesh(mesh, "ring:8@20"))
+    >>> mask.shape
+    (8, 1000)
     """
-    if not isinstance(mesh, Mesh | SurfacePoints):
-        raise ArgumentError(
-            f"mesh must be a zbuf_occlude.Mesh; got {type(mesh).__name__}. Make one: load_mesh(path), "
-            "Mesh.from_trimesh(mesh), Mesh(vertices, faces)."
-        )
+    if not isinstance(mesh, SurfacePoints):
+        mesh = as_mesh(mesh)
     row = find_method(method)
     row.check_options(options)
     factory = row.load()

@@ -10,13 +10,20 @@ from zbuf_occlude.errors import OptionError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
-from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, mesh_buffers
-from zbuf_occlude.gl.exact_data import Unit
-from zbuf_occlude.gl.mesh_data import arrange_mesh
-from zbuf_occlude.gl.point_data import GROUP, MOST_HIDDEN, Batch, Criteria, PointData
-from zbuf_occlude.gl.point_pass import MOST_POINTS, PointPass, UploadedPoints, set_uniforms
+from zbuf_occlude.gl.depth_pass import MOST_TILES, DepthPass, arrange_mesh, mesh_buffers
+from zbuf_occlude.gl.point_pass import MOST_HIDDEN, MOST_POINTS, PointPass, UploadedPoints, batches_of
 from zbuf_occlude.gl.ray_pass import WINDOW, nearest_of, picture_rays, seen_around
-from zbuf_occlude.gl.tiles import CUBE, TILE, Pictures, arrange_tiles, cube_pictures, single_pictures
+from zbuf_occlude.gl.shaders import set_uniforms
+from zbuf_occlude.gl.tiles import (
+    CUBE,
+    EYES_PER_BYTE,
+    TILE,
+    Pictures,
+    Unit,
+    arrange_tiles,
+    cube_pictures,
+    single_pictures,
+)
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
 
 REFINEMENTS = ("witness", "none")
@@ -112,9 +119,12 @@ class DepthBuffer(Occluder):
         gl.make_current()
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
-        self._criteria = Criteria(
-            np.float32(tolerance * diagonal), np.float32(slope_bias), CONTACT * diagonal, bool(witness)
-        )
+        self._witness = witness
+        self._criteria = {
+            "tolerance": np.float32(tolerance * diagonal),
+            "slope_bias": np.float32(slope_bias),
+            "contact": CONTACT * diagonal,
+        }
         self._arrays = arrange_mesh(mesh, self._unit)
         self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
         self._passes: dict[tuple[int, bool], DepthPass] = {}
@@ -151,15 +161,13 @@ class DepthBuffer(Occluder):
         if self._uploaded is None or self._uploaded[0] is not points:
             self._forget()
             free = points.face_ids < 0
-            data = PointData(
-                self._unit.to(points.positions),
-                np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids]),
-                np.where(free, np.int32(-1), self._arrays.places[points.face_ids]),
-            )
+            positions = self._unit.to(points.positions)
+            normals = np.where(free[:, None], np.float32(0.0), self._arrays.normals[points.face_ids])
+            own = np.where(free, np.int32(-1), self._arrays.places[points.face_ids])
             uploaded: list[UploadedPoints] = []
             self._uploaded = points, uploaded
             for part in parts(len(points), MOST_POINTS):
-                uploaded.append(UploadedPoints(self._gl, data.part(part)))
+                uploaded.append(UploadedPoints(self._gl, positions[part], normals[part], own[part]))
         return self._uploaded[1]
 
     def _forget(self) -> None:
@@ -175,7 +183,7 @@ class DepthBuffer(Occluder):
         depth_pass = self._pass(tiles_per_eye)
         tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
         # answers of a batch's groups have a byte per point each
-        groups = -(-depth_pass.n_eyes // GROUP) * max(part.n_slots for part in points)
+        groups = -(-depth_pass.n_eyes // EYES_PER_BYTE) * max(part.n_slots for part in points)
         most = max(1, answer_limit(self._gl) // groups) * depth_pass.n_eyes
         for first in range(0, len(out), most):
             some = slice(first, first + most)
@@ -192,12 +200,11 @@ class DepthBuffer(Occluder):
         out: BoolArray,
     ) -> None:
         """Answer for as many eyes as there is room for answers."""
-        batches = _batches(len(out), depth_pass.n_eyes)
+        batches = batches_of(len(out), depth_pass.n_eyes)
         padded = np.zeros((len(batches), MOST_TILES), dtype=TILE)
         for row, batch in zip(padded, batches, strict=True):
             first, last = batch.first_eye * tiles_per_eye, (batch.first_eye + batch.n_eyes) * tiles_per_eye
             row[: last - first] = tiles[first:last]
-        doubts = self._criteria.witness
         passes: list[PointPass] = []
         with Buffers(self._gl, tiles=padded) as buffers:
             try:
@@ -205,11 +212,7 @@ class DepthBuffer(Occluder):
                 for part in points:
                     mine = out[:, first : first + len(part.bytes)]
                     first += len(part.bytes)
-                    n_groups = batches[-1].first_group + batches[-1].n_groups
-                    most_eyes = min(depth_pass.n_eyes, len(out))
-                    passes.append(
-                        PointPass(self._gl, part, mine, n_groups=n_groups, most_eyes=most_eyes, doubts=doubts)
-                    )
+                    passes.append(PointPass(self._gl, part, mine, batches, doubts=self._witness))
                 depth_pass.atlas.use(depths=0, faces=1)
                 self._mesh_buffers.bind(corners=4)
                 for i, batch in enumerate(batches):
@@ -219,7 +222,7 @@ class DepthBuffer(Occluder):
                     for each in passes:
                         each.ask(batch, *programs)
                 for each in passes:
-                    each.finish(batches)
+                    each.finish()
             finally:
                 for each in passes:
                     each.release()
@@ -239,7 +242,7 @@ class DepthBuffer(Occluder):
         return FirstHits(face_ids, fractions * lengths)
 
     def _pass(self, tiles_per_eye: int, ids: bool | None = None) -> DepthPass:
-        ids = self._criteria.witness if ids is None else ids
+        ids = self._witness if ids is None else ids
         if (tiles_per_eye, ids) not in self._passes:
             self._passes[tiles_per_eye, ids] = DepthPass(
                 self._gl, self._mesh_buffers, self._resolution, ids=ids, tiles_per_eye=tiles_per_eye
@@ -247,10 +250,10 @@ class DepthBuffer(Occluder):
         return self._passes[tiles_per_eye, ids]
 
     def _programs(self, tiles_per_eye: int, depth_pass: DepthPass, n_eyes: int) -> list[Any]:
-        """Return the programs that ask for a batch of so many eyes: one that answers, and one for what it doubts."""
+        """Return the programs for a batch of this many eyes: one that answers, and one for what it doubts."""
         constants = {"TILES": MOST_TILES, "CUBE": int(tiles_per_eye == CUBE)}
-        eyes = min(n_eyes, GROUP)  # a program asks for all of its eyes, whether they are there or not
-        if self._criteria.witness:
+        eyes = min(n_eyes, EYES_PER_BYTE)  # a program asks for all of its eyes, whether they are there or not
+        if self._witness:
             programs = [
                 self._gl.program("vote.comp", EYES=eyes, **constants),
                 self._gl.program("witness.comp", MOST_HIDDEN=MOST_HIDDEN, **constants),
@@ -259,7 +262,7 @@ class DepthBuffer(Occluder):
             programs = [self._gl.program("depth_test.comp", EYES=eyes, **constants)]
         width, height = depth_pass.atlas.size
         for program in programs:
-            set_uniforms(program, texel=(1.0 / width, 1.0 / height), **self._criteria._asdict())
+            set_uniforms(program, texel=(1.0 / width, 1.0 / height), **self._criteria)
         return programs
 
     def _release(self) -> None:
@@ -269,14 +272,3 @@ class DepthBuffer(Occluder):
             depth_pass.release()
         self._passes.clear()
         self._mesh_buffers.release()
-
-
-def _batches(n_eyes: int, most: int) -> list[Batch]:
-    """Cut eyes into the fewest batches of at most `most`, equally long, each with whole groups of answers."""
-    batches: list[Batch] = []
-    length = -(-n_eyes // -(-n_eyes // most))
-    length = min(most, -(-length // GROUP) * GROUP)  # among several groups, one that is not full takes as long
-    for first in range(0, n_eyes, length):
-        group = batches[-1].first_group + batches[-1].n_groups if batches else 0
-        batches.append(Batch(first, min(length, n_eyes - first), group))
-    return batches

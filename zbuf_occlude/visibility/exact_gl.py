@@ -3,10 +3,10 @@
 from typing import Any
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction
+from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.exact_pass import ExactPass, UploadedPoints
+from zbuf_occlude.gl.exact_pass import ExactPass, PointPackets
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 
@@ -43,8 +43,8 @@ class ExactGl(Occluder):
         super().__init__(mesh)
         self._gl = gl
         gl.make_current()
-        self._last: tuple[SurfacePoints, UploadedPoints] | None = None
-        self._pass = ExactPass(gl, mesh.corners, mesh.centre, mesh.diagonal, contact * mesh.diagonal)
+        self._last: tuple[SurfacePoints, PointPackets] | None = None
+        self._pass = ExactPass(gl, mesh, contact * mesh.diagonal)
 
     @property
     def renderer(self) -> str:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction, check_int, check_word
+from zbuf_occlude.errors import check_fraction, check_int, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
+from zbuf_occlude.object_space.distances import Distances, PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.exhaustive import NO_DISTANCES, hidden_points
 from zbuf_occlude.object_space.planes import FacePlanes
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
@@ -72,7 +72,7 @@ class ExactHsr(Occluder):
         self._contact = contact * mesh.diagonal
         self._planes = FacePlanes.of(mesh)
         self._face_labels = np.arange(len(mesh.faces), dtype=np.int32)[:, None]
-        self._distances: PlaneDistances | SampleDistances | None = None
+        self._distances: Distances | None = None
         if cull == "first":
             self._distances = PlaneDistances(self._planes)
         elif cull == "second":

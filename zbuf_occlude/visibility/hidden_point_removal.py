@@ -1,20 +1,15 @@
 """`hidden_point_removal`: Katz et al. 2007 through Open3D, what many users do today. It never looks at the faces."""
 
-import sys
-from ctypes import CDLL
 from importlib import import_module
 
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.extras import DEBIAN, importing
+from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Occluder
-
-LIBRARIES = {name: DEBIAN[name] for name in ("libusb-1.0.so.0", "libX11.so.6", "libGL.so.1")}
-"""What Open3D's wheel links to and does not bring on Linux, and Debian's packages of them."""
 
 GROWTH = 200.0
 """Radius by default, per squared distance of the farthest point, all in diagonals. What one point hides behind it
@@ -51,16 +46,6 @@ def prepare(mesh: Mesh, *, radius: float | None = None) -> "HiddenPointRemoval":
     return HiddenPointRemoval(mesh, radius)
 
 
-def missing() -> str:
-    """Say in words what Open3D needs and this machine lacks, "" for nothing; does not import it."""
-    for library, package in LIBRARIES.items() if sys.platform == "linux" else ():
-        try:
-            CDLL(library)
-        except OSError:
-            return f"needs {library} for open3d; on Debian: apt install {package}"
-    return ""
-
-
 class HiddenPointRemoval(Occluder):
     """The points that lie on the convex hull of the flipped cloud and the eye are visible.
 
@@ -85,6 +70,7 @@ class HiddenPointRemoval(Occluder):
         self._unit = mesh.diagonal if mesh.diagonal > 0.0 else 1.0
         with importing("open3d", "method 'hidden_point_removal'"):  # late: the table must be listed without it
             self._open3d = import_module("open3d")
+            _ = self._open3d.geometry  # an empty package is imported too
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.zeros((len(eyes), len(points)), dtype=bool)

@@ -15,24 +15,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
-from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError
+from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
 from zbuf_occlude.extras import importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.views import Views
 
 CONTACT = 1e-5
 """Default contact tolerance tau, as a fraction of the bounding box's diagonal (docs/conventions.md)."""
+
 _KINDS: dict[str, Any] = {"True or False": bool, "a word": str, "a number": (int, float, np.integer, np.floating)}
 """Of options' values; a bool is an int too, and so comes first."""
-
 
 FARTHEST = 1e15
 """Diagonals of the mesh that points and eyes may be away from it."""
 
-
 FAR = 1000.0
 """Diagonals of the mesh; rays that begin farther away are taken from nearer by (`come_nearer`)."""
-
 
 EYES_INSIDE = (
     "eyes lie inside the mesh's bounding box. Are they in its unit? Views of a mesh: "
@@ -68,6 +67,10 @@ class Occluder(ABC):
         self.mesh = mesh
         self._closed = False
 
+    def __repr__(self) -> str:
+        state = ", closed" if self._closed else ""
+        return f"Occluder({type(self).__module__.rpartition('.')[2]!r}, {self.mesh!r}{state})"
+
     @property
     def renderer(self) -> str:
         """The name of the GL renderer that answers, or "none" where no GL is involved."""
@@ -79,19 +82,20 @@ class Occluder(ABC):
         return 0.0
 
     @final
-    def visible(self, points: SurfacePoints, eyes: ArrayLike) -> BoolArray:
+    def visible(self, points: SurfacePoints, eyes: ArrayLike | Views) -> BoolArray:
         """Answer which points each eye sees.
 
         Parameters
         ----------
         points : SurfacePoints
             n points, world space; ``face_ids`` index ``mesh.faces``.
-        eyes : (k, 3) float
-            Centres of projection, world space; anywhere but on the surface.
+        eyes : (k, 3) float, (3,) float, or Views
+            Centres of projection, world space; anywhere but on the surface. What lies outside the pictures of Views
+            that have some (`Views.windows`) is hidden.
 
         Returns
         -------
-        (k, n) bool, True = visible.
+        (k, n) bool, True = visible; (n,) of one eye (3,).
 
         Raises
         ------
@@ -109,6 +113,11 @@ class Occluder(ABC):
                 f"points must be SurfacePoints; got {type(points).__name__}. "
                 "Wrap free positions: SurfacePoints.free(positions)."
             )
+        if isinstance(eyes, Views):
+            mask = self.visible(points, eyes.eyes)
+            return mask if eyes.windows is None else mask & eyes.shows(points.positions)
+        if np.shape(eyes) == (3,):
+            return self.visible(points, np.asarray(eyes)[None])[0]
         eyes = as_vectors(eyes, "eyes")
         for name, positions in (("points", points.positions), ("eyes", eyes)):
             extent = self.mesh.diagonal or np.inf  # of a mesh that is but a point everything is as far
@@ -220,8 +229,8 @@ class Method:
     extra : str
         The optional dependency it needs, "" for none; `requires` is the package to import.
     requires : str
-    check : str
-        ``"package.module:function"``, light to import; the function says in words what else the method lacks here.
+    libraries : tuple of str
+        What the package links to on Linux and does not bring.
     no_first_hits : str
         In words, why it cannot answer `Occluder.first_hits`; "" for a method that can.
     """
@@ -234,7 +243,7 @@ class Method:
     needs_faces: bool = True
     extra: str = ""
     requires: str = ""
-    check: str = ""
+    libraries: tuple[str, ...] = ()
     no_first_hits: str = ""
 
     def missing(self) -> str:
@@ -242,8 +251,7 @@ class Method:
 
         Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
-        lacking = missing(self.requires) if self.requires else ""
-        return lacking or (str(_imported(self.check)()) if self.check else "")
+        return missing(self.requires, *self.libraries) if self.requires else ""
 
     def load(self) -> Callable[..., Occluder]:
         """Import the method's module and return its prepare function.
@@ -257,7 +265,8 @@ class Method:
         if reason:
             raise UnavailableError(f"method {self.name!r} {reason}")
         with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
-            prepare: Callable[..., Occluder] = _imported(self.factory)
+            module, name = self.factory.split(":")
+            prepare: Callable[..., Occluder] = getattr(import_module(module), name)
         return prepare
 
     def options(self) -> dict[str, Any]:
@@ -279,7 +288,7 @@ class Method:
             if name not in known:
                 raise OptionError(
                     f"method {self.name!r} must be given one of its options {', '.join(known) or '(it has none)'}; "
-                    f"got {name!r}."
+                    f"got {name!r}.{did_you_mean(name, known)}"
                 )
             kind = _kind(known[name]) or "a number"  # that is meant where the default is None
             if _kind(value) != kind and not (value is None and known[name] is None):
@@ -293,22 +302,8 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
 
 
 def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
-    """Let rays that begin far away begin where they come near the mesh, for what must be exact.
+    """Let rays that begin far away begin where they come near the mesh; return origins, and how far they moved.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    origins : (n, 3) or (1, 3) float64, world space
-    directions : (n, 3) float64
-
-    Returns
-    -------
-    origins : (n, 3) or (1, 3) float64
-    skipped : (n,) float64 or 0.0
-        How far away they now begin, world units.
-
-    Notes
-    -----
     R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
     than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
     """
@@ -326,9 +321,3 @@ def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tupl
 def _kind(value: Any) -> str:
     """Say what kind of thing an option's value is; "" for what none can be."""
     return next((kind for kind, types in _KINDS.items() if isinstance(value, types)), "")
-
-
-def _imported(name: str) -> Any:
-    """Return what ``"package.module:attribute"`` names."""
-    module, attribute = name.split(":")
-    return getattr(import_module(module), attribute)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_int
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.checks import check_fraction
+from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.predicates import blocks, meeting, of_one_sign, volumes
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inner
-from zbuf_occlude.jit.pool import shared, take, together
+from zbuf_occlude.jit.threads import shared, take, together
 from zbuf_occlude.jit.vec3 import minus
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
 

@@ -1,6 +1,11 @@
-"""`pyrender`: depth images by pyrender in a process of its own, and the depth test. The peer in image space."""
+"""`pyrender`: depth images by pyrender in a process of its own, and the depth test. The peer in image space.
+
+pyrender ends EGL's display for its whole process when it closes, and needs PYOPENGL_PLATFORM set before it is imported;
+so it lives alone, in this module run as a program. That process ends with its pipe.
+"""
 
 import os
+import signal
 import socket
 import struct
 import subprocess
@@ -9,8 +14,6 @@ import tempfile
 import threading
 import weakref
 from collections.abc import Iterator
-from ctypes import CDLL
-from ctypes.util import find_library
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,9 +21,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction
-from zbuf_occlude.errors import GlError, OptionError, UnavailableError
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import GlError, OccludeError, OptionError, check_fraction
+from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.camera import (
     Frusta,
     cube_faces,
@@ -32,13 +35,11 @@ from zbuf_occlude.geometry.camera import (
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.devices import default_device
-from zbuf_occlude.visibility.depth_test import depth_test
+from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.visibility.interface import Occluder
 
-WORKER = "zbuf_occlude.visibility.pyrender_worker"
-
-PATIENCE = 120.0
-"""Seconds that the worker may take for one reply (the first: starting Python, importing pyrender, opening EGL)."""
+TIMEOUT = 120.0
+"""Seconds that the process may take for one reply (the first: starting Python, importing pyrender, opening EGL)."""
 
 EGL_FIX = "apt-get install libegl1 libgl1-mesa-dri"
 """The command (Debian) that installs what pyrender needs on a machine without a GPU's own driver."""
@@ -82,27 +83,17 @@ def prepare(
     return PyrenderOccluder(mesh, int(resolution), tolerance, slope_bias)
 
 
-def missing() -> str:
-    """Say in words what pyrender needs and this machine lacks, "" for nothing; opens no display."""
-    try:
-        CDLL(find_library("EGL") or "libEGL.so.1")
-    except OSError:
-        return f"needs libEGL; on Debian: {EGL_FIX}"
-    return ""
-
-
 class PyrenderOccluder(Occluder):
     """One depth image an eye (six of a cube's faces for an eye within the mesh), all points tested against it in NumPy.
 
     Notes
     -----
-    Not exact: the image knows one depth a pixel, and a pixel times a slope is far more than the depth's resolution; see
-    `zbuf_occlude.visibility.depth_test`. Everything in it is float32, so eyes must not be farther than some 10^4
-    longest sides. Back faces are drawn too.
+    Not exact: the image knows one depth a pixel, and a pixel times a slope is far more than the depth's resolution.
+    This is shadow mapping (Williams 1978) with a slope-scaled bias. Everything in it is float32, so eyes must not be
+    farther than some 10^4 longest sides. Back faces are drawn too.
 
-    pyrender runs in a process of its own, because it ends EGL's display for all others when it closes. The process
-    ends with `close`, and with this one. It renders on the EGL device that ``EGL_DEVICE_ID`` names, else that of
-    ``ZBUF_OCCLUDE_GL=egl:N`` or ``GLCONTEXT_DEVICE_INDEX``, else the first.
+    The process renders on the EGL device that ``EGL_DEVICE_ID`` names, else that of ``ZBUF_OCCLUDE_GL=egl:N`` or
+    ``GLCONTEXT_DEVICE_INDEX``, else the first. It ends with `close`.
 
     Costs a draw of 2 f triangles and a read-back of the image a view, and some NumPy per point.
 
@@ -124,12 +115,11 @@ class PyrenderOccluder(Occluder):
         self._slope_bias = slope_bias
         self._margin = 2.0 / resolution
         self._turn, self._process = threading.Lock(), os.getpid()
-        self._worker = Worker()
+        self._child = _Child()
         try:
-            self._worker.send((normal.vertices, normal.faces, resolution))
-            self._renderer = str(self._worker.receive("ready"))
+            self._renderer = str(self._child.ask(normal.vertices, normal.faces, resolution))
         except BaseException:
-            self._worker.close()
+            self._child.close()
             raise
 
     @property
@@ -148,32 +138,28 @@ class PyrenderOccluder(Occluder):
                 f"pyrender's process must be asked by the one that started it ({self._process}); this is "
                 f"{os.getpid()}. Spawn workers instead of forking them, and prepare the mesh in each."
             )
-        with self._turn:  # a reply belongs to whoever asked
-            return self._answer(points, eyes)
-
-    def _answer(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         points = points.transformed(self._scale, self._shift)
         answer = np.ones((len(eyes), len(points)), dtype=bool)
-        try:
-            for eye, row in zip(eyes * self._scale + self._shift, answer, strict=True):
-                for view, frustum, seen in self._cameras(eye, points.positions):
-                    row[seen] = depth_test(
-                        self.depth_image(view, frustum),
-                        view,
-                        frustum,
-                        points if seen is Ellipsis else points.select(seen),
-                        tolerance=self._tolerance,
-                        slope_bias=self._slope_bias,
-                    )
-        except BaseException:  # an interrupt too: a reply may be under way, and would be taken for the next one's
-            self._worker.close()
-            raise
+        with self._turn:  # threads take turns: a reply belongs to the one that asked
+            try:
+                for eye, row in zip(eyes * self._scale + self._shift, answer, strict=True):
+                    for view, frustum, seen in self._cameras(eye, points.positions):
+                        row[seen] = depth_test(
+                            self.depth_image(view, frustum),
+                            view,
+                            frustum,
+                            points if seen is Ellipsis else points.select(seen),
+                            tolerance=self._tolerance,
+                            slope_bias=self._slope_bias,
+                        )
+            except BaseException:  # an interrupt too: a reply may be under way, and would be taken for the next one's
+                self._child.close()
+                raise
         return answer
 
     def depth_image(self, view: FloatArray, frustum: Frusta) -> FloatArray:
         """Render one eye depth image, (resolution, resolution), lowest row first, in pyrender's normalised space."""
-        self._worker.send((view, frustum))
-        return np.asarray(self._worker.receive("depths"))
+        return np.asarray(self._child.ask(view, frustum))
 
     def _cameras(self, eye: FloatArray, positions: FloatArray) -> Iterator[tuple[FloatArray, Frusta, Any]]:
         """View matrix, frustum and an index of its points (... is all), for each image that the eye needs."""
@@ -192,16 +178,75 @@ class PyrenderOccluder(Occluder):
                 yield view, Frusta(*(bound[face] for bound in frusta)), seen
 
     def _release(self) -> None:
-        self._worker.close()
+        self._child.close()
 
 
-class Worker:
-    """The other process and the pipe to it. No call blocks for longer than `PATIENCE`.
+def depth_test(
+    depths: FloatArray, view: FloatArray, frustum: Frusta, points: SurfacePoints, *, tolerance: float, slope_bias: float
+) -> BoolArray:
+    """Answer which points are not behind a depth image by more than the tolerance; depth_test.comp in NumPy.
 
-    Attributes
+    Parameters
     ----------
-    process : subprocess.Popen
+    depths : (height, width) float
+        Eye depth (distance along the camera's axis) at each pixel's centre, world units; infinite where nothing is.
+        Row 0 is the *lowest*, as in OpenGL's window space; flip an image that starts at the top.
+    view : (4, 4) float
+        World to eye space (`camera.view_matrices`).
+    frustum : Frusta
+        Of this one camera: six numbers.
+    points : SurfacePoints
+        n points, world space.
+    tolerance : float
+        A point may be this much deeper than the image and is still visible; world units.
+    slope_bias : float
+        Added to it: this many times the depth that the point's own plane gains from one pixel to the next.
+
+    Returns
+    -------
+    (n,) bool, True = visible. A point outside the image is visible: nothing was drawn there.
     """
+    x, y, depth = window_places(view, frustum, points.positions, (depths.shape[1], depths.shape[0]))
+    allowed = tolerance + slope_bias * depth_slopes(view, frustum, points, (depths.shape[1], depths.shape[0]))
+    inside = (depth > 0) & (x >= 0) & (x < depths.shape[1]) & (y >= 0) & (y < depths.shape[0])
+    visible = np.ones(len(points), dtype=bool)
+    column, row = x[inside].astype(np.intp), y[inside].astype(np.intp)
+    visible[inside] = depth[inside] <= depths[row, column] + allowed[inside]
+    return visible
+
+
+def window_places(
+    view: FloatArray, frustum: Frusta, positions: FloatArray, size: tuple[int, int]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return window x, y (pixels) and eye depth of positions (n, 3); behind the eye x and y mean nothing."""
+    eye_space = positions @ view[:3, :3].T + view[:3, 3]
+    depth = -eye_space[:, 2]
+    in_front = np.where(depth > 0, depth, np.inf)
+    x = (eye_space[:, 0] / in_front - frustum.left) / (frustum.right - frustum.left) * size[0]
+    y = (eye_space[:, 1] / in_front - frustum.bottom) / (frustum.top - frustum.bottom) * size[1]
+    return x, y, depth
+
+
+def depth_slopes(view: FloatArray, frustum: Frusta, points: SurfacePoints, size: tuple[int, int]) -> FloatArray:
+    """Return what the eye depth of each point's own plane gains from a pixel to the next, (n,), in world units.
+
+    The larger of both directions, as glPolygonOffset takes it, and no more than the depth of the frustum (a plane seen
+    edge on has no slope); 0 for a free point, which has no plane.
+    """
+    normals = points.normals @ view[:3, :3].T
+    positions = points.positions @ view[:3, :3].T + view[:3, 3]
+    # the plane n . q = c meets the ray (s, t, -1) at depth c / (n_x s + n_y t - n_z); its derivatives by s and t:
+    plane = np.abs((normals * positions).sum(axis=1))
+    pixel = [(frustum.right - frustum.left) / size[0], (frustum.top - frustum.bottom) / size[1]]
+    rise = (np.abs(normals[:, :2]) * pixel).max(axis=1) * positions[:, 2] ** 2
+    most = frustum.far - frustum.near
+    return np.asarray(
+        np.where(rise < most * plane, rise / np.where(plane > 0, plane, 1.0), np.where(rise > 0, most, 0.0))
+    )
+
+
+class _Child:
+    """The other process and the pipe to it. No call blocks for longer than `TIMEOUT`."""
 
     def __init__(self) -> None:
         ours, theirs = Pipe()
@@ -209,12 +254,12 @@ class Worker:
             # poll() has a timeout, but a message may stop half-way: the socket has one too
             end.setblocking(True)  # whatever socket.setdefaulttimeout says
             for direction in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-                end.setsockopt(socket.SOL_SOCKET, direction, struct.pack("ll", int(PATIENCE), 0))
+                end.setsockopt(socket.SOL_SOCKET, direction, struct.pack("ll", int(TIMEOUT), 0))
         self._pipe = ours
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `_end`)
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", WORKER, str(theirs.fileno())],
+                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 env=_environment(),
                 stdin=subprocess.DEVNULL,
@@ -224,28 +269,19 @@ class Worker:
         # also run when the occluder is forgotten, and when the interpreter ends
         self.close = weakref.finalize(self, _end, self.process, ours, self._log)
 
-    def send(self, message: Any) -> None:
-        """Send a message, or raise GlError."""
+    def ask(self, *question: Any) -> Any:
+        """Send a question and return the reply, or raise what went wrong there."""
         try:
-            self._pipe.send(message)
-        except OSError:
-            raise self._failure() from None
-
-    def receive(self, kind: str) -> Any:
-        """Return the content of the next reply, which must be of a kind, or raise GlError."""
-        try:
-            if not self._pipe.poll(PATIENCE):
+            self._pipe.send(question)
+            if not self._pipe.poll(TIMEOUT):
                 raise TimeoutError
-            reply, content = self._pipe.recv()
+            reply = self._pipe.recv()
         except (OSError, EOFError):
             raise self._failure() from None
-        if reply != kind:
+        if isinstance(reply, OccludeError):
             self.close()
-            if reply == "unavailable":
-                raise UnavailableError(content)
-            advice = f"Is EGL installed ({EGL_FIX}), and EGL_DEVICE_ID right?" if kind == "ready" else "Try again."
-            raise GlError(f"pyrender's process must answer with {kind}; it reports {content}. {advice}")
-        return content
+            raise reply
+        return reply
 
     def _failure(self) -> GlError:
         """End the process, and say how it had ended or that it had not."""
@@ -254,7 +290,7 @@ class Worker:
         try:
             code = self.process.wait(timeout=1.0)  # the pipe may end a little before the process does
         except subprocess.TimeoutExpired:
-            how = f"it did not in {PATIENCE:g} seconds"
+            how = f"it did not in {TIMEOUT:g} seconds"
             self.process.kill()
         else:
             how = f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
@@ -283,3 +319,69 @@ def _environment() -> dict[str, str]:
     package = str(Path(__file__).parents[2])
     paths = [package, *(os.path.abspath(path) for path in sys.path)]
     return {**os.environ, "PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": device, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+class _Renderer:
+    """One mesh in a pyrender scene, and a camera to be moved; lives in the process that pyrender runs in."""
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, resolution: int) -> None:
+        import pyrender  # late: only this process has pyrender and OpenGL
+        from OpenGL.GL import GL_RENDERER, glGetString
+
+        self._resolution = resolution
+        # SEG switches multisampling off, so that depth is that of the pixel's centre; without it pyrender's depth is
+        # sampled 1/8 pixel left and 3/8 below
+        self._flags = pyrender.RenderFlags.DEPTH_ONLY | pyrender.RenderFlags.SEG
+        self._offscreen = pyrender.OffscreenRenderer(resolution, resolution)
+        self.name = glGetString(GL_RENDERER).decode()
+        # with SEG pyrender culls back faces whatever the material says: each face stands there in both windings
+        both = np.concatenate([faces, faces[:, ::-1]])
+        triangles = pyrender.Primitive(positions=vertices, indices=both, mode=pyrender.GLTF.TRIANGLES)
+        self._scene = pyrender.Scene()
+        node = self._scene.add(pyrender.Mesh([triangles]))
+        self._colours = {node: (255, 0, 0)}
+        self._camera = pyrender.IntrinsicsCamera(1.0, 1.0, 0.0, 0.0)
+        self._camera_node = self._scene.add(self._camera)
+
+    def render(self, view: FloatArray, frustum: Frusta) -> np.ndarray:
+        """Return the eye depth at each pixel's centre, float32, lowest row first; infinite: none."""
+        left, right, bottom, top, near, far = (float(bound) for bound in frustum)
+        camera, size = self._camera, self._resolution
+        camera.fx, camera.cx = size / (right - left), -left / (right - left) * size
+        camera.fy, camera.cy = size / (top - bottom), top / (top - bottom) * size
+        camera.zfar = np.inf  # the setters compare one with the other's old value
+        camera.znear, camera.zfar = near, far
+        self._scene.set_pose(self._camera_node, np.linalg.inv(view))
+        image = self._offscreen.render(self._scene, self._flags, self._colours)[::-1]
+        return np.where(image > 0.0, image, np.float32(np.inf))
+
+
+def _serve(pipe: Connection) -> None:
+    """Answer until the pipe ends: (vertices, faces, resolution) by GL_RENDERER, then each (view, frustum) by an image.
+
+    An OccludeError is the last reply.
+    """
+    advice = f"Is EGL installed ({EGL_FIX}), and EGL_DEVICE_ID right?"
+    try:
+        # trimesh, which pyrender imports, can do without scipy: two fifths of the time to start
+        with importing("pyrender", "method 'pyrender'"), without_scipy():
+            import pyrender
+
+            _ = pyrender.OffscreenRenderer  # an empty package is imported too
+        renderer = _Renderer(*pipe.recv())
+        pipe.send(renderer.name)
+        advice = "Try again."
+        while True:
+            pipe.send(renderer.render(*pipe.recv()))
+    except (EOFError, ConnectionError):
+        return  # the other end is gone, or done
+    except OccludeError as error:
+        pipe.send(error)
+    except Exception as error:  # pyrender asserts, PyOpenGL has a tree of its own
+        pipe.send(GlError(f"pyrender's process must answer; it reports {type(error).__name__}: {error}. {advice}"))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks; it closes the pipe
+    _serve(Connection(int(sys.argv[1])))
+    os._exit(0)  # nothing here outlives the process; taking pyrender and EGL down in order costs half a second

@@ -5,8 +5,7 @@ import warnings
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction, check_int
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.object_space.division import Division, divide_faces
@@ -82,13 +81,5 @@ class VertexHsr(Occluder):
         self.n_tests = np.zeros(0, dtype=np.int64)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-        children = self.division.children_of(points)
-        free = children < 0
-        answer = np.empty((len(eyes), len(points)), dtype=bool)
-        self.n_tests = np.zeros(len(eyes), dtype=np.int64)
-        for j, eye in enumerate(eyes):
-            removal = self._removal.seen_from(eye)
-            answer[j] = removal.face_kept[children]
-            answer[j, free], n_free = self._removal.free_points_seen_from(points.select(free), eye)
-            self.n_tests[j] = removal.n_tests + n_free
+        answer, self.n_tests = self._removal.visible(points, self.division.children_of(points), eyes)
         return answer

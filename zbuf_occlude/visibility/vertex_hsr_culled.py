@@ -3,11 +3,10 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.checks import check_fraction, check_int
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.object_space.distances import PlaneDistances, SampleDistances
+from zbuf_occlude.object_space.distances import Distances, PlaneDistances, SampleDistances
 from zbuf_occlude.object_space.vertex_removal import VertexRemoval
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
@@ -66,7 +65,7 @@ class VertexHsrCulled(Occluder):
     def __init__(self, mesh: Mesh, suggestion: int, n_samples: int, seed: int, contact: float) -> None:
         super().__init__(mesh)
         self._removal = VertexRemoval(mesh, contact * mesh.diagonal)
-        self._distances: PlaneDistances | SampleDistances
+        self._distances: Distances
         if suggestion == 1:
             self._distances = PlaneDistances(self._removal.planes)
         else:
@@ -74,13 +73,5 @@ class VertexHsrCulled(Occluder):
         self.n_tests = np.zeros(0, dtype=np.int64)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-        free = points.face_ids < 0
-        answer = np.empty((len(eyes), len(points)), dtype=bool)
-        self.n_tests = np.zeros(len(eyes), dtype=np.int64)
-        for j, eye in enumerate(eyes):
-            distances = self._distances.of(eye)
-            removal = self._removal.seen_from(eye, distances)
-            answer[j] = removal.face_kept[points.face_ids]
-            answer[j, free], n_free = self._removal.free_points_seen_from(points.select(free), eye, distances)
-            self.n_tests[j] = removal.n_tests + n_free
+        answer, self.n_tests = self._removal.visible(points, points.face_ids, eyes, self._distances)
         return answer

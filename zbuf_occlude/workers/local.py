@@ -1,53 +1,91 @@
-"""The local engine: processes on this machine, each with its own GL context and its share of the cores."""
+"""The local engine: processes on this machine, each with its own GL context and its share of the cores.
+
+On Linux Python's fork server forks them: it has loaded what workers need (`workers.preload`), and has no threads and no
+OpenGL, which would not survive a fork. Elsewhere workers are spawned.
+"""
 
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
 from contextlib import suppress
-from multiprocessing import connection
+from multiprocessing import connection, forkserver, resource_tracker
 from typing import Any
 
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
-from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs
-from zbuf_occlude.workers.sent import Sent
-from zbuf_occlude.workers.server import forks, start_server
-from zbuf_occlude.workers.task import Done, Task
-from zbuf_occlude.workers.worker import serve
+from zbuf_occlude.workers import Done, Task
+from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs, work
+
+ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",  # no thread may run where processes are forked
+    "MALLOC_MMAP_THRESHOLD_": str(32 * 2**20),  # arrays up to this go where others have been before:
+    "MALLOC_TRIM_THRESHOLD_": str(256 * 2**20),  # pages that are new to a process take time, on virtual machines most
+}
+"""What the fork server is started with, and the workers' memory is kept by."""
+
+SERVERS = 3
+"""This many fork servers in a row may end before they have started a worker."""
+
+LONGEST_TEMPORARY_FOLDER = 70
+"""Bytes; in a folder of a longer name a process has no address for others to reach it by."""
 
 
-def run_jobs(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits: Limits) -> None:
+def run_local(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits: Limits) -> None:
     """Do jobs in processes on this machine; parameters, errors and promises as in `do_jobs`."""
-    start_server()
-    devices = gl_devices(task)
-    sent = Sent(task)
+    devices, pickled = gl_devices(task), pickle.dumps(task, protocol=5)
     do_jobs(
         jobs,
         done,
-        start=lambda seat: LocalWorker(sent, n_workers, devices[seat % len(devices)]),
+        start=lambda seat: LocalWorker(pickled, n_workers, devices[seat % len(devices)]),
         wait=_wait,
         n_workers=n_workers,
         limits=limits,
     )
 
 
-SERVERS = 3
-"""This many servers in a row may end before they have started a worker."""
+def start_server() -> None:
+    """Start the fork server, if there is none, and return at once: it loads while the caller does other things."""
+    if _start_method() == "spawn":
+        return
+    forkserver.set_forkserver_preload(["zbuf_occlude.workers.preload"])
+    resource_tracker.ensure_running()  # the server would start it, and it lets interrupts through again
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # no interrupt before `preload` can ignore it
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            del os.environ[name]
+            if value is not None:
+                os.environ[name] = value
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _start_method() -> str:
+    """Outside Linux what systems bring along does not survive a fork."""
+    short = len(os.fsencode(tempfile.gettempdir())) <= LONGEST_TEMPORARY_FOLDER
+    return "forkserver" if sys.platform == "linux" and short else "spawn"
 
 
 class LocalWorker:
-    """A process that runs `serve` at the other end of a pipe."""
+    """A process that runs `work` at the other end of a pipe."""
 
-    def __init__(self, sent: Sent, n_workers: int, device_index: int | None) -> None:
-        context: Any = multiprocessing.get_context("forkserver" if forks() else "spawn")
+    def __init__(self, pickled: bytes, n_workers: int, device_index: int | None) -> None:
+        context: Any = multiprocessing.get_context(_start_method())
         self.connection, theirs = context.Pipe()
         n_threads = max(1, (os.cpu_count() or 1) // n_workers)
         # llvmpipe's threads come on top of the one that calls it; with 0 of them that one draws
         environment = {"LP_NUM_THREADS": str(n_threads if n_threads > 1 else 0), **os.environ}
-        arguments = (theirs, sent, device_index, n_threads, environment)
+        arguments = (theirs, pickled, device_index, n_threads, environment)
         for attempt in range(SERVERS):
             start_server()  # it may have been killed
-            self.process: Any = context.Process(target=serve, args=arguments, daemon=True)
+            self.process: Any = context.Process(target=_run_worker, args=arguments, daemon=True)
             try:
                 self.process.start()
                 break
@@ -103,13 +141,38 @@ def _wait(workers: list[Worker], seconds: float) -> None:
     connection.wait([handle for w in local for handle in (w.connection, w.process.sentinel)], timeout=seconds)
 
 
+def _run_worker(
+    pipe: connection.Connection,
+    pickled: bytes,
+    device_index: int | None,
+    n_threads: int,
+    environment: Mapping[str, str],
+) -> None:
+    """Run a worker with the coordinator's environment, not that in which the server was started."""
+    from zbuf_occlude.jit.threads import use_threads  # late, with numba: the coordinator computes nothing
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator decides what an interrupt means
+    threading.Thread(target=_end_with_coordinator, daemon=True).start()
+    os.environ.clear()
+    os.environ.update(environment)
+    use_threads(n_threads)
+    work(pipe, pickle.loads(pickled), device_index)
+
+
+def _end_with_coordinator() -> None:
+    """Wait for the coordinator to end, however it ends, and end this process, whatever it is at."""
+    if coordinator := multiprocessing.parent_process():
+        coordinator.join()
+        os._exit(1)
+
+
 def gl_devices(task: Task) -> list[int | None]:
     """The EGL devices over which workers are spread: the hardware ones that open, or None for whatever opens first."""
     if not task.needs_gl:
         return [None]
-    from zbuf_occlude.gl.context import ENVIRONMENT  # late: only methods that need it touch GL
+    from zbuf_occlude.gl.context import ENVIRONMENT as CHOICE  # late: only methods that need it touch GL
     from zbuf_occlude.gl.probe import hardware_devices
 
-    if os.environ.get(ENVIRONMENT):
+    if os.environ.get(CHOICE):
         return [None]
     return [*hardware_devices()] or [None]

@@ -1,26 +1,27 @@
-"""A pool of workers that does jobs, and expects workers to crash, hang and run out of memory. Knows no engine."""
+"""A pool of workers that do jobs, and may crash, hang or run out of memory; `local` and `ray` start them."""
 
 import logging
+import os
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from typing import Any, Literal, NamedTuple, Protocol
 
-from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.errors import DatasetError, GlError, OccludeError
 from zbuf_occlude.limits import GivenUp, Limits
-from zbuf_occlude.workers.task import Done
+from zbuf_occlude.workers import Done, Task
 
 _LOG = logging.getLogger(__name__)
 
 CRASHES, KILLS = 2, 5
 """A mesh is a failure when so many workers have crashed at it, or were killed at it from outside (by the kernel for
 memory, or by a person), since it was last made."""
-DEATHS_PER_JOB = 20
-"""The run ends when so many workers have ended at a job while at no mesh: writing a file, say."""
-STARTS = 20
-"""The run ends when so many workers in a row have ended before they were ready."""
-BROKEN = 5
+MOST_ENDS = 20
+"""The run ends when so many workers in a row have ended before they were ready, or at one job while at no mesh."""
+MOST_BROKEN = 5
 """The run ends when so many workers in a row have lost, or never got, their GL context."""
 JOBS_PER_WORKER = 200
 """A worker is replaced after so many jobs: drivers leak."""
@@ -34,6 +35,36 @@ Message = tuple[Literal["ready", "mesh", "done", "broken", "failed"], Any]
 the last one ("broken", reason) of a lost GL context, or ("failed", reason) of an error that any worker would meet."""
 
 
+def work(connection: Connection, task: Task, device_index: int | None) -> None:
+    """Answer (job, lost) requests with messages until None comes: a worker's whole life.
+
+    Everything GL happens in the thread that calls this.
+    """
+    gl: Any = None
+    with suppress(EOFError, BrokenPipeError):  # the coordinator is gone
+        try:
+            if task.needs_gl:
+                from zbuf_occlude.gl.context import GlContext  # late: only these methods touch GL
+
+                gl = GlContext.open(device_index=device_index)
+            connection.send(("ready", os.getpid()))
+            while (request := connection.recv()) is not None:
+                job, lost = request
+                result = task.do(job, gl, lost, lambda mesh_id: connection.send(("mesh", mesh_id)))
+                connection.send(("done", (job, result)))
+        except GlError as error:
+            connection.send(("broken", str(error)))
+        except OccludeError as error:
+            connection.send(("failed", str(error)))
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            connection.send(("failed", f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"))
+        finally:
+            if gl is not None:
+                gl.close()
+
+
 class Ending(NamedTuple):
     """How a worker ended."""
 
@@ -43,7 +74,7 @@ class Ending(NamedTuple):
 
 
 class Worker(Protocol):
-    """A process somewhere that does jobs."""
+    """A process somewhere that runs `work`."""
 
     def assign(self, job: Any, lost: dict[int, GivenUp]) -> None:
         """Have it do a job; meshes in `lost` are failures with their reasons. Never raises: `ending` will tell."""
@@ -62,31 +93,6 @@ class Worker(Protocol):
 
     def dismiss(self) -> None:
         """End it when it has no job."""
-
-
-@dataclass
-class _Seat:
-    """A worker, and its job."""
-
-    worker: Worker
-    ready: bool = False
-    job: Any = None
-    mesh_id: int | None = None
-    mesh_began: float = 0.0
-    n_done: int = 0
-
-
-@dataclass
-class _State:
-    """Jobs that wait, and what has gone wrong so far."""
-
-    queue: deque[Any]
-    limits: Limits
-    lost: dict[int, GivenUp] = field(default_factory=dict)
-    ends_at_mesh: Counter[tuple[int, bool]] = field(default_factory=Counter)
-    ends_at_job: Counter[Any] = field(default_factory=Counter)
-    n_failed_starts: int = 0
-    n_broken: int = 0
 
 
 def do_jobs(
@@ -122,21 +128,19 @@ def do_jobs(
     A worker that ends is replaced and its job done again; a mesh at which workers end, or that exceeds the limits, is
     in `lost` from then on. What a job writes depends on the plan alone, so any number of ends leaves the same data.
     """
-    state, seats, last_ready = _State(deque(jobs), limits), dict[int, _Seat](), time.monotonic()
+    pool, seats, last_ready = _Pool(deque(jobs), done, limits), dict[int, _Seat](), time.monotonic()
     try:
-        while state.queue or any(seat.job is not None for seat in seats.values()):
+        while pool.queue or any(seat.job is not None for seat in seats.values()):
             n_busy = sum(seat.job is not None for seat in seats.values())
-            for number in range(min(n_workers, n_busy + len(state.queue))):
+            for number in range(min(n_workers, n_busy + len(pool.queue))):
                 if number not in seats:
                     seats[number] = _Seat(start(number))
             for seat in seats.values():
-                if seat.ready and seat.job is None and state.queue:
-                    seat.job, seat.mesh_id = state.queue.popleft(), None
-                    seat.worker.assign(seat.job, dict(state.lost))
+                if seat.ready and seat.job is None and pool.queue:
+                    seat.job, seat.mesh_id = pool.queue.popleft(), None
+                    seat.worker.assign(seat.job, dict(pool.lost))
             wait([seat.worker for seat in seats.values()], LOOK)
-            for number, seat in list(seats.items()):
-                if _has_left(seat, state, done):
-                    del seats[number]
+            seats = {number: seat for number, seat in seats.items() if pool.keeps(seat)}
             if any(seat.ready for seat in seats.values()):
                 last_ready = time.monotonic()
             elif time.monotonic() - last_ready > READY_SECONDS:
@@ -149,79 +153,95 @@ def do_jobs(
                 seat.worker.kill()
 
 
-def _has_left(seat: _Seat, state: _State, done: Done) -> bool:
-    """Take a worker's messages, and look at its state; True when its seat is free again."""
-    ending = seat.worker.ending()  # asked first: what it sent before it ended counts
-    for message in seat.worker.listen():
-        _take(message, seat, state, done)
-    if ending is None and seat.mesh_id is not None:
-        excess = state.limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
-        if excess:
-            excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}."
-            seat.worker.kill()
-            state.lost[seat.mesh_id] = GivenUp(excess, state.limits)
-            _put_back(seat, state, excess)
-            return True
-    if ending is not None:
-        _ended(seat, state, ending)
+@dataclass
+class _Seat:
+    """A worker, and what it is at."""
+
+    worker: Worker
+    ready: bool = False
+    job: Any = None
+    mesh_id: int | None = None
+    mesh_began: float = 0.0
+    n_done: int = 0
+
+
+class _Pool:
+    """Jobs that wait, meshes that are lost, and how many workers ended at what."""
+
+    def __init__(self, queue: deque[Any], done: Done, limits: Limits) -> None:
+        self.queue, self.done, self.limits = queue, done, limits
+        self.lost: dict[int, GivenUp] = {}
+        self.ends: Counter[Any] = Counter()
+        """By ("mesh", mesh_id, killed), ("job", job), "start" or "GL", since it last succeeded."""
+
+    def keeps(self, seat: _Seat) -> bool:
+        """Take a worker's messages and look at its state; return False when it has gone."""
+        ending = seat.worker.ending()  # asked first: what it sent before it ended counts
+        for kind, value in seat.worker.listen():
+            self._take(seat, kind, value)
+        if ending is not None:
+            self._count_end(seat, ending)
+            self._put_back(seat, ending.reason)
+            return False
+        if seat.mesh_id is not None:
+            excess = self.limits.excess(time.monotonic() - seat.mesh_began, seat.worker.gigabytes())
+            if excess:
+                excess += f"; raise --mesh-{'seconds' if 'timed out' in excess else 'gigabytes'}."
+                seat.worker.kill()
+                self.lost[seat.mesh_id] = GivenUp(excess, self.limits)
+                self._put_back(seat, excess)
+                return False
+        if seat.n_done >= JOBS_PER_WORKER and seat.job is None:
+            seat.worker.dismiss()
+            return False
         return True
-    if seat.n_done >= JOBS_PER_WORKER and seat.job is None:
-        seat.worker.dismiss()
-        return True
-    return False
 
+    def _take(self, seat: _Seat, kind: str, value: Any) -> None:
+        if kind in ("mesh", "done"):  # the mesh before is made
+            for killed in (False, True):
+                self.ends.pop(("mesh", seat.mesh_id, killed), None)
+        if kind == "ready":
+            seat.ready = True
+            self.ends.pop("start", None)
+        elif kind == "mesh":
+            seat.mesh_id, seat.mesh_began = value, time.monotonic()
+        elif kind == "done":
+            job, result = value
+            self.ends.pop("GL", None)
+            self.ends.pop(("job", job), None)
+            seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
+            self.queue.extendleft(reversed(list(self.done(job, result))))
+        elif kind == "broken":
+            seat.mesh_id = None  # not the mesh's fault
+            self.ends["GL"] += 1
+            if self.ends["GL"] >= MOST_BROKEN:
+                raise DatasetError(f"workers must get an OpenGL context; {MOST_BROKEN} in a row did not: {value}")
+        else:
+            raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
 
-def _take(message: Message, seat: _Seat, state: _State, done: Done) -> None:
-    kind, value = message
-    if kind == "ready":
-        seat.ready, state.n_failed_starts = True, 0
-    elif kind == "mesh":
-        _clear(seat, state)
-        seat.mesh_id, seat.mesh_began = value, time.monotonic()
-    elif kind == "done":
-        _clear(seat, state)
-        job, result = value
-        state.n_broken = 0
-        state.ends_at_job.pop(job, None)
-        seat.job, seat.mesh_id, seat.n_done = None, None, seat.n_done + 1
-        state.queue.extendleft(reversed(list(done(job, result))))
-    elif kind == "broken":
-        state.n_broken += 1
-        if state.n_broken >= BROKEN:
-            raise DatasetError(f"workers must get an OpenGL context; {BROKEN} in a row did not: {value}")
-        seat.mesh_id = None  # not the mesh's fault
-    else:
-        raise DatasetError(f"{str(value).rstrip('.')}. What was finished is kept, and the same command resumes.")
+    def _count_end(self, seat: _Seat, ending: Ending) -> None:
+        """Note what a worker ended at; raise DatasetError when too many have and no mesh is to blame."""
+        if not seat.ready:
+            self.ends["start"] += 1
+            if self.ends["start"] >= MOST_ENDS:
+                raise DatasetError(
+                    f"a worker must start; {MOST_ENDS} in a row ended before they were ready: {ending.reason}."
+                )
+        elif seat.mesh_id is not None:
+            at = ("mesh", seat.mesh_id, ending.killed)
+            self.ends[at] += 1
+            if self.ends[at] >= (KILLS if ending.killed else CRASHES):
+                self.lost[seat.mesh_id] = GivenUp(f"{ending.reason} at it, {self.ends[at]} times", self.limits)
+        elif seat.job is not None:
+            self.ends["job", seat.job] += 1
+            if self.ends["job", seat.job] >= MOST_ENDS:
+                raise DatasetError(
+                    f"a job must leave its worker alive; {MOST_ENDS} ended at {seat.job} while at no mesh: "
+                    f"{ending.reason}. Is there memory enough? What was finished is kept, and the same command resumes."
+                )
 
-
-def _clear(seat: _Seat, state: _State) -> None:
-    """Forget the ends at a mesh that is made now."""
-    for killed in (False, True):
-        state.ends_at_mesh.pop((seat.mesh_id, killed), None)  # type: ignore[arg-type]  # None is no key
-
-
-def _ended(seat: _Seat, state: _State, ending: Ending) -> None:
-    if not seat.ready:
-        state.n_failed_starts += 1
-        if state.n_failed_starts >= STARTS:
-            raise DatasetError(f"a worker must start; {STARTS} in a row ended before they were ready: {ending.reason}.")
-    elif seat.mesh_id is not None:
-        state.ends_at_mesh[seat.mesh_id, ending.killed] += 1
-        n = state.ends_at_mesh[seat.mesh_id, ending.killed]
-        if n >= (KILLS if ending.killed else CRASHES):
-            state.lost[seat.mesh_id] = GivenUp(f"{ending.reason} at it, {n} times", state.limits)
-    elif seat.job is not None:
-        state.ends_at_job[seat.job] += 1
-        if state.ends_at_job[seat.job] >= DEATHS_PER_JOB:
-            raise DatasetError(
-                f"a job must leave its worker alive; {DEATHS_PER_JOB} ended at {seat.job} while at no mesh: "
-                f"{ending.reason}. Is there memory enough? What was finished is kept, and the same command resumes."
-            )
-    _put_back(seat, state, ending.reason)
-
-
-def _put_back(seat: _Seat, state: _State, reason: str) -> None:
-    if seat.job is not None:
-        state.queue.appendleft(seat.job)
-        name = " ".join(map(str, seat.job)) if isinstance(seat.job, tuple) else seat.job
-        _LOG.warning("%s is done again: %s", name, reason)
+    def _put_back(self, seat: _Seat, reason: str) -> None:
+        if seat.job is not None:
+            self.queue.appendleft(seat.job)
+            name = " ".join(map(str, seat.job)) if isinstance(seat.job, tuple) else seat.job
+            _LOG.warning("%s is done again: %s", name, reason)

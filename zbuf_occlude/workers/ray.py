@@ -11,15 +11,14 @@ from typing import Any
 from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
-from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs
-from zbuf_occlude.workers.task import Done, Task
-from zbuf_occlude.workers.worker import work
+from zbuf_occlude.workers import Done, Task
+from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs, work
 
 LISTEN_SECONDS = 0.4
 """How long an actor waits for something to say before it answers that there is nothing."""
 
 
-def run_jobs(
+def run_ray(
     task: Task,
     jobs: list[Any],
     done: Done,
@@ -29,12 +28,14 @@ def run_jobs(
     address: str | None = None,
     gpus_per_worker: float = 0.0,
 ) -> None:
-    """Do jobs by Ray actors; parameters, errors and promises as in `do_jobs`, and:
+    """Do jobs by Ray actors, with the errors and promises of `do_jobs`.
 
     Parameters
     ----------
-    task, jobs, done, limits
-        As in `zbuf_occlude.workers.local.run_jobs`. The folder that the task is about must be the same on every node.
+    task : Task
+        The folder that it is about must be the same on every node.
+    jobs, done, limits
+        As in `do_jobs`.
     n_workers : int or None
         Actors; by default as many as the cluster has CPUs, or room for by `gpus_per_worker`.
     address : str, optional
@@ -49,7 +50,8 @@ def run_jobs(
     """
     with importing("ray", "the Ray engine"):
         import ray
-    owned = not ray.is_initialized()
+
+        owned = not ray.is_initialized()
     if owned:
         try:
             _knock(address or os.environ.get("RAY_ADDRESS", ""))
@@ -122,7 +124,7 @@ def _egl_device(task: Task) -> int | None:
 
 
 class RayWorker:
-    """An actor as the supervisor sees it; one `listen` is always under way, so a death shows at once."""
+    """An actor as the coordinator sees it; one `listen` is always under way, so a death shows at once."""
 
     def __init__(self, ray: Any, actor: Any, patience: float) -> None:
         self.ray, self.actor, self.patience = ray, actor, patience
@@ -149,10 +151,9 @@ class RayWorker:
         return list(messages)
 
     def ending(self) -> Ending | None:
-        """Say how the actor or its node ended, as the last `listen` learned it; or that nothing was heard for too long.
+        """Return how the actor or its node ended, as the last `listen` learned it; or that it no longer answers.
 
-        An actor answers twice a second, a kernel that keeps Python waiting apart. Ray may take long to see that a node
-        was lost, and has been seen never to tell.
+        An actor answers twice a second, unless a kernel keeps Python waiting. Ray may see a lost node late or never.
         """
         if not self.end and self.heard is not None and time.monotonic() - self.heard > self.patience:
             self.end = Ending(f"the actor has not answered for {self.patience:g} seconds", True)

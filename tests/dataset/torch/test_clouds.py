@@ -13,9 +13,10 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from tests.scenes import box, sphere  # noqa: E402
 from zbuf_occlude import OptionError  # noqa: E402
-from zbuf_occlude.dataset.convert import convert, open_dataset  # noqa: E402
+from zbuf_occlude.dataset.export import convert  # noqa: E402
 from zbuf_occlude.dataset.generate import generate  # noqa: E402
 from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
+from zbuf_occlude.dataset.source import open_dataset  # noqa: E402
 from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, augmentation  # noqa: E402
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry  # noqa: E402
 

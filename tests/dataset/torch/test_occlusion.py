@@ -18,7 +18,7 @@ from tests.scenes import sphere  # noqa: E402
 from zbuf_occlude import ArgumentError, Mesh, MeshError, OptionError, SurfacePoints, prepare  # noqa: E402
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion  # noqa: E402
 from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors  # noqa: E402
-from zbuf_occlude.jit.pool import n_threads  # noqa: E402
+from zbuf_occlude.jit.threads import n_threads  # noqa: E402
 
 BALL = sphere(24)
 
@@ -151,7 +151,7 @@ def test_in_forked_workers() -> None:
 
 
 def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    from zbuf_occlude.dataset.torch import occlusion
+    from zbuf_occlude.dataset.torch import on_the_fly
 
     prepared: list[int] = []
 
@@ -159,7 +159,7 @@ def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.
         prepared.append(len(mesh.faces))
         return prepare(mesh, *arguments, **options)
 
-    monkeypatch.setattr(occlusion, "prepare", counting)
+    monkeypatch.setattr(on_the_fly, "prepare", counting)
     occlude = OnTheFlyOcclusion(16, cache_megabytes=0.5)
     small, other, large = sphere(6), sphere(7), sphere(16)  # 120, 168 and 960 faces
     for mesh in (small, other, small, sphere(6), other):
@@ -205,7 +205,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
         ({"distance": "far"}, "distance must be a positive number; got 'far'"),
         ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
-        ({"scale": "sphere"}, "scale must be one of cloud, object, mesh; got 'sphere'"),
+        ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
     ],
 )
 def test_errors(options: dict[str, Any], message: str) -> None:

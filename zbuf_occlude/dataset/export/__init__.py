@@ -1,22 +1,21 @@
-"""Layouts of others: files that published loaders read, exported from a finished dataset by one function each.
+"""A dataset in other files: layouts of others, that published loaders read, and conversion to another format.
 
-`generate --format pcn` makes a dataset in a folder of its own, exports it, and removes it. An export is for its
-loaders: `verify` compares its checksums, but it is not read back. For each split ``clouds_SPLIT.npy`` has what a record
-holds besides points (view, pose, face ids, ...), a row per cloud in the layout's order.
+A layout is exported from a finished dataset by one function. `generate --format pcn` makes a dataset in a folder of its
+own, exports it, and removes it. An export is for its loaders: `verify` compares its checksums, but it is not read back.
+For each split ``clouds_SPLIT.npy`` has what a record holds besides points (view, pose, face ids, ...), a row per cloud
+in the layout's order.
 """
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import record_type
 from zbuf_occlude.dataset.folder import (
     CONTACT_SHEET,
     EXPORT_NAMES,
@@ -24,19 +23,19 @@ from zbuf_occlude.dataset.folder import (
     STORED,
     WORK,
     checksums,
+    occupy,
     read_finished,
+    read_manifest,
     remove_work,
+    write_names,
 )
-from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.manifest import frame_of, write_names
-from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.sheet import write_contact_sheet
-from zbuf_occlude.dataset.source import Numbers, Source
-from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.gallery import write_contact_sheet
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.records import Records
+from zbuf_occlude.dataset.source import Source, open_dataset
+from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.meshes.collection import SPLITS
-
-Records = NDArray[Any]
 
 
 class Exported(NamedTuple):
@@ -56,26 +55,13 @@ def export_here(plan: Plan, out: Path, manifest: dict[str, Any]) -> dict[str, An
     stored, _ = read_finished(out / STORED)
     files = {split: manifest["files"][split] for split in SPLITS if split in manifest["files"]}
     source = find_format(stored.format).load().read(out / STORED, replace(stored, meshes=plan.meshes), files)
-    return export(plan, source, out, manifest)
+    return _export(plan, source, out, manifest)
 
 
-def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict[str, Any]:
-    """Export clouds as a layout's files, then write the manifest.
+def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict[str, Any]:
+    """Export clouds into a folder that is this plan's: files appear when all are written, then the manifest.
 
-    Parameters
-    ----------
-    plan : Plan
-        Of the export.
-    source : Source
-    out : Path
-        A folder that is claimed. Files appear in it when all are written.
-    about : dict
-        The manifest of the dataset that the clouds are from.
-
-    Raises
-    ------
-    DatasetError
-        No object can be kept: the layout wants whole objects, and of each some view sees nothing.
+    `about` is the manifest of the dataset that the clouds are from.
     """
     folder = out / WORK / "export"
     shutil.rmtree(folder, ignore_errors=True)
@@ -95,19 +81,23 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(folder / name, out / name)
     shutil.rmtree(folder)
+    files = {split: of_split for split, of_split in exported.files.items() if exported.n_clouds[split]}
+    counts = {**about["counts"], "clouds_by_split": {split: exported.n_clouds[split] for split in files}}
+    about = {**about, "classes": plan.classes, **frame_in_words(plan), "counts": counts}
+    return _finish(plan, source, out, about, files, sha256)
+
+
+def _finish(
+    plan: Plan, source: Source, out: Path, about: dict[str, Any], files: dict[str, list[str]], sha256: dict[str, str]
+) -> dict[str, Any]:
+    """Write the picture and the manifest of a dataset whose clouds are another's; return the manifest."""
     write_contact_sheet(out / CONTACT_SHEET, source)
     document = {
         **about,
-        "classes": plan.classes,
-        **frame_of(plan),
         "fingerprint": plan.fingerprint,
         "format": plan.format,
         "options": plan.document["recipe"],
-        "counts": {
-            **about["counts"],
-            "clouds_by_split": {split: n for split, n in exported.n_clouds.items() if n},
-        },
-        "files": {split: files for split, files in exported.files.items() if exported.n_clouds[split]},
+        "files": files,
         "sha256": sha256,
     }
     atomic.write_json(out / MANIFEST, document)
@@ -115,116 +105,125 @@ def export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dict
     return document
 
 
+def frame_in_words(plan: Plan) -> dict[str, Any]:
+    """Say the axes of the clouds in the files, by those of the mesh with z up, and which is up; or the eye's."""
+    if plan.recipe.frame == "camera":
+        return {"axes": ["right", "up", "backwards"], "up": None}
+    axes = find_format(plan.format).axes_in(plan.recipe.frame)
+    return {"axes": list(axes), "up": "xyz"[[axis[-1] for axis in axes].index("z")]}
+
+
 def as_theirs(source: Source, plan: Plan) -> Source:
     """Return the clouds of a layout's classes, with its labels, positions and normals in its frame."""
-    row, recipe = find_format(plan.format), plan.recipe
-    axes, label_of = row.to_frame(recipe).T, [plan.classes.index(entry.label) if entry.label in plan.classes else -1
-                                              for entry in plan.meshes]  # fmt: skip
+    row, axes = find_format(plan.format), find_format(plan.format).to_frame(plan.recipe).T
+    longest_side = np.linalg.norm(axes[0])
+    number_of = {name: number for number, name in enumerate(plan.classes)}
+    label_of = np.array([number_of.get(entry.label, -1) for entry in plan.meshes])
     order = source.order
     if row.classes:
-        known = np.array(label_of)[source.ids()["mesh_id"]] >= 0
+        known = label_of[source.ids()["mesh_id"]] >= 0
         order = {split: numbers[known[numbers]] for split, numbers in order.items() if known[numbers].any()}
 
     def turned(records: Records) -> Records:
-        records["label"] = np.array(label_of)[records["mesh_id"]][..., None]
-        for name in {"data", "normal"}.intersection(records.dtype.names or ()):
-            if not records.dtype[name].hasobject:  # layouts that hold clouds of unequal size turn nothing
-                records[name] = records[name] @ axes
+        records["label"] = label_of[records["mesh_id"]][..., None]
+        if not records.dtype["data"].hasobject:  # layouts that hold clouds of unequal size turn nothing
+            records["data"] = records["data"] @ axes
+            records["factor"] *= longest_side
+            if "normal" in (records.dtype.names or ()):
+                records["normal"] = records["normal"] @ (axes / longest_side)
         return records
 
     whole = source.complete
-    complete = None if whole is None else lambda mesh_id, n_points: turned(np.array(whole(mesh_id, n_points)))
     return replace(
         source,
         plan=plan,
         order=order,
         sizes=source.sizes if order is source.order else {},
         take=lambda numbers: turned(np.array(source.take(numbers))),
-        complete=complete,
+        complete=None if whole is None else lambda mesh_id, n_points: turned(np.array(whole(mesh_id, n_points))),
     )
 
 
-def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Numbers]:
-    """Return the clouds of the objects that all their views see, (n objects, n_kept clouds) for each split.
-
-    Objects are in the order of the plan, their clouds by variation and view, the first `n_kept` of each.
-    """
-    ids, per_object = source.ids(), source.plan.clouds_per_mesh
-    found = {}
-    for split, numbers in source.order.items():
-        mine = ids[numbers]
-        numbers = numbers[np.lexsort((mine["view_id"], mine["variation"], mine["mesh_id"]))]
-        _, object_of, n_seeing = np.unique(ids[numbers]["mesh_id"], return_inverse=True, return_counts=True)
-        found[split] = numbers[n_seeing[object_of] == per_object].reshape(-1, per_object)[:, :n_kept]
-    return found
-
-
-def in_order(source: Source, numbers: Numbers) -> Iterator[Records]:
-    """Yield the records of some clouds, in their order, as many at a time as a file has."""
-    for begin in range(0, numbers.size, CLOUDS_PER_FILE):
-        yield source.take(numbers.reshape(-1)[begin : begin + CLOUDS_PER_FILE])
-
-
-class Rest:
-    """The file ``clouds_SPLIT.npy``: what records hold besides their points, row by row.
+def convert(
+    folder: Path, out: Path, format: str, *, progress: Callable[[int], None] = lambda clouds: None
+) -> dict[str, Any]:
+    """Write the clouds of a dataset in another format.
 
     Parameters
     ----------
     folder : Path
-    split : str
-    plan : Plan
-    n_rows : int
+        A complete dataset.
+    out : Path
+        Made when missing; otherwise empty, or of this same conversion: files that are there are not written again.
+    format : str
+        Name in the table of formats.
+    progress : callable
+        Called with the number of clouds each time some were written.
+
+    Returns
+    -------
+    dict
+        The manifest of the new dataset; ``converted_from`` names the old one's format and fingerprint.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset, `out` holds something else, or the format needs what the dataset does not have.
+
+    Notes
+    -----
+    From `packed` the clouds are drawn as `generate` would have drawn them for that format: the same points in the same
+    order, rounded to the packed step. Clouds of classes that a format's published list lacks are left out.
     """
-
-    def __init__(self, folder: Path, split: str, plan: Plan, n_rows: int) -> None:
-        self.name = f"clouds_{split}.npy"
-        kind = _rest_type(plan.recipe)
-        self._rows: Records | None = None
-        if n_rows and not kind.hasobject:
-            self._rows = np.lib.format.open_memmap(folder / self.name, "w+", kind, (n_rows,))
-
-    def write(self, rows: slice | Numbers, records: Records) -> None:
-        """Write the rows of some records."""
-        if self._rows is not None:
-            for name in self._rows.dtype.names or ():
-                self._rows[name][rows] = records[name]
-
-
-def _rest_type(recipe: Recipe) -> np.dtype[Any]:
-    whole = record_type(recipe)
-    return np.dtype([(name, whole[name]) for name in whole.names or () if name != "data"])
-
-
-def check_pairs(plan: Plan, name: str, *, n_complete: int, n_views: int | None = None, size: int | None = None) -> None:
-    """Raise OptionError unless a plan makes pairs of partial and complete clouds as a layout's loaders expect them.
-
-    Parameters
-    ----------
-    plan : Plan
-    name : str
-        Of the layout.
-    n_complete : int
-        Points of a complete cloud: as many must be sampled on each object.
-    n_views, size : int, optional
-        Views per object, and points of a partial cloud, where loaders have a number in their code.
-    """
-    recipe = plan.recipe
-    for what, option, found, wanted in (
-        ("views per object", "--views", len(plan.views), n_views),
-        ("variation", "--variations", recipe.variations, 1),
-        ("points per partial cloud", "--sample-size", recipe.sample_size, size),
-    ):
-        if wanted is not None and found != wanted:
-            raise OptionError(
-                f"{name} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
-            )
-    if recipe.n_points is None or recipe.n_points < n_complete:
-        sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"
-        raise OptionError(
-            f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
+    old, manifest = read_finished(folder)
+    row, plan = find_format(format), _converted(old, format)
+    origin = {"format": old.format, "fingerprint": old.fingerprint}
+    occupy(plan, out)
+    if (finished := read_manifest(out)) is not None and finished.get("converted_from") != origin:
+        raise DatasetError(
+            f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
+            "otherwise. Choose another folder."
         )
-    if recipe.scale == "cloud" or recipe.frame == "camera":
-        raise OptionError(
-            f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
-            f"{recipe.frame}. Give --scale object --frame object."
+    source = replace(open_dataset(folder), plan=plan)
+    if old.format == PACKED:  # the draw follows the new format's recipe
+        drawn = replace(plan, format=PACKED)
+        source = replace(find_format(PACKED).load().read(folder, drawn, manifest["files"]), plan=plan)
+    if finished is not None:
+        progress(sum(source.n_clouds.values()))
+        return finished
+    about = {**manifest, "converted_from": origin}
+    if row.exported_from:
+        document = _export(plan, source, out, about)
+        progress(sum(source.n_clouds.values()))
+        return document
+    module, names = row.load(), {split: list[str]() for split in source.order}
+    for split in source.order:
+        for number, numbers in source.files(split):
+            names[split].append(module.file_name(split, number))
+            if not (out / names[split][-1]).exists():
+                module.write(out / names[split][-1], source.take(numbers), plan, number)
+            progress(len(numbers))
+    write_names(plan, out)
+    getattr(module, "finish", lambda *arguments: None)(out, plan, names)
+    sha256 = checksums(out, (name for of_split in names.values() for name in of_split))
+    return _finish(plan, source, out, about, names, sha256)
+
+
+def _converted(old: Plan, format: str) -> Plan:
+    """Return the plan of a dataset's clouds in another format, once that can hold them."""
+    row, is_packed = find_format(format), old.format == PACKED
+    if format == PACKED:
+        raise DatasetError(
+            f"a {format} dataset must be made of all points of its objects; {old.format} keeps those of each cloud. "
+            f"Make it with `zbuf-occlude generate --format {format}`."
         )
+    if (row.keeps_points or row.complete) and not is_packed:
+        raise DatasetError(
+            f"{format} must be made of all points of the objects, for it holds complete clouds; {old.format} keeps "
+            f"only those drawn. Make it with `zbuf-occlude generate --format {format}`, or convert a packed dataset."
+        )
+    plan: Plan = replace(old, format=format)
+    if is_packed:
+        plan = replace(plan, recipe=row.redrawn(plan.recipe))
+    row.check(replace(plan, meshes=row.select(plan.meshes)))
+    return plan

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.clouds import point_fields, record_type
 from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.ragged import OFFSETS, laid_out
+from zbuf_occlude.dataset.records import OFFSETS, Records, laid_out, point_fields, record_type
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.extras import importing
 
@@ -47,7 +46,7 @@ def _arrow() -> Any:
     return pyarrow
 
 
-def _write_shard(path: Path, records: NDArray[Any], plan: Plan) -> None:
+def _write_shard(path: Path, records: Records, plan: Plan) -> None:
     arrow = _arrow()
     columns = {"mesh": arrow.array([plan.meshes[int(i)].key for i in records["mesh_id"]])}
     arrays = laid_out(records, plan.recipe)

@@ -12,7 +12,7 @@ A layout's module, in `zbuf_occlude.dataset.export`, has
     export(source, out) -> Exported                 writes all files, from the clouds of a finished dataset
     check(plan)                                     optional: raises if loaders could not read what the plan gives
 
-`packed` has an archive for each batch instead (`formats/packed.py`).
+`packed` has an archive for each batch instead (`dataset/packed.py`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,10 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.checks import find_row
-from zbuf_occlude.dataset.classes import CLASSES_OF
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.dataset.plan import CLASSES_OF, Plan, Recipe
+from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
 
 PACKED = "packed"
@@ -39,7 +37,7 @@ class Format:
     Parameters
     ----------
     name : str
-        Also the name of its module.
+        Also the name of its module, unless `module` says another.
     summary : str
         One line.
     exported_from : str
@@ -56,6 +54,8 @@ class Format:
         In its frame, of what the recipe scales to 1.
     options : mapping
         Defaults of `generate` for it, by the names of its command line's parameters.
+    module : str
+        Where its functions are; behind a colon the name of the object there that has them as methods.
     """
 
     name: str
@@ -67,6 +67,7 @@ class Format:
     axes: tuple[str, str, str] = ("x", "y", "z")
     longest_side: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
+    module: str = ""
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -79,9 +80,11 @@ class Format:
         return PACKED in (self.name, self.exported_from)
 
     def load(self) -> Any:
-        """Import the format's module."""
+        """Import the format's module; return what has its functions."""
         folder = "export" if self.exported_from else "formats"
-        return import_module(f"zbuf_occlude.dataset.{folder}.{self.name.replace('-', '_')}")
+        place, _, name = (self.module or f"{folder}.{self.name}").partition(":")
+        module = import_module(f"zbuf_occlude.dataset.{place}")
+        return getattr(module, name) if name else module
 
     def names(self, plan: Plan) -> Iterator[str]:
         """Yield the names of all files that a plan may have; of layouts none, which list theirs when they are made."""
@@ -147,66 +150,98 @@ class Format:
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
-Y_UP = ("x", "z", "-y")
+Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")
+
+
+def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Format:
+    """Return the row of a layout of partial and complete clouds, in `export/completion.py`."""
+    options = {"views": views, "scale": "object", **values.pop("options", {})}
+    module = "export.completion:" + name.replace("-", "_").upper()
+    return Format(name, summary, **{"exported_from": PACKED, "axes": Y_UP, **values}, options=options, module=module)
+
+
 FORMATS: tuple[Format, ...] = (
     Format("hdf5", "the PointNet layout: data (n, size, 3) and label, 2,048 clouds per file", ragged=True),
     Format(
         PACKED,
         "all points of the objects and a bit for each point and view: some fifty times as many clouds in a megabyte",
         ragged=True,
+        module="packed",
     ),
     Format("webdataset", "tar shards for streaming", ragged=True),
     Format("npz", "NumPy archives of 2,048 clouds", ragged=True),
-    Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True),
+    Format("ply", "a file for each cloud, to look at", "hdf5", ragged=True, module="point_files"),
+    Format(
+        "frames",
+        "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
+        "hdf5",
+        ragged=True,
+        options={
+            "sensor": "pinhole:width=640,height=480,fov=32",
+            "size": "file",
+            "keep": "all",
+            "sample_size": "all",
+            "scale": "mesh",
+            "attributes": "normals",
+        },
+    ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
-    Format("scanobjectnn", "data, label, mask; 15 classes", "hdf5", axes=Y_UP),
+    Format(
+        "scanobjectnn",
+        "data, label, mask; 15 classes",
+        "hdf5",
+        axes=Y_UP,
+        module="export.classification:SCANOBJECTNN",
+    ),
     Format(
         "modelnet40-c",
         "data_occlusion_VIEW.npy, label.npy; 40 classes",
         "hdf5",
-        axes=("-x", "z", "y"),
+        axes=MIRRORED,
         longest_side=2.0,
-    ),
-    Format("modelnet-o", "CLASS/{train,test}/OBJECT_NUMBER.xyz; 40 classes", "hdf5", options={"scale": "object"}),
-    Format("modelnet40-normal", "CLASS/CLASS_NUMBER.txt: x,y,z[,nx,ny,nz]; 40 classes", "hdf5", axes=("-x", "z", "y")),
-    Format(
-        "pcn",
-        "pairs as PCD files, 16,384 complete points, 8 views",
-        PACKED,
-        least_tested=10,
-        axes=Y_UP,
-        options={"views": "fibonacci:8", "scale": "object"},
+        module="export.classification:MODELNET40_C",
     ),
     Format(
+        "modelnet-o",
+        "CLASS/{train,test}/OBJECT_NUMBER.xyz; 40 classes",
+        "hdf5",
+        options={"scale": "object"},
+        module="export.classification:MODELNET_O",
+    ),
+    Format(
+        "modelnet40-normal",
+        "CLASS/CLASS_NUMBER.txt: x,y,z[,nx,ny,nz]; 40 classes",
+        "hdf5",
+        axes=MIRRORED,
+        module="export.classification:MODELNET40_NORMAL",
+    ),
+    _layout_of_pairs("pcn", "pairs as PCD files, 16,384 complete points, 8 views", "fibonacci:8", least_tested=10),
+    _layout_of_pairs(
         "completion3d",
         "pairs as HDF5 files, 2,048 points, 1 view",
-        PACKED,
+        "random:1",
         least_tested=10,
-        axes=Y_UP,
-        options={"views": "random:1", "scale": "object", "sample_size": 2_048},
+        options={"sample_size": 2_048},
     ),
-    Format(
+    _layout_of_pairs(
         "mvp",
         "pairs in HDF5, 2,048 points, 26 views; 16 classes",
-        PACKED,
-        axes=Y_UP,
-        options={"views": "fibonacci:26", "scale": "object", "sample_size": 2_048},
+        "fibonacci:26",
+        options={"sample_size": 2_048},
     ),
-    Format(
+    _layout_of_pairs(
         "projected-shapenet",
         "pairs as PCD files and arrays, 8,192 complete points, 16 views",
-        PACKED,
-        axes=Y_UP,
-        options={"views": "fibonacci:16", "scale": "object"},
+        "fibonacci:16",
     ),
-    Format(
+    _layout_of_pairs(
         "shapenet55",
         "complete clouds of 8,192 points",
-        "hdf5",
+        "ring:1@0",
+        exported_from="hdf5",
         complete=True,
         least_tested=10,
-        axes=Y_UP,
-        options={"views": "ring:1@0", "scale": "object", "sample_size": 8_192},
+        options={"sample_size": 8_192},
     ),
 )
 

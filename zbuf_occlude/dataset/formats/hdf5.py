@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.folder import list_of
-from zbuf_occlude.dataset.plan import Plan, Recipe
-from zbuf_occlude.dataset.ragged import OFFSETS, laid_out, taken
-from zbuf_occlude.dataset.source import IDS, Numbers, Source, source_of_files
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.records import IDS, OFFSETS, Records, laid_out, taken
+from zbuf_occlude.dataset.source import Source, source_of_files
 
 UNITS = {
     OFFSETS: "points of cloud i are those from offsets[i] to offsets[i + 1]",
@@ -43,7 +43,7 @@ def finish(out: Path, plan: Plan, names: dict[str, list[str]]) -> None:
         atomic.write_lines(out / list_of(split), names_of_split)
 
 
-def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     """Write one file: a dataset for each field of the records, its meaning in the attribute `meaning`."""
 
     def fill(file: Any) -> None:
@@ -65,14 +65,12 @@ def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> Non
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(
-        plan, paths, _count, lambda path, rows: _read_rows(path, rows, plan.recipe), read_ids=_read_ids
-    )
 
+    def load(path: Path, rows: NDArray[np.intp]) -> Records:
+        with h5py.File(path) as h5:
+            return taken(h5, rows, plan.recipe)
 
-def _read_rows(path: Path, rows: Numbers, recipe: Recipe) -> NDArray[Any]:
-    with h5py.File(path) as h5:
-        return taken(h5, rows, recipe)
+    return source_of_files(plan, paths, lambda path: len(_read_ids(path)), load, read_ids=_read_ids)
 
 
 def _read_ids(path: Path) -> NDArray[Any]:
@@ -81,8 +79,3 @@ def _read_ids(path: Path) -> NDArray[Any]:
         for name in IDS.names or ():
             ids[name] = h5[name][:]
         return ids
-
-
-def _count(path: Path) -> int:
-    with h5py.File(path) as h5:
-        return len(h5["label"])

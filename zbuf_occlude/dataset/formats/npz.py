@@ -4,14 +4,12 @@ Of clouds of unequal size the points stand one after the other; those of cloud i
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.ragged import laid_out, taken
+from zbuf_occlude.dataset.records import Records, laid_out, read_archive
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 
@@ -20,7 +18,7 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.npz"
 
 
-def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     """Write one archive."""
     fields = laid_out(records, plan.recipe)
     atomic.write(path, lambda file: np.savez(file, **fields))  # type: ignore[arg-type]
@@ -29,13 +27,7 @@ def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> Non
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files; the last file used is kept in memory."""
     paths = {split: [out / name for name in names] for split, names in files.items()}
-
-    def whole(path: Path) -> NDArray[Any]:
-        with np.load(path) as archive:
-            arrays = {name: archive[name] for name in archive.files}  # each time that one is named, it is read
-            return taken(arrays, np.arange(len(arrays["label"])), plan.recipe)
-
-    return source_of_files(plan, paths, _count, kept(whole))
+    return source_of_files(plan, paths, _count, kept(lambda path: read_archive(path, plan.recipe)))
 
 
 def _count(path: Path) -> int:

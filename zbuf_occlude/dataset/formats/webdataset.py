@@ -19,12 +19,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.clouds import point_fields, record_type
-from zbuf_occlude.dataset.placement import CLOUDS_PER_FILE
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan, Recipe
+from zbuf_occlude.dataset.records import Records, point_fields, record_type
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
 TEXTS = 2
@@ -36,7 +34,7 @@ def file_name(split: str, number: int) -> str:
     return f"{split}-{number:06d}.tar"
 
 
-def write(path: Path, records: NDArray[Any], plan: Plan, number: int = 0) -> None:
+def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
     """Write one shard, whose first cloud has the number 2,048 x `number`."""
 
     def fill(file: IO[bytes]) -> None:
@@ -76,8 +74,8 @@ def _count(path: Path) -> int:
         return sum(member.name.endswith(".json") for member in tar)
 
 
-def _read_shard(path: Path, recipe: Recipe) -> NDArray[Any]:
-    records: list[NDArray[Any]] = []
+def _read_shard(path: Path, recipe: Recipe) -> Records:
+    records: list[Records] = []
     keys: dict[str, int] = {}
     with tarfile.open(path) as tar:
         for member in tar:

@@ -15,10 +15,17 @@ Everything random here comes from torch's generators: `torch.manual_seed`, and i
 from zbuf_occlude.extras import importing
 
 with importing("torch", "zbuf_occlude.dataset.torch"):
-    from zbuf_occlude.dataset.torch.augment import Compose, Jitter, Rescale, Rotate, augmentation
-    from zbuf_occlude.dataset.torch.clouds import CloudDataset, CloudStream, collate_ragged
-    from zbuf_occlude.dataset.torch.occlusion import OnTheFlyOcclusion
-    from zbuf_occlude.dataset.torch.scans import OnTheFlyScan
+    from zbuf_occlude.dataset.torch.on_the_fly import OnTheFlyOcclusion, OnTheFlyScan
+    from zbuf_occlude.dataset.torch.stored import (
+        CloudDataset,
+        CloudStream,
+        Compose,
+        Jitter,
+        Rescale,
+        Rotate,
+        augmentation,
+        collate_ragged,
+    )
 
 __all__ = [
     "CloudDataset",

@@ -1,0 +1,220 @@
+"""Frames: depth, normals and instances against closed forms, the oracle and Open3D; their files, read back."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import box, needs_chair, soup, sphere
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.scenes import Placed, moved
+from zbuf_occlude.sensors.frames import depth_unit
+from zbuf_occlude.sensors.setup import Setup
+
+SMALL = {"width": 64, "height": 48}
+CAMERAS = [
+    {
+        "R": [[0.0, 1.0, 0.0], [0.6, 0.0, -0.8], [-0.8, 0.0, -0.6]],
+        "t": [0.02, -0.01, 3.0],
+        "K": [[90.0, 0.0, 30.5], [0.0, 75.0, 20.25], [0.0, 0.0, 1.0]],
+        "width": 64,
+        "height": 48,
+    }
+]
+"""One that looks past the middle, with pixels that are not square."""
+
+
+@pytest.fixture
+def cameras(tmp_path: Path) -> Path:
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(CAMERAS))
+    return path
+
+
+def test_points_lie_on_the_box_and_their_normals_are_its_sides() -> None:
+    half = np.array([0.5, 1.0, 2.0])
+    mesh = box((1.0, 2.0, 4.0))
+    mesh = zo.Mesh(mesh.vertices - mesh.centre, mesh.faces)
+    for frame in zo.frames(mesh, zo.views.for_mesh(mesh, "fibonacci:9"), **SMALL):
+        assert 0.05 < frame.mask.mean() < 0.6, "the whole box is in the picture, and not small"
+        assert not frame.mask[[0, -1]].any()
+        assert not frame.mask[:, [0, -1]].any()
+        beyond = np.abs(frame.points) / half
+        assert beyond.max(axis=1) == pytest.approx(1.0, abs=5e-6), "depths are float32"
+        normals = frame.normals[frame.mask]
+        assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0, abs=1e-6)
+        assert ((np.abs(normals) > 0.9) <= (beyond > 1.0 - 5e-6)).all(), "each is of a side on which the point lies"
+        assert (np.einsum("ij,ij->i", normals, frame.camera_to_world[:3, 3] - frame.points) > 0).all()
+
+
+def test_points_project_to_the_centres_of_their_pixels(cameras: Path) -> None:
+    (frame,) = zo.frames(soup(300, 0.4), zo.views.from_json(cameras), **SMALL)
+    assert frame.intrinsics == pytest.approx(np.array(CAMERAS[0]["K"]))
+    assert frame.extrinsics == pytest.approx(np.column_stack([CAMERAS[0]["R"], CAMERAS[0]["t"]]))
+    seen = frame.points @ frame.extrinsics[:, :3].T + frame.extrinsics[:, 3]
+    pixels = seen @ frame.intrinsics.T
+    rows, columns = np.nonzero(frame.mask)
+    assert pixels[:, :2] / pixels[:, 2:] == pytest.approx(np.stack([columns + 0.5, rows + 0.5], axis=1), abs=1e-4)
+    assert seen[:, 2] == pytest.approx(frame.depth[frame.mask])
+
+
+@pytest.mark.parametrize("method", ["exact", "embree"])
+def test_all_methods_deliver_the_oracles_pictures(method: str) -> None:
+    if zo.METHODS[method].missing():
+        pytest.skip(zo.METHODS[method].missing())
+    mesh = soup(400, 0.3, seed=5)
+    views = zo.views.for_mesh(mesh, "fibonacci:3", distance=1.5)
+    for found, true in zip(
+        zo.frames(mesh, views, method=method, **SMALL), zo.frames(mesh, views, method="oracle", **SMALL), strict=True
+    ):
+        same = found.face_ids == true.face_ids
+        assert same.all() if method == "exact" else same.mean() > 0.999
+        assert found.depth[same & true.mask] == pytest.approx(true.depth[same & true.mask], rel=1e-5)
+
+
+@pytest.mark.gl
+def test_the_gpu_delivers_the_same_but_at_edges() -> None:
+    mesh = sphere()
+    views = zo.views.for_mesh(mesh, "fibonacci:3")
+    for found, true in zip(
+        zo.frames(mesh, views, method="depth_buffer", **SMALL), zo.frames(mesh, views, **SMALL), strict=True
+    ):
+        assert (found.mask != true.mask).mean() < 0.002
+        both = found.mask & true.mask
+        assert found.depth[both] == pytest.approx(true.depth[both], rel=1e-3)
+
+
+def test_open3d_casts_the_same_depths(cameras: Path) -> None:
+    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    mesh = soup(300, 0.4)
+    (frame,) = zo.frames(mesh, zo.views.from_json(cameras), **SMALL)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32))
+    )
+    outside = np.vstack([frame.extrinsics, [0, 0, 0, 1]])
+    rays = scene.create_rays_pinhole(
+        o3d.core.Tensor(frame.intrinsics), o3d.core.Tensor(outside), width_px=64, height_px=48
+    )
+    found = scene.cast_rays(rays)  # directions have depth 1
+    same = found["primitive_ids"].numpy().astype(np.int32) == frame.face_ids
+    assert same.mean() > 0.998, "float32 decides edges otherwise"
+    there = same & frame.mask
+    assert found["t_hit"].numpy()[there] == pytest.approx(frame.depth[there], rel=1e-4)
+    picture, camera = frame.to_open3d()
+    outside[:3] = frame.extrinsics
+    cloud = o3d.geometry.PointCloud.create_from_rgbd_image(picture, camera, outside)
+    assert np.asarray(cloud.points) == pytest.approx(frame.points, abs=1e-5)
+
+
+def test_instances_of_a_scene_and_the_nearest_wins() -> None:
+    ball = sphere()
+    scene = zo.Scene.joined([Placed(ball, "ball"), Placed(ball, "ball", moved(scale=0.5, to=(2.0, 0.0, 0.0)))])
+    (frame,) = zo.frames(scene, zo.views.from_angles(0, 0, distance=6.0), fov=40, **SMALL)
+    assert set(np.unique(frame.instances)) == {-1, 0, 1}
+    assert ((frame.instances < 0) == ~frame.mask).all()
+    assert frame.instances[24, 32] == 1, "the small ball stands before the large one"
+    assert frame.depth[24, 32] == pytest.approx(6.0 - 2.5, abs=0.02)
+    assert (frame.instances == scene.instances[frame.face_ids])[frame.mask].all()
+
+
+def test_files_are_read_back(tmp_path: Path, cameras: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    mesh = soup(300, 0.4)
+    views = zo.views.for_mesh(mesh, "fibonacci:3", distance=2.0)
+    found = list(zo.frames(mesh, views, **SMALL))
+    names = zo.write_frames(tmp_path / "out", found)
+    assert sorted(names) == sorted(path.name for path in (tmp_path / "out").iterdir())
+    about = json.loads((tmp_path / "out" / "transforms.json").read_text())
+    for i, frame in enumerate(found):
+        depth, mask, normal, instance, picture = (
+            np.array(image.open(tmp_path / "out" / f"{i:03d}{name}.png"))
+            for name in ("_depth", "_mask", "_normal", "_instance", "")
+        )
+        unit = about["integer_depth_scale"]
+        assert np.where(mask, depth * unit, np.inf) == pytest.approx(frame.depth, abs=unit / 2 * 1.001)
+        assert ((mask == 255) == frame.mask).all()
+        assert ((depth > 0) == frame.mask).all()
+        assert (normal[frame.mask] / 127.5 - 1.0) == pytest.approx(frame.normals[frame.mask], abs=0.5 / 127.5 + 1e-6)
+        assert (instance.astype(int) - 1 == frame.instances).all()
+        assert ((picture[..., 3] == 255) == frame.mask).all()
+        assert np.load(tmp_path / "out" / f"{i:03d}.npy") == pytest.approx(frame.pose[:3])
+    for name in ("transforms.json", "cameras.json"):
+        again = zo.views.from_json(tmp_path / "out" / name)
+        assert again.poses == pytest.approx(views.poses)
+        assert again.intrinsics(64, 48) == pytest.approx(np.array([frame.intrinsics for frame in found]))
+    zo.write_frames(tmp_path / "other", [found[0], *zo.frames(mesh, zo.views.from_json(cameras), **SMALL)])
+    again = zo.views.from_json(tmp_path / "other" / "transforms.json")
+    assert again.intrinsics(64, 48)[1] == pytest.approx(np.array(CAMERAS[0]["K"]))
+
+
+def test_what_is_wrong_is_said(tmp_path: Path, cameras: Path) -> None:
+    views = zo.views.from_angles(30, 20)
+    for message, call in (
+        ("width must be", lambda: zo.frames(box(), views, width=0)),
+        ("at most 67,108,864 pixels", lambda: zo.frames(box(), views, width=10**5, height=10**5)),
+        ("fov must lie between 0 and 180", lambda: zo.frames(box(), views, fov=200.0)),
+        ("fov must be left out", lambda: zo.frames(box(), zo.views.from_json(cameras), fov=20.0)),
+        ("at most 65535 steps", lambda: zo.write_frames(tmp_path, zo.frames(box(), views, **SMALL), unit=1e-9)),
+    ):
+        with pytest.raises(zo.OccludeError, match=message):
+            call()
+    with pytest.raises(zo.OptionError, match="cast rays"):
+        zo.frames(box(), views, method="occupancy_grid")
+
+
+@pytest.mark.parametrize(("farthest", "unit"), [(5.0, 1e-4), (65.535, 1e-3), (66.0, 1e-2), (0.0, 1.0)])
+def test_the_unit_is_the_finest_power_of_ten(farthest: float, unit: float) -> None:
+    assert depth_unit(farthest) == pytest.approx(unit)
+
+
+@pytest.mark.parametrize("from_file", [False, True])
+def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_path: Path) -> None:
+    """Of a mesh away from the origin: a dataset's world is the middle of its box."""
+    image = pytest.importorskip("PIL.Image", reason="the package Pillow is not installed")
+    mesh = box((0.3, 0.5, 0.8)).transformed(1.0, (0.1, -0.2, 0.05))
+    sensor = zo.sensors.make("pinhole", width=64, height=48, fov=30)
+    recipe = Recipe(
+        method="exact",
+        views=str(cameras) if from_file else "ring:3@25",
+        scanning=asdict(Setup(sensor.document, size="file", keep="all", method="exact")),
+        sample_size=None,
+        scale="mesh",
+        attributes=("normals",),
+    )
+    plan = Plan(MeshCollection([MeshEntry("a/box.off", "box", "train", lambda: mesh)]), recipe, "frames")
+    manifest = generate(plan, tmp_path / "out")
+    assert manifest["error"]["false_visible"] == manifest["error"]["false_hidden"] == 0.0
+    (folder,) = json.loads((tmp_path / "out" / "valid_paths.json").read_text())
+    if from_file:
+        views, fov = zo.views.from_json(cameras), None
+    else:
+        views, fov = zo.views.for_mesh(mesh, "ring:3@25"), 30.0
+    unit = json.loads((tmp_path / "out" / folder / "transforms.json").read_text())["integer_depth_scale"]
+    for i, frame in enumerate(zo.frames(mesh, views, fov=fov, **SMALL)):
+        steps = np.array(image.open(tmp_path / "out" / folder / f"{i:03d}_depth.png"))
+        assert ((steps > 0) == frame.mask).mean() > 0.999
+        both = frame.mask & (steps > 0)
+        assert both.any()
+        assert steps[both] * unit == pytest.approx(frame.depth[both], abs=unit)
+    placed = zo.views.from_json(tmp_path / "out" / folder / "cameras.json")
+    assert placed.eyes + mesh.centre == pytest.approx(views.eyes)
+    assert placed.intrinsics(64, 48)[0] == pytest.approx(frame.intrinsics)
+
+
+@needs_chair
+def test_real_depth_is_on_the_mesh() -> None:
+    from tests.scenes import chair
+
+    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
+    mesh = chair()
+    (frame,) = zo.frames(mesh, zo.views.for_mesh(mesh, "ring:1@25"), **SMALL)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh.to_open3d()))
+    away = scene.compute_distance(o3d.core.Tensor(frame.points.astype(np.float32))).numpy()
+    assert away.max() < 1e-6 * frame.depth[frame.mask].max()

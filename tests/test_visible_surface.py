@@ -1,0 +1,89 @@
+"""What eyes see of a surface, held to closed forms and to sampled visibility."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.random_scenes import bodies, folds, soup, spiky
+from tests.scenes import box
+from zbuf_occlude import coverage, visible_faces, visible_mesh, visible_vertices
+
+SHADE = zo.Mesh(
+    [
+        [-2, -2, 0],
+        [2, -2, 0],
+        [2, 2, 0],
+        [-2, 2, 0],
+        [-0.25, -0.25, 1],
+        [0.25, -0.25, 1],
+        [0.25, 0.25, 1],
+        [-0.25, 0.25, 1],
+    ],
+    [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
+    name="a square above a square",
+)
+EYE = np.array([[0.0, 0.0, 3.0]])
+HIDDEN = 0.75**2
+"""Area of the shadow: the small square's side is 0.5, two thirds of the way from the eye to the large one."""
+
+
+def test_a_shadow_is_cut_out() -> None:
+    part = visible_mesh(SHADE, EYE[0])
+    assert part.mesh.areas.sum() == pytest.approx(16 - HIDDEN + 0.25, abs=1e-4)
+    in_shadow = np.abs(part.mesh.corners.mean(axis=1)[part.face_ids < 2, :2]).max(axis=1) < 0.375 - part.tolerance
+    assert not in_shadow.any()
+
+
+def test_shares_of_faces_are_those_of_the_shadow() -> None:
+    found = visible_faces(SHADE, EYE)
+    off = np.abs(found.fraction[0] - [1 - HIDDEN / 16, 1 - HIDDEN / 16, 1, 1])
+    assert (off < 4 * found.standard_error[0]).all()
+    assert (found.standard_error[0] < 0.002).all()
+
+
+def test_of_a_box_three_faces_and_seven_vertices_are_seen() -> None:
+    mesh, eye = box(), np.array([[9.0, 7.0, 5.0]])
+    towards = mesh.corners.mean(axis=1).max(axis=1) > 0.49  # of the sides at +0.5
+    assert (visible_faces(mesh, eye, n_points=100).fraction[0] == towards).all()
+    assert visible_vertices(mesh, eye).sum() == 7
+    part = visible_mesh(mesh, eye)
+    assert set(part.face_ids) == set(np.flatnonzero(towards))
+    assert len(part.mesh.faces) == 6, "faces wholly seen stay whole"
+
+
+def test_two_eyes_see_what_either_does() -> None:
+    mesh = box()
+    eyes = np.array([[9.0, 7.0, 5.0], [-9.0, -7.0, -5.0]])
+    assert visible_mesh(mesh, eyes).mesh.areas.sum() == pytest.approx(mesh.areas.sum())
+    found = coverage(mesh, eyes)
+    assert found.together[-1] == 1.0
+    assert found.alone.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("make", [bodies, folds, soup, spiky])
+def test_the_part_has_the_area_that_is_sampled_and_is_seen_whole(make: Callable[..., zo.Mesh]) -> None:
+    seed, mesh = 1, make(np.random.default_rng(1))
+    eye = mesh.centre + mesh.longest_side * np.array([1.9, -1.1, 0.9])
+    part = visible_mesh(mesh, eye, tolerance=mesh.longest_side / 512)
+    points = zo.sample_surface(mesh, n_points=20_000, seed=seed)
+    with zo.prepare(mesh, "oracle") as occluder:
+        share = occluder.visible(points, eye[None]).mean()
+    error = np.sqrt(share * (1 - share) / len(points))
+    assert part.mesh.areas.sum() / mesh.areas.sum() == pytest.approx(share, abs=3.5 * error)
+    again = zo.sample_surface(part.mesh, n_points=10_000, seed=seed)
+    with zo.prepare(mesh, "oracle") as occluder:
+        own = zo.SurfacePoints(again.positions, part.face_ids[again.face_ids], again.normals)
+        assert occluder.visible(own, eye[None]).mean() > 0.99
+
+
+def test_hidden_meshes_and_lengths_that_are_none_are_refused() -> None:
+    inner = box()
+    shell = zo.Mesh(
+        np.concatenate([inner.vertices, 3 * inner.vertices]), np.concatenate([inner.faces, inner.faces + 8])
+    )
+    with pytest.raises(zo.ArgumentError, match="tolerance must be"):
+        visible_mesh(shell, EYE[0] * 9, tolerance=0.0)
+    part = visible_mesh(shell, EYE[0] * 9)
+    assert (part.face_ids >= 12).all()

@@ -1,0 +1,249 @@
+"""`zbuf-occlude compare`: how wrong, how fast, when to use which; and `zbuf-occlude report`, its report again."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.paper import derived, replaced
+from zbuf_occlude.cli.shared_options import (
+    AUTO_ELSEWHERE,
+    VIEWS,
+    MeshPlace,
+    OutFolder,
+    Setting,
+    choice_options,
+    collect,
+    distance_option,
+    given,
+    parse_settings,
+    up_option,
+)
+from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
+from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, of_meshes, scaling
+from zbuf_occlude.compare.comparison_report import write_report
+from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
+from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run
+from zbuf_occlude.dataset.auto import AUTO
+from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.paper.tables import CASES, paper_tables
+from zbuf_occlude.visibility.interface import EYES_INSIDE
+
+BUILT_IN_MESHES = 8
+DEFAULT_SECONDS = 3.0
+OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "up", "labels", "classes", "splits")
+"""Options that say what meshes are asked; a preset has questions and methods of its own."""
+
+
+@click.command(cls=Command)
+@click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of rows and report.")
+@click.option(
+    "--method",
+    "methods",
+    metavar="NAME[:KEY=VALUE,...]",
+    multiple=True,
+    help="Method and its options; repeatable.  [default: all, with a sweep of options]",
+)
+@click.option(
+    "--preset",
+    "presets",
+    type=Name([*CASES, SCALING]),
+    multiple=True,
+    help=f"{SCALING}: time against points and faces; {', '.join(CASES)}: now of `zbuf-occlude paper`.",
+)
+@click.option(
+    "--modelnet",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="ModelNet40's folder, for table1a and table1b.",
+)
+@click.option(
+    "--views",
+    default="paper100",
+    show_default=True,
+    help=VIEWS,
+)
+@distance_option
+@click.option(
+    "--most-views",
+    type=click.IntRange(1),
+    default=MOST_VIEWS,
+    show_default=True,
+    help="Ask at most this many of the views, evenly chosen.",
+)
+@click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
+@click.option(
+    "--judge-points",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Points compared with the reference.  [default: half a minute of a mesh]",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.01),
+    help="Timed calls of each row together.  [default: 3; 30 in table1a and table1b]",
+)
+@click.option(
+    "--row-seconds",
+    type=click.FloatRange(1),
+    default=ROW_SECONDS,
+    show_default=True,
+    help="Timeout of a row.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
+@up_option
+@choice_options
+@click.pass_context
+def compare_command(
+    context: click.Context,
+    /,
+    meshes: tuple[Path, ...],
+    out: Path,
+    methods: tuple[str, ...],
+    presets: tuple[str, ...],
+    modelnet: Path | None,
+    views: str,
+    distance: tuple[float, float | None],
+    most_views: int,
+    points: int,
+    judge_points: int | None,
+    seconds: float | None,
+    row_seconds: float,
+    seed: int,
+    limit: int | None,
+    up: str | None,
+    **choice: Any,
+) -> None:
+    """Compare methods of hidden-surface removal with the exact reference (oracle) and with each other.
+
+    MESH_OR_DIR: as for `generate`. Without any, and without a preset, one built-in shape of each class.
+
+    \b
+    Writes into --out:
+      rows.jsonl               a row for each mesh and method: errors, times, memory, versions
+      report.html, report.md   the answer, tables, plots, and the worst views in 3D
+      *.png                    the plots
+
+    The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed.
+
+    \b
+    Examples:
+      zbuf-occlude compare ModelNet40/chair --limit 5 --out comparison
+      zbuf-occlude compare chair.off --method exact --method depth_buffer:resolution=1024 --out comparison
+      zbuf-occlude compare --preset scaling --out scaling
+    """
+    refuse_idle(context, presets, alone=bool(presets) and not meshes)
+    subjects = [parse_subject(text) for text in methods] or default_subjects()
+    cases: list[Case] = []
+    if meshes or not presets:
+        collection = collect(meshes, up, limit if meshes or limit else BUILT_IN_MESHES, **choice)
+        recipe = Recipe(views=views, distance=distance[0], farthest=distance[1], seed=seed)
+        recipe.make_views()  # for its errors
+        cases += of_meshes(collection, subjects, recipe.make_views, n_points=points, seed=seed, most_views=most_views)
+    for name in presets:
+        if name in CASES:
+            replaced(f"compare --preset {name}", f"paper {name}")
+        cases += CASES[name](modelnet, seed, seconds) if name in CASES else scaling(seed, seconds)
+    run_cases(cases, out, judge_points, seconds, row_seconds)
+
+
+def table1_command(name: str) -> click.Command:
+    """Return the command that repeats Table 1A or 1B."""
+
+    def repeat(name: str, modelnet: Path | None, seed: int, seconds: float | None, **options: Any) -> None:
+        run_cases(CASES[name](modelnet, seed, seconds), seconds=seconds, **options)
+
+    options = {"out", "modelnet", "judge_points", "seconds", "row_seconds", "seed"}
+    text = (
+        f"Repeat the paper's Table {name[5:].upper()}: rows.jsonl, and a report with the table; as `compare` does.\n\n"
+        "The same command again resumes; failed rows are tried again. Exit code 3: done, but some rows failed."
+    )
+    return derived(compare_command, name, options, repeat, text)
+
+
+def run_cases(
+    cases: list[Case], out: Path, judge_points: int | None, seconds: float | None, row_seconds: float
+) -> None:
+    """Make the rows that are missing, and write the report."""
+    timed, total = DEFAULT_SECONDS if seconds is None else seconds, sum(len(case.subjects) for case in cases)
+    with progress_bar(total, "rows", "compare") as bar:
+
+        def progress(text: str) -> None:
+            bar.update(1 if bar.postfix else 0)  # what was announced before is done
+            bar.set_postfix_str(text)
+
+        tally = run(cases, out, budget=timed, limit=row_seconds, judge_points=judge_points, progress=progress)
+        bar.update(total - bar.n)
+    page = write_and_summarise(out)
+    echo(f"{tally.made} rows made, {tally.found} found, {tally.failed} failed; report: {page}")
+    if tally.failed:
+        raise SystemExit(SOME_FAILED)
+
+
+def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
+    """Refuse options that nothing of what was asked for uses.
+
+    Raises
+    ------
+    click.UsageError
+        Says which, and what to do.
+    """
+    if alone and (idle := given(context, OF_MESHES)):
+        raise click.UsageError(
+            f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
+            "its own. Give meshes, or leave it out."
+        )
+    if given(context, ("modelnet",)) and not set(presets) & set(CASES):
+        raise click.UsageError(
+            f"--modelnet must go with --preset {' or '.join(CASES)}, whose objects it holds. "
+            "To compare its meshes give the folder as MESH_OR_DIR."
+        )
+
+
+def parse_subject(text: str) -> Subject:
+    """Read ``NAME[:KEY=VALUE,...]``.
+
+    Raises
+    ------
+    OptionError
+        No such method or option.
+    """
+    name, colon, settings = text.partition(":")
+    if name == AUTO:
+        raise OptionError(f"--method: {AUTO_ELSEWHERE}; `zbuf-occlude methods` lists them.")
+    if colon and not settings:
+        raise OptionError(f"--method must be NAME or NAME:KEY=VALUE,...; got {text!r}.")
+    pairs = [Setting().convert(each, None, None) for each in settings.split(",") if settings]
+    return Subject(name, parse_settings(name, tuple(pairs)))
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR")
+def report_command(folder: Path) -> None:
+    """Write report.html, report.md and the plots from the rows in DIR; computes no visibility."""
+    echo(f"report: {write_and_summarise(folder)}")
+
+
+def write_and_summarise(folder: Path) -> Path:
+    """Write the report, print its first screen, and return its page."""
+    written = write_report(folder, paper_tables)
+    echo(first_screen(folder))
+    return written[0]
+
+
+def first_screen(folder: Path) -> str:
+    """Return the first screen's table as text; empty when the rows have no meshes."""
+    rows = [row for row in ComparisonFolder(folder).rows().values() if row["suite"] == "meshes"]
+    ranking = standings(rows)
+    if not ranking:
+        return "no meshes were compared; the report has the presets' tables"
+    lines = [f"{'method':44} {'wrong':>9} {'ms per view':>11}"]
+    for one in representatives(ranking):
+        time = ("~" if one.extrapolated else "") + milliseconds(one.seconds)
+        lines.append(f"{one.subject:44} {share(one.wrong):>9} {time:>11}")
+    if n := sum(EYES_INSIDE in row.get("timed", {}).get("warnings", ()) for row in rows):
+        lines.append(f"warning: cameras inside the mesh's bounding box in {counted(n, 'row')}. Raise --distance?")
+    return "\n".join(lines)

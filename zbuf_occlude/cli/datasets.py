@@ -1,0 +1,253 @@
+"""Commands on a dataset that `generate` has made or begun: `status`, `merge`, `verify`, `convert`, `show`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zbuf_occlude.cli.messages import picture, what_was_made
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.paper import derived, replaced
+from zbuf_occlude.cli.shared_options import (
+    ENGINE,
+    MeshPlace,
+    OutFolder,
+    engine_options,
+    given,
+    pop_engine,
+    shard_option,
+    share_of,
+    up_option,
+)
+from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
+from zbuf_occlude.dataset.export import convert
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, datasets_in, read_finished, read_manifest, read_plan
+from zbuf_occlude.dataset.formats import FORMATS, find_format
+from zbuf_occlude.dataset.gallery import write_contact_sheet, write_gallery
+from zbuf_occlude.dataset.generate import merge, progress_of
+from zbuf_occlude.dataset.source import open_dataset
+from zbuf_occlude.dataset.verify import verify
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.paper.tables import table_2
+from zbuf_occlude.workers import Run
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+def status_command(folder: Path, as_json: bool) -> None:
+    """Say how far the dataset in DIR is: batches done, clouds, failures, time left at the speed so far.
+
+    Likewise of the complete clouds that a preset puts beside it.
+    """
+    first, *others = reports = [{"folder": str(each)} | gather(each) for each in datasets_in(folder)]
+    if as_json:
+        echo(json.dumps(first | {"others": others}, indent=2))
+        return
+    for report in reports:
+        tell(report)
+
+
+def tell(report: dict[str, Any]) -> None:
+    """Print one report."""
+    echo(f"folder      {report['folder']}")
+    echo(f"plan        {report['fingerprint']}: {report['clouds_planned']} clouds by {report['method']}")
+    echo(f"batches     {report['batches_done']} of {report['batches']} done")
+    echo(f"groups      {report['groups_done']} of {report['groups']} written")
+    for what, fault in report["to_make_again"].items():
+        echo(f"again       {what}: {fault}")
+    echo(f"clouds      {report['clouds']}")
+    if report["worker_seconds_left"]:
+        echo(f"left        about {report['worker_seconds_left']:.0f} seconds of one worker")
+    for key, reason in report["failures"].items():
+        echo(f"failed      {key}: {reason}")
+    echo(f"state       {'complete' if report['complete'] else 'not complete; the same command resumes it'}")
+
+
+def gather(folder: Path) -> dict[str, Any]:
+    """Return the state of a dataset as plain data."""
+    plan, manifest = read_plan(folder), read_manifest(folder)
+    report: dict[str, Any] = {
+        "fingerprint": plan.fingerprint,
+        "method": "none, complete" if plan.recipe.complete else plan.recipe.method,
+        "clouds_planned": plan.n_clouds,
+        "batches": len(plan.batches),
+        "groups": len(plan.groups),
+        "complete": manifest is not None,
+    }
+    if manifest is None:
+        return report | progress_of(plan, folder)
+    return report | {
+        "batches_done": len(plan.batches),
+        "groups_done": len(plan.groups),
+        "clouds": manifest["counts"]["clouds"],
+        "failures": manifest["failures"],
+        "to_make_again": {},
+        "worker_seconds_left": 0.0,
+    }
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@engine_options
+@shard_option("Not needed: `generate --shard` has written the files.")
+@click.pass_context
+def merge_command(context: click.Context, /, folder: Path, **options: Any) -> None:
+    """Finish DIR when all shares of it are made: lists of files, picture and manifest.
+
+    `zbuf-occlude generate --shard I/N` writes the files of its groups itself; nothing is merged. The complete clouds
+    that a preset makes beside are finished too. Of a layout of others (`--format pcn`) this exports the files.
+
+    `zbuf-occlude generate` without --shard does this itself.
+
+    \b
+    Example:
+      zbuf-occlude merge modelnet40-occluded
+    """
+    if idle := given(context, (*ENGINE, "shard")):
+        echo(f"{idle[0]} is not needed: generate --shard has written the files already", err=True)
+    failed = False
+    for each in datasets_in(folder):
+        document = read_manifest(each) or merge(read_plan(each), each)
+        echo(what_was_made(document, each))
+        failed |= bool(document["failures"])
+    if failed:
+        raise SystemExit(SOME_FAILED)
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
+@up_option
+@click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds to ask of the oracle.")
+@engine_options
+@shard_option("Look only at this machine's share of the files, I from 0.")
+@click.pass_context
+def verify_command(
+    context: click.Context,
+    /,
+    folder: Path,
+    meshes: tuple[Path, ...],
+    up: str | None,
+    samples: int,
+    shard: str | None,
+    **options: Any,
+) -> None:
+    """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
+
+    For the oracle give the meshes the dataset was made of; built-in shapes are known. Complete clouds that
+    a preset put beside it are verified too. Exit code 1 when something is not sound.
+
+    \b
+    Example:
+      zbuf-occlude verify modelnet40-occluded ModelNet40
+    """
+    run, share = pop_engine(context, options, Limits()), share_of(shard)
+    sound = [check(each, meshes, up, samples, run, share) for each in datasets_in(folder)]
+    if not all(sound):
+        raise SystemExit(1)
+
+
+def check(
+    folder: Path, meshes: tuple[Path, ...], up: str | None, samples: int, run: Run, share: tuple[int, int]
+) -> bool:
+    """Verify one folder and say what was found; True when it is sound."""
+    plan, manifest = read_finished(folder)
+    collection = None
+    if plan.recipe.complete:
+        echo("complete clouds: nothing to ask of the oracle")
+    elif meshes:
+        collection = MeshCollection.from_paths(meshes, up=up)
+    elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
+        from zbuf_occlude import shapes  # late: only needed without files
+
+        collection = shapes.collection()
+    echo(folder)
+    with progress_bar(sum(manifest["counts"]["clouds_by_split"].values()), "clouds", "verify") as bar:
+        verdict = verify(folder, collection, n_samples=samples, run=run, share=share, progress=bar.update)
+    echo(f"{verdict.n_files} files, {verdict.n_clouds} clouds read")
+    if verdict.false_visible is not None:
+        echo(f"{verdict.n_checked} points asked of the oracle: {verdict.false_visible:.3%} are hidden")
+    elif plan.recipe.setup is not None and verdict.n_checked:
+        same = "not all the same" if verdict.faults else "the same"
+        echo(f"{verdict.n_checked} points scanned again: {same}")
+    elif collection is None and not plan.recipe.complete:
+        echo("not asked of the oracle: give the meshes the dataset was made of")
+    for fault in verdict.faults:
+        echo(f"fault: {fault}", err=True)
+    if verdict.faults:
+        echo("faults found. Copy those files from where they were made, or make the dataset again, with --overwrite")
+    else:
+        echo("the dataset is what its manifest says")
+    return not verdict.faults
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--format",
+    "format",
+    required=True,
+    type=Name([row.name for row in FORMATS]),
+    help="Files of the new dataset.",
+)
+@click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
+@engine_options
+@click.pass_context
+def convert_command(context: click.Context, /, folder: Path, format: str, out: Path, **options: Any) -> None:
+    """Write the clouds of the complete dataset in DIR in another format: the same clouds in the same order.
+
+    From `packed` they are drawn as `generate` would have drawn them, rounded to the packed step. Nothing converts to
+    `packed`: it needs all points of the objects; make it with `generate --format packed`. The same command again goes
+    on with what is missing.
+    """
+    if idle := given(context, ENGINE):
+        echo(f"{idle[0]} is not needed: one process converts", err=True)
+    source = open_dataset(folder)
+    for remark in find_format(format).select(source.plan.meshes).remarks:
+        echo(remark, err=True)
+    total = sum(source.n_clouds.values())
+    with progress_bar(total, "clouds", "convert") as bar:
+        document = convert(folder, out, format, progress=bar.update)
+    clouds = ", ".join(f"{split}: {n}" for split, n in document["counts"]["clouds_by_split"].items())
+    n_clouds = sum(document["counts"]["clouds_by_split"].values())
+    echo(f"{n_clouds} clouds ({clouds}) from {folder} ({document['converted_from']['format']}) to {out} ({format})")
+
+
+@click.command(cls=Command)
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--out", type=OutFolder(), help="Folder of the pictures.  [default: DIR]")
+@click.option("--table2", is_flag=True, help="Now `zbuf-occlude paper table2 DIR`.")
+def show_command(folder: Path, out: Path | None, table2: bool) -> None:
+    """Draw the complete dataset in DIR.
+
+    \b
+    Writes into --out:
+      gallery.html        classes x views, every cloud to be turned by hand; one file, needs nothing else
+      contact_sheet.png   a cloud of each class, from a fixed viewpoint and from its camera's
+    """
+    if table2:
+        replaced("show DIR --table2", "paper table2 DIR")
+        print_table_2("table2", folder)
+        return
+    out = folder if out is None else out
+    _, manifest = read_finished(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    source = open_dataset(folder)
+    write_gallery(out / GALLERY, source, manifest, folder)
+    write_contact_sheet(out / CONTACT_SHEET, source)
+    echo(f"gallery  {out / GALLERY}\npicture  {picture(out / CONTACT_SHEET)}")
+
+
+def table2_command(name: str) -> click.Command:
+    """Return the command that prints Table 2."""
+    return derived(
+        show_command, name, {"folder"}, print_table_2, "Print the paper's Table 2 with the row of a dataset."
+    )
+
+
+def print_table_2(name: str, folder: Path) -> None:
+    """Print Table 2 as Markdown that also reads as plain text."""
+    echo(table_2(folder).as_markdown(aligned=True).rstrip("\n"))

@@ -1,0 +1,208 @@
+"""What there is, and what works on this machine: `zbuf-occlude methods`, `sensors` and `doctor`."""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from zbuf_occlude import sensors
+from zbuf_occlude.cli.panels import Command
+from zbuf_occlude.cli.shared_options import suffix_of
+from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.errors import UnavailableError
+from zbuf_occlude.extras import tried
+from zbuf_occlude.gl.context import ENVIRONMENT
+from zbuf_occlude.gl.probe import Probe, probe_all
+from zbuf_occlude.sensors import Sensor
+from zbuf_occlude.visibility import METHODS
+from zbuf_occlude.visibility.interface import Method
+
+
+@click.command(cls=Command)
+@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+def methods_command(as_json: bool) -> None:
+    """List the methods of hidden-surface removal.
+
+    An exact method equals the oracle on every point outside the boundary band (docs/conventions.md).
+    """
+    rows: list[dict[str, Any]] = []
+    for method in METHODS:
+        try:
+            options = method.options()
+        except UnavailableError:
+            options = {}
+        rows.append(
+            {
+                "name": method.name,
+                "summary": method.summary,
+                "exact": method.exact,
+                "needs_gl": method.needs_gl,
+                "extra": method.extra,
+                "missing": method.missing(),
+                "no_first_hits": method.no_first_hits,
+                "options": options,
+            }
+        )
+    if as_json:
+        echo(json.dumps(rows, indent=2))
+        return
+    for row in rows:
+        flags = (("exact", row["exact"]), ("GL", row["needs_gl"]), ("first hits", not row["no_first_hits"]))
+        tags = ", ".join(tag for tag, on in flags if on)
+        echo(f"{row['name']}{f'  [{tags}]' if tags else ''}\n    {row['summary']}")
+        if row["options"]:
+            echo("    --set " + " ".join(f"{name}={default}" for name, default in row["options"].items()))
+        if row["missing"]:
+            echo(f"    cannot run here: {row['missing']}")
+
+
+MOST_SHOWN = 8
+"""Of a number that is a list, this many entries are printed."""
+
+
+@click.command(cls=Command)
+@click.argument("name", required=False)
+@click.option("--picture", type=click.Path(path_type=Path), help="Where the rays go, as a PNG; needs NAME.")
+@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+def sensors_command(name: str | None, picture: Path | None, as_json: bool) -> None:
+    """List the sensors, or show all numbers of one, each with where it is from.
+
+    NAME is one of the list, a YAML or CSV file of your own (docs/sensors.md says how), or a name with numbers, such as
+    pinhole:width=320,height=240,fov=60.
+
+    \b
+    Examples:
+      zbuf-occlude sensors
+      zbuf-occlude sensors vlp-32c --picture vlp-32c.png
+    """
+    if picture is not None and name is None:
+        raise click.UsageError("--picture shows one sensor's rays; name the sensor.")
+    if picture is not None:
+        suffix_of(picture, (".png",))
+    table = list(sensors.SENSORS.values()) if name is None else [sensors.make(name)]
+    if as_json:
+        echo(json.dumps([_document(sensor) for sensor in table], indent=2))
+    elif name is None:
+        for sensor in table:
+            echo(f"{sensor.name:20} {sensor.kind:9} {sensor.summary}")
+    else:
+        echo("\n".join(_described(table[0])))
+    if picture is not None:
+        _draw(table[0], picture)
+        echo(f"its {len(table[0].rays()):,} rays: {picture}")
+
+
+def _document(sensor: Sensor) -> dict[str, Any]:
+    numbers = {
+        name: {"value": value, "source": sensor.sources.get(name, "")} for name, value in sensor.numbers().items()
+    }
+    return {"name": sensor.name, "kind": sensor.kind, "summary": sensor.summary, "numbers": numbers}
+
+
+def _described(sensor: Sensor) -> list[str]:
+    rays = sensor.rays()
+    elevations = np.degrees(np.arcsin(rays.directions[:, 2]))
+    lines = [
+        f"{sensor.name} ({sensor.kind}): {sensor.summary}",
+        f"{len(rays):,} rays, elevations {elevations.min():.2f} to {elevations.max():.2f} degrees",
+    ]
+    for name, value in sensor.numbers().items():
+        source = sensor.sources.get(name, "")
+        lines.append(f"  {name} = {_short(value)}" + (f"    [{source}]" if source else ""))
+    return lines
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        shown = ", ".join(map(_short, value[:MOST_SHOWN]))
+        return f"[{shown}, ... {len(value)} in all]" if len(value) > MOST_SHOWN else f"[{shown}]"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _draw(sensor: Sensor, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rays = sensor.rays()
+    azimuth = np.degrees(np.arctan2(rays.directions[:, 1], rays.directions[:, 0]))
+    elevation = np.degrees(np.arcsin(rays.directions[:, 2]))
+    figure = Figure(figsize=(10, 4.5), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    whole, near = figure.subplots(1, 2)
+    middle = float(np.median(elevation))
+    for axes, half in ((whole, None), (near, 3.0)):
+        within = np.ones(len(rays), bool) if half is None else (abs(azimuth) < half) & (abs(elevation - middle) < half)
+        step = max(1, int(within.sum()) // 60_000)
+        shown = np.flatnonzero(within)[::step]
+        axes.scatter(
+            azimuth[shown], elevation[shown], s=0.5 if half is None else 6, c=rays.rings[shown], cmap="viridis"
+        )
+        axes.set_xlabel("azimuth, degrees")
+        axes.set_ylabel("elevation, degrees")
+        axes.invert_xaxis()  # as one looks out of the sensor
+    whole.set_title(f"{sensor.name}: {len(rays):,} rays, coloured by ring", fontsize=10)
+    near.set_title("six degrees of it", fontsize=10)
+    near.set_aspect("equal")
+    figure.savefig(path, format="png", dpi=110)
+
+
+@click.command(cls=Command)
+@click.option("--json", "as_json", is_flag=True, help="As JSON, for programs.")
+def doctor_command(as_json: bool) -> None:
+    """Say which OpenGL backends work, on which renderer, and which methods can run.
+
+    Every backend, and every package that a method needs, is tried in a process of its own. Without ZBUF_OCCLUDE_GL
+    (egl, osmesa, or egl:INDEX) the first backend that works is taken. Exit code 0 when that, or the one that
+    ZBUF_OCCLUDE_GL names, works, 1 when not.
+    """
+    probes = probe_all()
+    named = os.environ.get(ENVIRONMENT, "").strip()
+    works = any(probe.works for probe in probes if serves(probe, named))
+    methods = {method.name: why_not(lacking(method), method.needs_gl, works) for method in METHODS}
+    if as_json:
+        echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
+    else:
+        echo("OpenGL backends")
+        for probe in probes:
+            echo("\n".join(backend_lines(probe)))
+        if named:
+            echo(f"  {ENVIRONMENT} names {named}, which {'works' if works else 'does not work'}")
+        echo("methods")
+        for name, reason in methods.items():
+            echo(f"  {name:22} {reason or 'ready'}")
+    if not works:
+        raise SystemExit(1)
+
+
+def serves(probe: Probe, named: str) -> bool:
+    """Whether a probe is of the backend that the environment names, if it names one."""
+    backend, _, index = named.partition(":")
+    return not named or (probe.backend == backend and index in ("", str(probe.device_index)))
+
+
+def lacking(method: Method) -> str:
+    """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
+    module, _, _ = method.factory.partition(":")
+    return method.missing() or (tried(method.requires, module) if method.requires else "")
+
+
+def why_not(missing: str, needs_gl: bool, works: bool) -> str:
+    """Say why a method cannot run; empty when it can."""
+    return missing or ("needs OpenGL; see above" if needs_gl and not works else "")
+
+
+def backend_lines(probe: Probe) -> list[str]:
+    """Say what is known of one backend, a line for each fact."""
+    place = probe.backend if probe.device_index is None else f"{probe.backend}, device {probe.device_index}"
+    if not probe.works:
+        lines = [f"  {place}: does not work: {probe.reason}"]
+    else:
+        facts: list[Any] = ["software" if probe.is_software else "hardware"]
+        facts += [] if probe.cuda_device is None else [f"CUDA device {probe.cuda_device}"]
+        lines = [f"  {place}: works ({', '.join(facts)})", f"    {probe.renderer}, OpenGL {probe.version}"]
+        lines += [f"    {probe.reason}"] if probe.reason else []
+    return [*lines, *([f"    fix: {probe.fix}"] if probe.fix else [])]

@@ -1,0 +1,232 @@
+"""What `generate` says: what it understood of the meshes, what a plan would take, what was made."""
+
+import errno
+import os
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from zbuf_occlude.cli.shared_options import nearest
+from zbuf_occlude.cli.shell import counted, on
+from zbuf_occlude.dataset.counts import CONFIDENCE
+from zbuf_occlude.dataset.folder import CONTACT_SHEET, MANIFEST, holds, removable
+from zbuf_occlude.dataset.formats import Format
+from zbuf_occlude.dataset.plan import Plan
+from zbuf_occlude.dataset.presets import Preset
+from zbuf_occlude.dataset.rehearsal import estimate
+from zbuf_occlude.geometry.colors import GREY
+from zbuf_occlude.meshes.collection import SPLITS, MeshCollection
+
+BAD = 0.05
+"""A dataset comes with a warning where a larger share of a view's checked points is wrong, or of a mesh's surface has
+another sheet too near."""
+
+
+def measured(error: dict[str, Any]) -> str:
+    """Say how wrong a dataset is."""
+    if not error["n_checked"]:
+        return "complete clouds: nothing was removed, so nothing was measured"
+    lines = [
+        f"measured against the oracle on {error['n_checked']} pairs of view and point: "
+        f"{error['false_visible']:.3%} false visible, {error['false_hidden']:.3%} false hidden; "
+        f"of all {error['interval'][0]:.3%} to {error['interval'][1]:.3%} are wrong, with {CONFIDENCE:.0%} confidence"
+    ]
+    worst = error.get("worst_view")
+    if worst is not None and worst["share"] > BAD:
+        where = f"view {worst['view']} of {worst['mesh']}"
+        lines.append(
+            f"warning: {worst['share']:.0%} of the points checked in {where} are wrong, and "
+            f"more than 1 % in {error['bad_views']:.1%} of the views checked. --method exact has no such views."
+        )
+    return "\n".join(lines)
+
+
+def stacked(document: dict[str, Any]) -> list[str]:
+    """Warn of sheets that a method cannot tell apart."""
+    found = document.get("stacked")
+    if found is None or found["most"]["share"] <= BAD:
+        return []
+    most, method = found["most"], document["options"]["method"]
+    return [
+        f"warning: {most['share']:.0%} of the surface of {most['mesh']}, and {found['share']:.1%} of all, has another "
+        f"sheet nearer than the tolerance of {method}, and may show through it. --method exact tells them apart."
+    ]
+
+
+def uncolored(document: dict[str, Any]) -> list[str]:
+    """Say of how many meshes colours were wanted and are lacking, and what there is instead."""
+    n = document["counts"].get("meshes_without_colors", 0)
+    if not n:
+        return []
+    return [
+        f"warning: of {n} of {counted(document['counts']['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
+        f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
+    ]
+
+
+def inside(document: dict[str, Any]) -> list[str]:
+    """Warn of cameras inside the bounding box of their object."""
+    n = document["counts"].get("views_inside_the_bounding_box", 0)
+    if not n:
+        return []
+    cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
+    return [f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"]
+
+
+def picture(path: Path) -> str:
+    """Say where a contact sheet is, or what it would take."""
+    return str(path) if path.exists() else "none: that needs Pillow, pip install 'zbuf-occlude[report]'"
+
+
+def what_was_made(document: dict[str, Any], out: Path) -> str:
+    """Say what was made, how wrong it is, and where it is."""
+    counts, error, files = document["counts"], document["error"], document["files"]
+    n_files = ", ".join(f"{split}: {len(files[split])}" for split in SPLITS if split in files)
+    names = sorted({name for split in SPLITS for name in files.get(split, [])})
+    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    n_used = counts["meshes"] - counts["meshes_failed"]
+    options = document["options"]
+    how = "complete" if options["complete"] else f"by {options['method']}"
+    why = [f"because {options['reason']}"] if options["reason"] and not options["complete"] else []
+    n_kept = sum(counts["clouds_by_split"].values())
+    left_out = f" ({counts['clouds']} made; {document['format']} has no place for the others)"
+    lines = [
+        f"{counted(n_kept, 'cloud')}{left_out if n_kept < counts['clouds'] else ''} of "
+        f"{counted(n_used, 'mesh', 'meshes')}, "
+        f"{counted(len(document['classes']), 'class', 'classes')}, {how}{on(document['renderer'])}",
+        *why,
+        *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
+        measured(error),
+        *stacked(document),
+        *uncolored(document),
+        *inside(document),
+        f"data      {out / names[0]}{others} ({n_files})",
+        f"manifest  {out / MANIFEST}",
+        f"picture   {picture(out / CONTACT_SHEET)}",
+    ]
+    if document["failures"]:
+        lines.append(f"{counted(len(document['failures']), 'mesh', 'meshes')} failed:")
+        lines += [f"  {key}: {reason}" for key, reason in document["failures"].items()]
+    return "\n".join(lines)
+
+
+MOST_ROWS = 60
+"""Of a collection of more classes the largest of them are shown."""
+
+
+def overview(meshes: MeshCollection, format: Format, preset: Preset | None = None, *, limited: bool = False) -> str:
+    """Return remarks, the table of classes and splits, and warnings."""
+    counts = Counter((entry.label, entry.split) for entry in meshes)
+    return "\n".join([*meshes.remarks, *_table(counts), *_warnings(meshes, counts, format, preset, limited)])
+
+
+def _table(counts: Counter[tuple[str, str]]) -> list[str]:
+    splits = [split for split in SPLITS if any(found == split for _, found in counts)]
+    totals = Counter[str]()
+    for (label, _), count in counts.items():
+        totals[label] += count
+    shown = sorted(label for label, _ in totals.most_common(MOST_ROWS))
+    width = min(40, max(len("class"), *map(len, shown)))
+    rows = [("class", *splits), *((label, *(counts[label, split] for split in splits)) for label in shown)]
+    if hidden := len(totals) - len(shown):
+        rest = [sum(n for (label, at), n in counts.items() if at == split and label not in shown) for split in splits]
+        rows.append((f"{hidden:,} more", *rest))
+    if len(totals) > 1:
+        rows.append((f"{len(totals):,} classes", *(sum(n for (_, at), n in counts.items() if at == s) for s in splits)))
+    return [f"{str(name)[:40]:<{width}}" + "".join(f"{value:>9}" for value in values) for name, *values in rows]
+
+
+def _warnings(
+    meshes: MeshCollection, counts: Counter[tuple[str, str]], format: Format, preset: Preset | None, limited: bool
+) -> list[str]:
+    warnings = []
+    if len(meshes) > 1:
+        if len(meshes.classes) == 1:
+            warnings.append(
+                f"one class, {meshes.classes[0]!r}: nothing to tell apart. If that folder holds the class folders, "
+                "give it itself; or say the classes with --labels FILE."
+            )
+        elif len(meshes.classes) == len(meshes) and any(entry.path is not None for entry in meshes):
+            warnings.append("one object per class: are these folders of single models? --labels FILE says the classes.")
+    present = [split for split in SPLITS if any(at == split for _, at in counts)]
+    lacking = {split: [label for label in meshes.classes if not counts[label, split]] for split in present}
+    if any(lacking.values()):
+        said = "; ".join(f"{split} lacks {_few(labels)}" for split, labels in lacking.items() if labels)
+        cure = " Raise --limit, or leave it out." if limited else ""
+        warnings.append(f"the splits have different classes: {said}.{cure}")
+    if preset is not None and len(meshes) < preset.n_objects:
+        warnings.append(f"{preset.name} has {preset.n_objects:,} objects in its paper; here are {len(meshes):,}.")
+    n_tested = sum(n for (_, split), n in counts.items() if split == "test")
+    if n_tested < format.least_tested:
+        warnings.append(
+            f"{format.name} is tested by published code that divides by a tenth of the test objects, so there must be "
+            f"{format.least_tested} or more; here are {n_tested}. Training is not concerned."
+        )
+    return [f"warning: {warning}" for warning in warnings]
+
+
+def _few(names: list[str]) -> str:
+    """Return the first names of a list, and the number of others."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+UNITS = ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB"), (1.0, "B"))
+TIMES = ((86400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds"))
+
+
+def human(amount: float, units: Sequence[tuple[float, str]]) -> str:
+    """Return an amount in the largest unit that it is one of, of two digits: ``340 kB``, ``2.1 hours``."""
+    size, unit = next((row for row in units if amount >= row[0]), units[-1])
+    number = amount / size
+    return f"{number:.2g} {unit}" if number < 99.5 else f"{number:.0f} {unit}"
+
+
+def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
+    """Check that a plan's dataset could be made in a folder, as far as that shows before it is.
+
+    Raises
+    ------
+    DatasetError
+        As of `generate`.
+    PermissionError
+        It may not be written in.
+    """
+    if overwrite:
+        removable(out)
+    elif holds(plan, out) and (out / MANIFEST).exists():
+        return
+    if out.is_dir() and not os.access(out, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out))
+
+
+def intended(plan: Plan, out: Path) -> str:
+    """Say what a plan would make."""
+    recipe = plan.recipe
+    free = shutil.disk_usage(nearest(out)).free
+    how = f"by {recipe.method}" + (f", because {recipe.reason}" if recipe.reason else "")
+    how = "complete" if recipe.complete else how
+    if recipe.setup is not None:
+        how = f"scanned by {recipe.setup.made_sensor.name}, rays {how}, scene {recipe.setup.scene}"
+    points = counted(recipe.sample_size, "point") if recipe.sample_size else "all visible points"
+    return (
+        f"{counted(len(plan.meshes), 'mesh', 'meshes')} x {counted(len(plan.views), 'view')} x "
+        f"{counted(recipe.variations, 'variation')} = {counted(plan.n_clouds, 'cloud')} of "
+        f"{points} in {counted(len(plan.groups), 'group')}, "
+        f"{how}\n"
+        f"into {out} ({human(free, UNITS)} free)\n"
+        f"fingerprint {plan.fingerprint}"
+    )
+
+
+def costs(plan: Plan) -> str:
+    """Say what a plan would take, as measured on a few of its meshes; those are made, and do not stay."""
+    found = estimate(plan)
+    seconds, more = found.processor_seconds, found.uncertainty
+    failed = f", of which {found.n_failed} failed" if found.n_failed else ""
+    return (
+        f"about {human(found.n_bytes, UNITS)} on disk; at most {human(found.peak_bytes, UNITS)} while it works\n"
+        f"about {human(seconds, TIMES)} on one processor core, give or take {human(more, TIMES)}: "
+        f"{counted(found.n_meshes, 'mesh', 'meshes')} made here took {seconds / len(plan.meshes):.2g} s each{failed}"
+    )

@@ -1,0 +1,201 @@
+"""`zbuf-occlude scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and its picture."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from click.core import ParameterSource
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.scan_options import parse_setup, scan_options
+from zbuf_occlude.cli.shared_options import MeshPlace, check_place, finite, suffix_of, up_option
+from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.errors import MeshError, OptionError
+from zbuf_occlude.geometry.cloud import SUFFIXES
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.scenes.contents import Pool
+from zbuf_occlude.sensors import Scan, Sensor
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.views import from_angles
+from zbuf_occlude.visibility import METHODS
+
+CASTING = [method.name for method in METHODS if not method.no_first_hits]
+
+
+@click.command(cls=Command)
+@click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
+@scan_options("vlp-32c")
+@click.option(
+    "--azimuth",
+    type=float,
+    default=0.0,
+    show_default=True,
+    callback=finite,
+    help="Of the sensor: degrees from +x towards +y.",
+)
+@click.option(
+    "--elevation",
+    type=click.FloatRange(-90, 90),
+    default=0.0,
+    show_default=True,
+    callback=finite,
+    help="Where no ground is.",
+)
+@click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
+@up_option
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
+def scan_command(
+    meshes: tuple[Path, ...],
+    azimuth: float,
+    elevation: float,
+    method: str | None,
+    seed: int,
+    picture: Path | None,
+    up: str | None,
+    out: Path,
+    **given: Any,
+) -> None:
+    """Scan the first of MESHES; the others, or else the built-in shapes, are what scenes are filled with.
+
+    Points are metres, the middle of the object's box at the origin, z up. With a ground the sensor stands at its height
+    above it, --range away along the ground; without one it looks at the object from --azimuth and --elevation. Each
+    point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns and normal.
+
+    \b
+    Examples:
+      zbuf-occlude scan car.off --sensor vlp-32c --range 15 --azimuth 30 --out scan.ply
+      zbuf-occlude scan car.off --sensor hdl-64e --range 20 --scene street --keep all --out street.ply --picture a.png
+      zbuf-occlude scan chair.off --sensor kinect-v1 --range 2 --scene room --set-sensor noise=0 --out chair.csv
+    """
+    suffix_of(out, SUFFIXES)
+    if picture is not None:
+        if picture.suffix.lower() != ".png":
+            raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
+        check_place(picture, "--picture")
+    setup = parse_setup(method or default_caster(), given)
+    if setup is None:
+        raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
+    typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
+    if typed and setup.height is not None:
+        raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
+    capture = scan_once(MeshCollection.from_paths(meshes, up=up), setup, azimuth, elevation, seed)
+    found = capture.scan
+    found.save(out, keep_clean=setup.keep_clean)
+    hidden = ""
+    if setup.share is not None or setup.objects:
+        hidden = f", {capture.hidden:.0%} of the object hidden by others"
+        if not capture.reached:
+            hidden += " (what was asked for could not be reached)"
+    echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    if picture is not None:
+        draw_scan(picture, found, setup.made_sensor)
+
+
+def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
+    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
+
+    Raises
+    ------
+    OptionError
+        A class without a size, or a range within the object.
+    """
+    first = collection[0]
+    with Limits().watch():
+        loaded = first.load()
+    if len(collection) > 1:
+        others = collection[1:]
+    else:
+        from zbuf_occlude import shapes  # late: only needed without files
+
+        others = shapes.collection()
+    mesh, size = in_metres(loaded, first.label, setup)
+    seeds = partial(_seed, seed, first.key)
+    views = from_angles(azimuth, elevation)
+    floor = float(mesh.bounds[0, 2])
+    try:
+        places = sensor_places(views, size, floor, setup, seeds)
+    except MeshError as error:  # it is the range that was typed
+        raise OptionError(str(error)) from None
+    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"))
+    return next(captures(mesh, setup, places, floor, seeds, pool))
+
+
+def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:
+    return seed_of(seed, f"{key}/{what}", 0, view)
+
+
+SURROUNDINGS = 4.0
+"""Of the object's own radius: how far about it the cloud is drawn."""
+
+
+def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
+    """Write a PNG: returns by azimuth and elevation, and the cloud from aside and from above."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from zbuf_occlude.drawing.pictures import draw_cloud
+
+    figure = Figure(figsize=(13, 4.4), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    image, by_range, by_object = figure.subplots(1, 3)
+    towards = scan.positions - scan.origin
+    middle = np.median(towards, axis=0) if len(scan) else np.array([1.0, 0.0, 0.0])
+    turned = np.arctan2(towards[:, 1], towards[:, 0]) - np.arctan2(middle[1], middle[0])
+    azimuth = np.degrees((turned + np.pi) % (2 * np.pi) - np.pi)
+    elevation = np.degrees(np.arcsin(np.clip(towards[:, 2] / np.maximum(scan.ranges, 1e-9), -1, 1)))
+    size = float(np.clip(20_000 / max(len(scan), 1), 0.3, 12.0))
+    marks = image.scatter(azimuth, elevation, c=scan.ranges, s=size, cmap="turbo", linewidths=0)
+    image.invert_xaxis()
+    image.set_xlabel("azimuth from the middle, degrees")
+    image.set_ylabel("elevation, degrees")
+    image.set_title(f"{len(scan):,} returns of {sensor.name}, coloured by range", fontsize=10)
+    figure.colorbar(marks, ax=image, label="metres")
+    shown, centre, radius = around_the_object(scan)
+    size = float(np.clip(20_000 / max(shown.sum(), 1), 0.3, 12.0))
+    for axes, values, title in ((by_range, scan.ranges, "by range"), (by_object, scan.instances, "by object")):
+        axes.set_axis_off()
+        axes.set_title(title + ("" if shown.all() else ", about the object"), fontsize=10)
+        if shown.any():
+            away = scan.origin - centre
+            angle = np.arctan2(away[1], away[0]) + np.radians(50.0)
+            eye = centre + 3.5 * radius * np.array([np.cos(angle), np.sin(angle), 0.45])
+            colour = colours(values[shown])
+            draw_cloud(axes, scan.positions[shown], eye=eye, target=centre, values=colour, radius=radius, size=size)
+    figure.savefig(path, format="png", dpi=110)
+
+
+def around_the_object(scan: Scan) -> tuple[BoolArray, FloatArray, float]:
+    """Return which returns are near the object, the middle of its own, and the radius about it that holds them.
+
+    All returns where it has none, or where little else was met: a car in 150 m of ground would be a dot.
+    """
+    positions = scan.positions
+    if not len(positions):
+        return np.zeros(0, dtype=bool), np.zeros(3), 1.0
+    centre, whole = (positions.min(axis=0) + positions.max(axis=0)) / 2, np.linalg.norm(np.ptp(positions, axis=0)) / 2
+    own = positions[scan.instances == 0]
+    if len(own):
+        radius = SURROUNDINGS * float(np.linalg.norm(np.ptp(own, axis=0))) / 2
+        if 0.0 < radius < whole:
+            centre = (own.min(axis=0) + own.max(axis=0)) / 2
+            return np.linalg.norm(positions - centre, axis=1) <= radius, centre, radius
+    return np.ones(len(positions), dtype=bool), centre, float(whole) or 1.0
+
+
+def colours(values: np.ndarray) -> np.ndarray:
+    """Return an RGB colour in [0, 1] per value: whole numbers by turns, others along a scale."""
+    from matplotlib import colormaps
+
+    if np.issubdtype(values.dtype, np.integer):
+        return np.asarray(colormaps["tab20"](values % 20)[:, :3])
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    return np.asarray(colormaps["turbo"]((values - low) / max(high - low, 1e-9))[:, :3])

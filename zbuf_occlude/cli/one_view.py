@@ -1,0 +1,260 @@
+"""What one camera has of one mesh: `zbuf-occlude visible`, a cloud, and `zbuf-occlude depth`, a depth buffer."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.cli.panels import Command
+from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
+from zbuf_occlude.cli.shared_options import (
+    MeshPlace,
+    Settings,
+    camera_options,
+    chosen_method,
+    given,
+    method_options,
+    parse_settings,
+    suffix_of,
+    up_option,
+    with_option,
+)
+from zbuf_occlude.cli.shell import echo, on
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.plan import ATTRIBUTES
+from zbuf_occlude.dataset.point_files import write_ply
+from zbuf_occlude.errors import check_word
+from zbuf_occlude.geometry.mesh import box_around
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.meshes.load import load_cloud
+from zbuf_occlude.sensors import Sensor, scan
+from zbuf_occlude.sensors.scanning import pose_of_camera
+from zbuf_occlude.sensors.setup import SURFACE
+from zbuf_occlude.visibility import find_method
+
+MESHES = (".obj", ".off")
+"""Endings of `--out` that hold faces."""
+
+
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
+@camera_options
+@method_options()
+@sensor_options(SURFACE)
+@click.option(
+    "--points",
+    type=click.IntRange(1),
+    default=50_000,
+    show_default=True,
+    help="Points sampled.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@with_option("Attributes of the points: normals towards the camera, base colours.")
+@up_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
+)
+@click.pass_context
+def visible_command(
+    context: click.Context,
+    /,
+    mesh: Path,
+    camera: Callable[[Mesh], Views],
+    method: str,
+    settings: Settings,
+    sensor: str,
+    set_sensor: Settings,
+    points: int,
+    seed: int,
+    attributes: list[str],
+    up: str | None,
+    out: Path,
+) -> None:
+    """Write the occluded cloud that one camera sees of MESH, in the mesh's own coordinates.
+
+    PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
+    hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
+    OBJ and OFF hold the visible part of the mesh, cut along the edge of what is seen.
+    With --sensor points are its first hits, the file's unit taken as metres (`zbuf-occlude scan` has sizes and scenes).
+
+    \b
+    Examples:
+      zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out partial.obj
+      zbuf-occlude visible chair.glb --with colors --azimuth 30 --elevation 20 --out cloud.ply
+      zbuf-occlude visible car.off --sensor hdl-64e --azimuth 30 --elevation 5 --out scan.ply
+      zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
+    """
+    as_mesh = suffix_of(out, (".ply", ".npy", ".csv", *MESHES)) in MESHES
+    for name in attributes:
+        check_word("attribute", name, ATTRIBUTES)
+    if as_mesh:
+        write_part(context, mesh, camera, settings, up, out)
+        return
+    if sensor != SURFACE:
+        write_scan(context, mesh, camera, parse_sensor(sensor, set_sensor), seed, up, out)
+        return
+    if set_sensor:
+        raise click.UsageError("--set-sensor needs a sensor; give --sensor NAME.")
+    choice = chosen_method(context, method, settings)
+    method = choice.method
+    options = parse_settings(method, settings)
+    positions = None if find_method(method).needs_faces else load_cloud(mesh)
+    asked: Mesh | SurfacePoints
+    if positions is not None:
+        if idle := given(context, ("points", "seed", "up", "attributes")):
+            raise click.UsageError(f"{', '.join(idle)} must go with a mesh; {mesh} is a point cloud. Leave it out.")
+        box, asked = box_around(positions), SurfacePoints.free(positions)
+        samples = asked
+    else:
+        with Limits().watch():
+            asked = box = load_mesh(mesh, up=up, colors="colors" in attributes)
+        samples = sample_surface(asked, n_points=points, seed=seed)
+    view = camera(box)
+    eyes = view.eyes
+    warn_inside(box, eyes)
+    with prepare(asked, method, **options) as occluder:
+        occluder.warns_of_eyes_inside = False
+        cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
+        renderer = occluder.renderer
+    normals = cloud.normals_towards(eyes[0]) if positions is None else None
+    _write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
+    if isinstance(asked, Mesh) and asked.colors is not None and not asked.colors.is_whole:
+        lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
+        echo(f"warning: {mesh} {lacking}", err=True)
+    why = f", because {choice.reason}" if choice.reason else ""
+    echo(f"{len(cloud)} of {len(samples)} points visible, by {method}{on(renderer)}: {out}{why}")
+
+
+def write_part(
+    context: click.Context,
+    path: Path,
+    camera: Callable[[Mesh], Views],
+    settings: Settings,
+    up: str | None,
+    out: Path,
+) -> None:
+    """Write the part of a mesh that a camera sees, as a mesh."""
+    if idle := given(context, ("points", "seed", "sensor", "set_sensor", "attributes", "fov")):
+        raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
+    method = context.params["method"] if given(context, ("method",)) else "exact"
+    with Limits().watch(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
+        mesh = load_mesh(path, up=up)
+        eyes = camera(mesh).eyes
+        warn_inside(mesh, eyes)
+        part = visible_mesh(mesh, eyes, method=method, **parse_settings(method, settings))
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower())
+    atomic.write(out, lambda file: file.write(text.encode()))
+    share = part.mesh.areas.sum() / mesh.areas.sum()
+    echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces, by {method}: {out}")
+
+
+def write_scan(
+    context: click.Context,
+    path: Path,
+    camera: Callable[[Mesh], Views],
+    sensor: Sensor,
+    seed: int,
+    up: str | None,
+    out: Path,
+) -> None:
+    """Write what a sensor at the camera's place measures of a mesh, whose unit is the metre."""
+    if idle := given(context, ("points", "settings", "fov", "attributes")):
+        raise click.UsageError(f"{', '.join(idle)} must go without a sensor, which decides itself. Leave it out.")
+    caster = named_caster(context)
+    mesh = load_mesh(path, up=up)
+    view = camera(mesh)
+    warn_inside(mesh, view.eyes)
+    found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=seed, method=caster)
+    _write_cloud(out, found.positions, found.normals)
+    echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
+
+
+def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:
+    """Warn of a camera inside the bounding box."""
+    if mesh.in_box(eyes).any():
+        cure = "Raise --distance, or place the cameras of --cameras in its unit."
+        echo(f"warning: the camera is inside the mesh's bounding box. {cure}", err=True)
+
+
+def _write_cloud(
+    out: Path,
+    positions: FloatArray,
+    normals: FloatArray | None,
+    colors: NDArray[np.uint8] | None = None,
+    attributes: Sequence[str] = (),
+) -> None:
+    """Write a cloud as its file's ending says."""
+    if out.suffix.lower() == ".ply":
+        write_ply(out, positions, normals, colors)
+        return
+    more = {"normals": (normals, "nx,ny,nz"), "colors": (colors, "red,green,blue")}
+    chosen = [(positions, "x,y,z"), *(more[name] for name in ATTRIBUTES if name in attributes)]
+    table = np.concatenate([each for each, _ in chosen if each is not None], axis=1)
+    if out.suffix.lower() == ".npy":
+        atomic.write(out, lambda file: np.save(file, table))
+    else:
+        header = ",".join(names for _, names in chosen)
+        atomic.write(out, lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.9g"))
+
+
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
+@camera_options
+@click.option("--size", type=click.IntRange(1, 8192), default=512, show_default=True, help="Pixels along a side.")
+@up_option
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
+def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | None, out: Path) -> None:
+    """Write the depth buffer that one camera has of MESH.
+
+    .npy and .exr (channel Z) hold eye depth, the distance along the camera's axis in the mesh's own units, infinite
+    where nothing is; the first row is the highest. .png is to look at: 16 bits, the nearest white, the farthest dark
+    grey, nothing black.
+
+    \b
+    Example:
+      zbuf-occlude depth chair.off --azimuth 30 --elevation 20 --out depth.png
+    """
+    from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
+    from zbuf_occlude.gl.depth_pass import render_depth
+
+    suffix = suffix_of(out, (".png", ".npy", ".exr"))
+    with Limits().watch():
+        loaded = load_mesh(mesh, up=up)
+    with GlContext.open() as gl:
+        depths = render_depth(gl, loaded, camera(loaded), size)
+        renderer = gl.renderer
+    if suffix == ".npy":
+        atomic.write(out, lambda file: np.save(file, depths.astype(np.float32)))
+    else:
+        (write_png if suffix == ".png" else write_exr)(out, depths)
+    seen = np.isfinite(depths)
+    span = f"eye depth {depths[seen].min():.6g} to {depths[seen].max():.6g}" if seen.any() else "no pixel hits it"
+    echo(f"{seen.mean():.1%} of {size} x {size} pixels show the mesh, {span}, on {renderer}: {out}")
+
+
+def write_png(path: Path, depths: FloatArray) -> None:
+    """Write 16-bit grey: near is white, far dark grey, nothing black."""
+    from PIL import Image
+
+    seen = np.isfinite(depths)
+    grey = np.zeros(depths.shape, dtype=np.uint16)
+    if seen.any():
+        near, far = depths[seen].min(), depths[seen].max()
+        grey[seen] = 65535 - 50000 * ((depths[seen] - near) / max(far - near, np.finfo(np.float64).tiny))
+    atomic.write(path, lambda file: Image.fromarray(grey).save(file, format="PNG"))
+
+
+def write_exr(path: Path, depths: FloatArray) -> None:
+    """Write one float channel, Z, as compositing programs expect depth."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"Z": depths.astype(np.float32)}) as file:
+        file.write(str(path))

@@ -1,0 +1,90 @@
+"""Command: help in panels, a line for each option; Name: a word of a table, with the nearest one for a mistyped one."""
+
+import re
+import shutil
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from zbuf_occlude.errors import did_you_mean
+
+LONG = 10
+"""A command of fewer options has them in one list."""
+WIDTH = 118
+
+PANELS = {
+    "Input": "shapes preset up labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
+    "Views": "views distance azimuth elevation roll look_at fov cameras index most_views",
+    "Sampling": "method methods presets settings points density variations sample_size subset seed attributes seconds "
+    "row_seconds judge_points",
+    "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height",
+    "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
+    "objects quick",
+    "Output": "out format scale frame picture overwrite",
+    "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu dry_run device "
+    "mixed_precision help",
+}
+"""Panel to the parameters in it, in the order of the command; what is in none comes last."""
+
+
+class Command(click.Command):
+    """A command whose options come in panels, where they are many."""
+
+    def __init__(self, name: str | None, *, context_settings: dict[str, Any] | None = None, **options: Any) -> None:
+        columns = min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns)
+        settings = {"terminal_width": columns, **(context_settings or {})}
+        super().__init__(name, context_settings=settings, **options)
+
+    def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, panel by panel."""
+        rows: dict[str, list[tuple[str, str]]] = {panel: [] for panel in (*PANELS, "")}
+        for parameter in self.get_params(context):
+            record = parameter.get_help_record(context) if isinstance(parameter, click.Option) else None
+            if record:
+                panel = next((name for name, names in PANELS.items() if parameter.name in names.split()), "Execution")
+                rows[panel].append(_plain(*record))
+        if sum(map(len, rows.values())) < LONG:
+            with formatter.section("Options"):
+                formatter.write_dl([row for panel in rows.values() for row in panel])
+            return
+        formatter.write("\nOptions:\n")
+        for panel, of_panel in rows.items():
+            if of_panel:
+                with formatter.section(panel):
+                    formatter.write_dl(of_panel)
+
+
+def _plain(names: str, text: str) -> tuple[str, str]:
+    """Return an option's row without the names of Python's types and ranges."""
+    for kind, letter in (("INTEGER RANGE", "N"), ("FLOAT RANGE", "X"), ("INTEGER", "N"), ("FLOAT", "X")):
+        names = names.replace(kind, letter)
+    text = re.sub(r"(?:; |\[)[-\d.]*<?=?x[<>]=?[-\d.]+(?=\])", lambda found: "[" * found[0].startswith("["), text)
+    return names, text.replace("  []", "").replace("[]", "")
+
+
+class CommandGroup(click.Group):
+    """A group that names the command that a mistyped one is nearest to."""
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that was called."""
+        if not args[0].startswith("-") and self.get_command(context, args[0]) is None:
+            known = self.list_commands(context)
+            context.fail(f"No such command {args[0]!r}.{did_you_mean(args[0], known)}")
+        return super().resolve_command(context, args)
+
+
+class Name(click.Choice):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """A name of a table."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(list(names))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name."""
+        if value not in self.choices:
+            meant = did_you_mean(value, self.choices)
+            self.fail(f"it must be one of {', '.join(self.choices)}; got {value!r}.{meant}", param, ctx)
+        return super().convert(value, param, ctx)

@@ -1,0 +1,247 @@
+"""Layouts of point cloud completion: partial clouds and the complete cloud of each object, for the loaders of each."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from zbuf_occlude.dataset import atomic
+from zbuf_occlude.dataset.export import Exported
+from zbuf_occlude.dataset.export.shared import Layout, Names, Rest, names_of, whole_objects, write_index, write_synsets
+from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
+from zbuf_occlude.dataset.point_files import write_pcd
+from zbuf_occlude.dataset.source import Source
+from zbuf_occlude.errors import OptionError
+
+MVP_VIEWS, MVP_SIZE = 26, 2_048
+"""Loaders find the complete cloud of a partial one by dividing its number by 26."""
+
+Write = Callable[[Path, Any], None]
+"""Writes a record's points."""
+
+
+def export_pcn(source: Source, out: Path) -> Exported:
+    """Write PCN's layout, as the loaders of GRNet, PoinTr and SnowflakeNet read it.
+
+    SPLIT/complete/TAXONOMY/OBJECT.pcd           16,384 points
+    SPLIT/partial/TAXONOMY/OBJECT/00.pcd ...     one per view: eight in train, one in val and test
+    PCN.json                                     taxonomy_id, taxonomy_name, and the objects of train, val, test
+    shapenet_synset_dict.json                    what each taxonomy is called
+    """
+    names = names_of(source.plan)
+
+    def complete(split: str, i: int) -> str:
+        return f"{split}/complete/{names.taxonomies[i]}/{names.objects[i]}.pcd"
+
+    def of_view(split: str, i: int, view: int) -> str:
+        return f"{split}/partial/{names.taxonomies[i]}/{names.objects[i]}/{view:02d}.pcd"
+
+    exported, mesh_ids = _export_pairs(source, out, 16_384, complete, of_view, write_pcd, write_pcd, n_tested=1)
+    write_index(out / "PCN.json", source.plan, names, mesh_ids)
+    write_synsets(out, source.plan, names)
+    return exported
+
+
+def export_completion3d(source: Source, out: Path) -> Exported:
+    """Write Completion3D's layout: a partial and a complete cloud of 2,048 points per object, each an HDF5 file.
+
+    SPLIT/partial/TAXONOMY/OBJECT.h5    data (2048, 3) float32
+    SPLIT/gt/TAXONOMY/OBJECT.h5         data (2048, 3) float32
+    SPLIT.list                          TAXONOMY/OBJECT, one per line, as TopNet's loaders read it
+    Completion3D.json                   the same as PCN.json, as those of GRNet and PoinTr do
+    synsetoffset2category.txt           NAME TAXONOMY per line, one word each, as lynetcha/completion3d reads it
+    shapenet_synset_dict.json           what each taxonomy is called
+    """
+    names = names_of(source.plan)
+
+    def path(folder: str, split: str, i: int, view: int = 0) -> str:
+        return f"{split}/{folder}/{names.taxonomies[i]}/{names.objects[i]}.h5"
+
+    exported, mesh_ids = _export_pairs(
+        source, out, 2_048, partial(path, "gt"), partial(path, "partial"), _write_h5, _write_h5
+    )
+    for split, of_split in mesh_ids.items():
+        atomic.write_lines(out / f"{split}.list", [f"{names.taxonomies[i]}/{names.objects[i]}" for i in of_split])
+    write_index(out / "Completion3D.json", source.plan, names, mesh_ids)
+    words = dict(zip(names.taxonomies, names.classes, strict=True))
+    lines = [f"{words[taxonomy]}\t{taxonomy}" for taxonomy in sorted(words)]
+    atomic.write_lines(out / "synsetoffset2category.txt", lines)
+    write_synsets(out, source.plan, names)
+    return exported
+
+
+def export_projected_shapenet(source: Source, out: Path) -> Exported:
+    """Write Projected-ShapeNet's layout, as AdaPoinTr's loaders read it.
+
+    projected_partial_noise/TAXONOMY/OBJECT/models/0.pcd ... 15.pcd    partial clouds
+    shapenet_pc/TAXONOMY-OBJECT.npy                                    complete clouds, (8192, 3) float32
+    train.txt, test.txt (and val.txt)                                  shapenet_pc/TAXONOMY-OBJECT.npy, one per line
+    shapenet_synset_dict.json                                          what each taxonomy is called
+    """
+    names = names_of(source.plan)
+
+    def of_view(split: str, i: int, view: int) -> str:
+        return f"projected_partial_noise/{names.taxonomies[i]}/{names.objects[i]}/models/{view}.pcd"
+
+    complete = partial(_npy_name, names)
+    exported, mesh_ids = _export_pairs(source, out, 8_192, complete, of_view, _write_npy, write_pcd)
+    for split, of_split in mesh_ids.items():
+        atomic.write_lines(out / f"{split}.txt", [complete(split, i) for i in of_split])
+    write_synsets(out, source.plan, names)
+    return exported
+
+
+def export_shapenet55(source: Source, out: Path) -> Exported:
+    """Write ShapeNet-55's layout, as the loaders of PoinTr and Point-MAE read it: complete clouds, which they crop.
+
+    shapenet_pc/TAXONOMY-OBJECT.npy      (8192, 3) float32
+    train.txt, test.txt (and val.txt)    names of these files, one per line
+    shapenet_synset_dict.json            what each taxonomy is called
+    """
+    names, files, n_clouds = names_of(source.plan), dict[str, list[str]](), dict[str, int]()
+    (out / "shapenet_pc").mkdir()
+    for split, numbers in whole_objects(source, n_kept=1).items():
+        rest, written = Rest(out, split, source.plan, numbers.size), list[str]()
+        for begin in range(0, numbers.size, CLOUDS_PER_FILE):
+            records = source.take(numbers[begin : begin + CLOUDS_PER_FILE, 0])
+            rest.write(slice(begin, begin + len(records)), records)
+            for record in records:
+                written.append(_npy_name(names, split, int(record["mesh_id"])))
+                _write_npy(out / written[-1], record)
+        atomic.write_lines(out / f"{split}.txt", [Path(name).name for name in written])
+        files[split], n_clouds[split] = [*written, rest.name], len(written)
+    write_synsets(out, source.plan, names)
+    return Exported(files, n_clouds)
+
+
+def export_mvp(source: Source, out: Path) -> Exported:
+    """Write MVP's layout: 26 partial clouds of 2,048 points and a complete one per object, an HDF5 file per split.
+
+    MVP_Train_CP.h5, MVP_Test_CP.h5 (and MVP_Val_CP.h5)
+        incomplete_pcds  (26 n, 2048, 3) float32, the 26 of an object one after the other
+        complete_pcds    (n, 2048, 3) float32
+        labels           (26 n,) int64, by its list of 16 names
+    mvp_train_input.h5, mvp_train_gt_2048pts.h5, mvp_test_input.h5, ...
+        the same under the names that VRCNet reads, as links to those files; novel_incomplete_pcds, novel_labels and
+        novel_complete_pcds are empty
+
+    References
+    ----------
+    paul007pl/MVP_Benchmark, completion/dataset.py, MVP_CP; paul007pl/VRCNet, dataset.py, ShapeNetH5.
+    """
+    assert source.complete is not None  # it is read from the format packed
+    files, n_clouds, size = dict[str, list[str]](), dict[str, int](), MVP_SIZE
+    for split, numbers in whole_objects(source).items():
+        name, rest = f"MVP_{split.capitalize()}_CP.h5", Rest(out, split, source.plan, numbers.size)
+        with h5py.File(out / name, "w") as h5:
+            partials = h5.create_dataset("incomplete_pcds", (numbers.size, size, 3), "<f4", track_times=False)
+            complete = h5.create_dataset("complete_pcds", (len(numbers), size, 3), "<f4", track_times=False)
+            labels = h5.create_dataset("labels", (numbers.size,), "<i8", track_times=False)
+            for row, of_object in enumerate(numbers):
+                records, rows = source.take(of_object), slice(row * MVP_VIEWS, (row + 1) * MVP_VIEWS)
+                partials[rows], labels[rows] = records["data"], records["label"][:, 0]
+                complete[row] = source.complete(int(records["mesh_id"][0]), size)["data"]
+                rest.write(rows, records)
+        older = [f"mvp_{split}_input.h5", f"mvp_{split}_gt_{size}pts.h5"]
+        _link(out / older[0], name, ("incomplete_pcds", "labels"))
+        _link(out / older[1], name, ("complete_pcds",))
+        files[split], n_clouds[split] = [name, rest.name, *older], numbers.size
+    return Exported(files, n_clouds)
+
+
+def _export_pairs(
+    source: Source,
+    out: Path,
+    n_complete: int,
+    complete_name: Callable[[str, int], str],
+    partial_name: Callable[[str, int, int], str],
+    write_complete: Write,
+    write_partial: Write,
+    n_tested: int | None = None,
+) -> tuple[Exported, dict[str, list[int]]]:
+    """Write a file for each complete cloud and for each partial one of it; return also the objects of each split.
+
+    Names are of a split, a mesh index and a view. Of each object in val and test the first `n_tested` views are kept.
+    """
+    assert source.complete is not None  # it is read from the format packed
+    files, n_clouds, mesh_ids = dict[str, list[str]](), dict[str, int](), dict[str, list[int]]()
+    with_normals = "normals" in source.plan.recipe.attributes  # of scans they are in each record
+    for split in source.order:
+        numbers = whole_objects(source, None if split == "train" else n_tested)[split]
+        rest, files[split], mesh_ids[split] = Rest(out, split, source.plan, numbers.size), [], []
+        for row, of_object in enumerate(numbers):
+            records = source.take(of_object)
+            rest.write(slice(row * len(of_object), (row + 1) * len(of_object)), records)
+            mesh_id = int(records["mesh_id"][0])
+            mesh_ids[split].append(mesh_id)
+            fields = [name for name in records.dtype.names or () if name != "normal" or with_normals]
+            pairs = [(complete_name(split, mesh_id), write_complete, source.complete(mesh_id, n_complete))]
+            for record in records[fields]:
+                pairs.append((partial_name(split, mesh_id, int(record["view_id"])), write_partial, record))
+            for name, write, record in pairs:
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                write(out / name, record)
+                files[split].append(name)
+        files[split].append(rest.name)
+        n_clouds[split] = numbers.size
+    return Exported(files, n_clouds), mesh_ids
+
+
+def _npy_name(names: Names, split: str, mesh_id: int) -> str:
+    """Return what an object's complete cloud is called; loaders split it at the hyphen and the dot."""
+    return f"shapenet_pc/{names.taxonomies[mesh_id]}-{names.objects[mesh_id]}.npy"
+
+
+def _write_npy(path: Path, record: Any) -> None:
+    np.save(path, record["data"].astype(np.float32))
+
+
+def _write_h5(path: Path, record: Any) -> None:
+    with h5py.File(path, "w") as h5:
+        h5.create_dataset("data", data=record["data"].astype(np.float32), track_times=False)
+
+
+def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
+    """Write an HDF5 file whose arrays are another's, and whose arrays of novel classes are empty."""
+    with h5py.File(path, "w") as h5:
+        for name in arrays:
+            h5[name] = h5py.ExternalLink(to, name)
+            shape, kind = ((0,), "<i8") if name == "labels" else ((0, MVP_SIZE, 3), "<f4")
+            h5.create_dataset(f"novel_{name}", shape, kind, track_times=False)
+
+
+def _check(name: str, n_complete: int, n_views: int | None, size: int | None, plan: Plan) -> None:
+    """Raise OptionError unless a plan makes pairs of partial and complete clouds as a layout's loaders expect them.
+
+    `n_views` per object and `size` of a partial cloud, where loaders have a number in their code.
+    """
+    recipe = plan.recipe
+    for what, option, found, wanted in (
+        ("views per object", "--views", len(plan.views), n_views),
+        ("variation", "--variations", recipe.variations, 1),
+        ("points per partial cloud", "--sample-size", recipe.sample_size, size),
+    ):
+        if wanted is not None and found != wanted:
+            raise OptionError(
+                f"{name} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
+            )
+    if recipe.n_points is None or recipe.n_points < n_complete:
+        sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"
+        raise OptionError(
+            f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
+        )
+    if recipe.scale == "cloud" or recipe.frame == "camera":
+        raise OptionError(
+            f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
+            f"{recipe.frame}. Give --scale object --frame object."
+        )
+
+
+PCN = Layout(export_pcn, partial(_check, "pcn", 16_384, 8, None))
+COMPLETION3D = Layout(export_completion3d, partial(_check, "completion3d", 2_048, 1, 2_048))
+PROJECTED_SHAPENET = Layout(export_projected_shapenet, partial(_check, "projected-shapenet", 8_192, 16, None))
+SHAPENET55 = Layout(export_shapenet55, partial(_check, "shapenet55", 8_192, None, 8_192))
+MVP = Layout(export_mvp, partial(_check, "mvp", MVP_SIZE, MVP_VIEWS, MVP_SIZE))

@@ -1,0 +1,345 @@
+"""Clouds of meshes on the fly: transforms that make another one each time, so that no dataset is stored."""
+
+import copy
+import math
+import os
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.data import get_worker_info
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.dataset.plan import ATTRIBUTES
+from zbuf_occlude.dataset.records import colors_of, draw, fit
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_int, check_word
+from zbuf_occlude.geometry.colors import of_trimesh
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
+from zbuf_occlude.jit.threads import use_threads
+from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.scenes.contents import Pool
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
+from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.views import PAPER_DISTANCE, Views
+from zbuf_occlude.views import random as random_views
+from zbuf_occlude.visibility import find_method, prepare
+
+SCALES = ("cloud", "mesh")
+BYTES_PER_FACE = 1000
+"""About what a prepared mesh takes in memory, for each face."""
+ROUNDS = 8
+"""So often more points are sampled, or another eye is tried, before few visible points are taken as they are."""
+TRIED_POINTS, TRIED_EYES = 256, 16
+"""By so many it is told how many points of a mesh are to be sampled for three eyes of four to see enough."""
+
+
+class OnTheFlyOcclusion:
+    """A mesh in, the cloud out that an eye at a random place sees: another eye each time.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of each cloud.
+    distance : float
+        Of the eye from the mesh's centre, in longest sides.
+    elevations : (float, float)
+        The eye is anywhere on the sphere between these elevations (radians), uniformly by area.
+    method : str
+        Of the table of methods; one that needs no GL.
+    method_options : mapping, optional
+    scale : {"cloud", "mesh"}
+        As in `zbuf_occlude.dataset.plan.Recipe`.
+    eyes_per_sampling : int
+        This many clouds of a mesh, of as many eyes, are drawn from one sampling of its surface; then comes another.
+        1: every cloud has points of its own.
+    attributes : sequence of str
+        "normals", of the faces and turned towards the eye, "colors" in [0, 1]: further columns of each cloud, in this
+        order.
+    cache_megabytes : float
+        Prepared meshes are kept, the least recently used given up beyond this; in each worker.
+
+    Raises
+    ------
+    OptionError
+        A value out of range, or a method that needs GL.
+
+    Notes
+    -----
+    Called with a `Mesh`, with a ``trimesh.Trimesh``, or with anything that has ``pos`` (v, 3) and ``face`` (3, f) such
+    as a PyTorch Geometric ``Data``. Of the first two it returns an (n_points, 3, 6 or 9) float32 tensor; of the last a
+    shallow copy whose ``pos`` are the positions and whose ``face`` is None, as PyTorch Geometric's own sampling
+    transforms do, and whose ``normal`` and ``color`` are the attributes asked for. Colours are those of a `Mesh` that
+    was loaded with them, or of a Trimesh's visual; else grey.
+
+    Meshes are recognised by their content. A mesh met for the first time is cleaned and prepared, which costs several
+    times what a cloud does. Randomness comes from torch's default generator: the same seed gives the same clouds in a
+    new process; within one with ``eyes_per_sampling=1`` only, as clouds that are drawn already come first. In a worker,
+    forked or spawned, one thread is used: the other cores belong to the other workers.
+    """
+
+    def __init__(
+        self,
+        n_points: int = 1024,
+        *,
+        distance: float = PAPER_DISTANCE,
+        elevations: tuple[float, float] = (-math.pi / 2, math.pi / 2),
+        method: str = "exact",
+        method_options: Mapping[str, Any] | None = None,
+        scale: str = "cloud",
+        eyes_per_sampling: int = 8,
+        attributes: Sequence[str] = (),
+        cache_megabytes: float = 500.0,
+    ) -> None:
+        check_int("n_points", n_points, 1)
+        check_int("eyes_per_sampling", eyes_per_sampling, 1)
+        if not isinstance(distance, (int, float, np.floating)) or not distance > 0:
+            raise OptionError(f"distance must be a positive number; got {distance!r}.")
+        if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
+            raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
+        check_word("scale", scale, SCALES)
+        for name in attributes:
+            check_word("attribute", name, ATTRIBUTES)
+        self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
+        if find_method(method).needs_gl:
+            raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
+        find_method(method).check_options(dict(method_options or {}))
+        self.n_points, self.distance, self.elevations = n_points, distance, elevations
+        self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
+        self.eyes_per_sampling, self.cache_megabytes = eyes_per_sampling, cache_megabytes
+        self._subjects: OrderedDict[int, _Subject] = OrderedDict()
+        self._process = -1
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_subjects": OrderedDict()}  # another process prepares its own
+
+    def __call__(self, mesh: Any) -> Any:
+        """Return the cloud that another eye sees of the mesh.
+
+        Raises
+        ------
+        ArgumentError
+            Not a mesh.
+        MeshError
+            The mesh has no face of any area, or nothing of it was seen from any eye.
+        """
+        if hasattr(mesh, "pos") and hasattr(mesh, "face"):
+            data = copy.copy(mesh)
+            cloud = self._cloud(_array(mesh.pos), _array(mesh.face).T, mesh)
+            data.pos, data.face = cloud[:, :3], None
+            for column, name in enumerate(self.attributes, 1):
+                setattr(data, name.removesuffix("s"), cloud[:, 3 * column : 3 * column + 3])
+            return data
+        if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+            return self._cloud(np.asarray(mesh.vertices), np.asarray(mesh.faces), mesh)
+        raise ArgumentError(
+            f"a mesh must have vertices and faces, or pos and face; got {type(mesh).__name__}. "
+            "Keep the faces: apply this transform before any that samples points."
+        )
+
+    def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any) -> torch.Tensor:
+        if self._process != os.getpid():
+            self._process = os.getpid()
+            for subject in self._subjects.values():
+                subject.forget_clouds()  # drawn before this process was forked: its siblings have them too
+            if get_worker_info() is not None:
+                use_threads(1)
+        cloud = self._subject(vertices, faces, mesh).next_cloud(self)
+        if self.scale == "cloud":
+            centre, factor = fit(cloud[:, :3])
+            cloud[:, :3] = (cloud[:, :3] - centre) * factor
+        return torch.from_numpy(cloud.astype(np.float32))
+
+    def _subject(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any = None) -> "_Subject":
+        colors = None
+        if "colors" in self.attributes:
+            colors = mesh.colors if isinstance(mesh, Mesh) else of_trimesh(mesh) if hasattr(mesh, "visual") else None
+        key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
+        if key not in self._subjects:
+            self._subjects[key] = _Subject(Mesh(vertices, faces, colors=colors).cleaned(), self)
+            while len(self._subjects) > 1 and sum(s.megabytes for s in self._subjects.values()) > self.cache_megabytes:
+                self._subjects.popitem(last=False)[1].occluder.close()
+        self._subjects.move_to_end(key)
+        return self._subjects[key]
+
+
+class _Subject:
+    """A prepared mesh, with the clouds of it that are drawn already."""
+
+    def __init__(self, mesh: Mesh, settings: OnTheFlyOcclusion) -> None:
+        self.mesh = mesh
+        self.occluder = prepare(mesh, settings.method, **settings.method_options)
+        self.megabytes = len(mesh.faces) * BYTES_PER_FACE / 1e6
+        self._clouds: list[FloatArray] = []
+        self._visible_fraction = self._try(settings)
+
+    def next_cloud(self, settings: OnTheFlyOcclusion) -> FloatArray:
+        """Return what another eye sees, (n_points, 3, 6 or 9): positions, world space, and attributes."""
+        for _ in range(ROUNDS):
+            if not self._clouds:
+                self._draw(settings)
+            if self._clouds:
+                return self._clouds.pop()
+        raise MeshError(f"a mesh must be seen from somewhere; {self.mesh.name} was not from {ROUNDS} samplings.")
+
+    def forget_clouds(self) -> None:
+        """Have the next cloud drawn anew."""
+        self._clouds.clear()
+
+    def _try(self, settings: OnTheFlyOcclusion) -> float:
+        """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
+        points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
+        views = random_views(TRIED_EYES, settings.elevations, settings.distance, 0)
+        mask = self.occluder.visible(points, views.around(self.mesh.centre, self.mesh.longest_side).eyes)
+        return float(np.clip(np.quantile(mask.mean(axis=1), 0.25), 0.02, 1.0))
+
+    def _draw(self, settings: OnTheFlyOcclusion) -> None:
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        mesh, wanted = self.mesh, settings.n_points
+        n_eyes = settings.eyes_per_sampling
+        views = random_views(n_eyes, settings.elevations, settings.distance, int(rng.integers(2**62)))
+        eyes = views.around(mesh.centre, mesh.longest_side).eyes
+        found: list[list[FloatArray]] = [[] for _ in eyes]
+        counts, lacking = np.zeros(n_eyes, dtype=int), np.arange(n_eyes)
+        n_sampled = int(1.15 * wanted / self._visible_fraction)
+        for _ in range(ROUNDS):
+            points = sample_surface(mesh, n_points=n_sampled, seed=rng)
+            mask = self.occluder.visible(points, eyes[lacking])
+            for eye, seen in zip(lacking, mask, strict=True):
+                found[eye].append(_rows(points, seen, eyes[eye], settings.attributes))
+            counts[lacking] += mask.sum(axis=1)
+            lacking = np.flatnonzero(counts < wanted)
+            if not len(lacking):
+                break
+        for parts in found:
+            rows = np.concatenate(parts)
+            if len(rows):
+                self._clouds.append(rows[draw(np.arange(len(rows)), wanted, rng)])
+
+
+def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:
+    """Return the columns of what an eye sees."""
+    if not attributes:
+        return np.asarray(points.positions[seen])
+    points = points.select(seen)
+    columns = [points.positions]
+    if "normals" in attributes:
+        columns.append(points.normals_towards(eye))
+    if "colors" in attributes:
+        columns.append(colors_of(points) / 255.0)
+    return np.concatenate(columns, axis=1)
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """A tensor's values, wherever it is, or an array's."""
+    return values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else np.asarray(values)
+
+
+class OnTheFlyScan:
+    """A mesh in, a scan of it out: another azimuth, range and scene each time.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of each cloud; a scan of fewer repeats some.
+    sensor : str
+        As `zbuf_occlude.sensors.make` takes it.
+    numbers : mapping, optional
+        Of the sensor to be changed, such as ``{"noise": 0}``.
+    surroundings : MeshCollection, optional
+        What scenes are filled with; crates without it.
+    scale : {"cloud", "mesh"}
+        "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
+    **setup
+        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `method` of `zbuf_occlude.sensors.setup.Setup`.
+
+    Raises
+    ------
+    OptionError
+        A value out of range.
+    ArgumentError
+        `surroundings` that are no collection.
+
+    Notes
+    -----
+    Called with a `Mesh` or a ``trimesh.Trimesh`` and its class, from which its size comes; returns an (n_points, 3)
+    float32 tensor. Randomness comes from torch's default generator. In a worker one thread is used. A scene may hide
+    all but a point of an object; `hidden` says how much it may hide.
+    """
+
+    def __init__(
+        self,
+        n_points: int = 1024,
+        *,
+        sensor: str = "vlp-32c",
+        numbers: dict[str, Any] | None = None,
+        surroundings: MeshCollection | None = None,
+        scale: str = "cloud",
+        **setup: Any,
+    ) -> None:
+        check_int("n_points", n_points, 1)
+        check_word("scale", scale, SCALES)
+        self.n_points, self.scale = n_points, scale
+        given = {"method": default_caster(), "range": (5.0, 50.0), **setup}
+        self.setup = Setup(make(sensor, **(numbers or {})).document, **given)
+        if not isinstance(surroundings, MeshCollection | None):
+            raise ArgumentError(
+                f"surroundings must be a MeshCollection; got {type(surroundings).__name__}. "
+                "Make one: MeshCollection.from_paths([folder])."
+            )
+        entries: Sequence[Any] = surroundings if surroundings is not None else ()
+        self._pool = Pool(entries, self.setup.size, self.setup.scene, np.random.SeedSequence(0))
+
+    def __repr__(self) -> str:
+        return f"OnTheFlyScan({self.n_points}, {asdict(self.setup)['sensor']['name']}, scene={self.setup.scene})"
+
+    def __call__(self, mesh: Any, label: str = "object") -> torch.Tensor:
+        """Return a scan's points.
+
+        Raises
+        ------
+        ArgumentError
+            Not a mesh.
+        MeshError
+            No ray met it from any of some places.
+        OptionError
+            A class without a size.
+        """
+        if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
+            raise ArgumentError(f"a mesh must have vertices and faces; got {type(mesh).__name__}. Keep the faces.")
+        if not isinstance(mesh, Mesh):
+            mesh = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).cleaned()
+        if get_worker_info() is not None:
+            use_threads(1)
+        standing, size = in_metres(mesh, label, self.setup)
+        floor = float(standing.bounds[0, 2])
+        for _ in range(ROUNDS):
+            rng = np.random.default_rng(int(torch.randint(2**62, ())))
+            views = Views(rng.uniform(0.0, 2.0 * np.pi, 1), np.zeros(1), np.array([4.0]))
+            seeds = _Seeds(int(rng.integers(2**62)))
+            places = sensor_places(views, size, floor, self.setup, seeds)
+            (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
+            seen = np.arange(len(capture.scan))
+            if len(seen):
+                positions = capture.scan.positions[draw(seen, self.n_points, rng)]
+                if self.scale == "cloud":
+                    centre, factor = fit(positions)
+                    positions = (positions - centre) * factor
+                return torch.from_numpy(positions.astype(np.float32))
+        raise MeshError(f"a mesh must be met by a ray; none met {mesh.name} from {ROUNDS} places. Lower the range.")
+
+
+class _Seeds:
+    """Seeds of one scan's draws, from one number."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+
+    def __call__(self, what: str, view: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence([self._seed, *what.encode(), view])

@@ -1,0 +1,123 @@
+"""Cloud: what every point cloud of the public face can do, whoever made it: be an array, a file, one of Open3D."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.colors import Bytes
+
+SUFFIXES = (".ply", ".npz", ".pcd", ".npy", ".csv")
+"""Endings of the files that `Cloud.save` writes."""
+RGB = ("red", "green", "blue")
+
+
+class Cloud:
+    """Points (n, 3), float; with unit normals (n, 3) and, where they are known, colours (n, 3), uint8, sRGB."""
+
+    points: FloatArray
+    normals: FloatArray
+    colors: Bytes | None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.points, dtype=dtype, copy=copy)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all that is known, by name: the arrays of a .npz file."""
+        found = {"points": self.points, "normals": self.normals, "colors": self.colors}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def table(self, *, keep_clean: bool = False) -> NDArray[Any]:
+        """Return a structured array with a row per point: the columns of the other files.
+
+        Parameters
+        ----------
+        keep_clean : bool
+            Of a scan: its ranges without noise too.
+        """
+        return columns_of(self.points, self.normals, self.colors)
+
+    def save(self, path: str | os.PathLike[str], *, keep_clean: bool = False) -> None:
+        """Write the cloud to a file, as its ending says.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.ply`` (binary) and ``.csv``: a column for each coordinate, component of the normal, and what else a point
+            has. ``.npy``: the same as a structured array. ``.npz``: `arrays`, by name. ``.pcd``: positions, normals and
+            colours, float32.
+        keep_clean : bool
+            As `table` takes it.
+
+        Raises
+        ------
+        OptionError
+            Another ending.
+        OSError
+            The file cannot be written.
+        """
+        from zbuf_occlude.dataset import atomic, point_files  # late: writing files is a floor above
+
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise OptionError(f"a cloud's file must end in {', '.join(SUFFIXES)}; got {path.name!r}.")
+        if suffix == ".npz":
+            atomic.write(path, lambda file: np.savez_compressed(file, **self.arrays()))
+        elif suffix == ".pcd":
+            point_files.write_pcd_columns(path, self.points, self.normals, self.colors)
+        elif suffix == ".ply":
+            point_files.write_table(path, self.table(keep_clean=keep_clean))
+        elif suffix == ".npy":
+            atomic.write(path, lambda file: np.save(file, self.table(keep_clean=keep_clean)))
+        else:
+            point_files.write_csv(path, self.table(keep_clean=keep_clean))
+
+    def to_open3d(self) -> Any:
+        """Return an ``open3d.geometry.PointCloud`` with points, normals and colours.
+
+        Raises
+        ------
+        UnavailableError
+            Open3D is not installed, or broken.
+        """
+        with importing("open3d", f"{type(self).__name__}.to_open3d"):
+            import open3d
+
+            vectors, new = open3d.utility.Vector3dVector, open3d.geometry.PointCloud
+        cloud = new(vectors(np.array(self.points)))
+        cloud.normals = vectors(np.array(self.normals))
+        if self.colors is not None:
+            cloud.colors = vectors(self.colors / 255.0)
+        return cloud
+
+    def to_trimesh(self) -> Any:
+        """Return a ``trimesh.PointCloud`` with points and colours; it has no normals."""
+        import trimesh
+
+        return trimesh.PointCloud(np.array(self.points), colors=self.colors)
+
+
+def columns_of(positions: FloatArray, normals: FloatArray | None = None, colors: Bytes | None = None) -> NDArray[Any]:
+    """Return a structured array: x, y, z float64, nx, ny, nz float32, red, green, blue uint8, of what is given."""
+    fields: list[tuple[str, str]] = [(axis, "<f8") for axis in "xyz"]
+    if normals is not None:
+        fields += [("n" + axis, "<f4") for axis in "xyz"]
+    if colors is not None:
+        fields += [(name, "|u1") for name in RGB]
+    table = np.empty(len(positions), dtype=fields)
+    for number, axis in enumerate("xyz"):
+        table[axis] = positions[:, number]
+        if normals is not None:
+            table["n" + axis] = normals[:, number]
+        if colors is not None:
+            table[RGB[number]] = colors[:, number]
+    return table

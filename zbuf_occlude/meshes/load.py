@@ -1,0 +1,215 @@
+"""Files of meshes, of any of the formats read here, and files of points without faces."""
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.errors import ArgumentError, MeshError, check_word, in_words
+from zbuf_occlude.geometry.colors import SurfaceColors
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.gltf import read_gltf
+from zbuf_occlude.meshes.looks import Look
+from zbuf_occlude.meshes.mesh_files import MeshFiles, content_of
+from zbuf_occlude.meshes.obj import read_obj, read_obj_look
+from zbuf_occlude.meshes.off import read_off
+from zbuf_occlude.meshes.ply import read_ply, read_ply_look, read_ply_points
+from zbuf_occlude.meshes.polygons import Polygons
+from zbuf_occlude.meshes.stl import read_stl
+from zbuf_occlude.provenance import Origin
+
+READERS: dict[str, Callable[[bytes], Polygons]] = {
+    ".off": read_off,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+}
+_LOOKS: dict[str, Callable[[bytes, Polygons, MeshFiles], Look]] = {".obj": read_obj_look, ".ply": read_ply_look}
+_GLTF = (".glb", ".gltf")
+SUFFIXES = (*READERS, *_GLTF)
+"""Endings of the files that `load_mesh` reads, in lower case."""
+
+_CLOUD_SUFFIXES = (".ply", ".npy", ".csv")
+"""Endings of the files that `load_cloud` reads, in lower case."""
+
+UP = ("z", "y")
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_BEGINNINGS = {
+    ".glb": re.compile(rb"glTF"),
+    ".ply": re.compile(rb"ply\s"),
+    ".off": re.compile(rb"\s*[A-Z4n]{0,5}OFF[\s\d]"),
+    ".stl": re.compile(rb"\s*solid\s.*\sfacet\s", re.DOTALL),
+    ".gltf": re.compile(rb"\s*\{"),
+    ".obj": re.compile(rb"(.*\n)?\s*v\s+[-\d.]+\s+[-\d.]+\s", re.DOTALL),
+}
+
+
+def load_mesh(
+    path: str | os.PathLike[str], *, up: str | None = None, name: str | None = None, colors: bool = False
+) -> Mesh:
+    """Load a mesh from a file: OFF, OBJ, PLY, STL, or glTF (.gltf, .glb), by the file's ending.
+
+    Parameters
+    ----------
+    path : path-like
+        Of a file, or of one in a ZIP archive: ``ModelNet40.zip/chair/train/chair_0001.off``.
+    up : {"z", "y"}, optional
+        Which way is up in the file. Here z is: a file with y up is turned, (x, y, z) to (x, -z, y).
+        By default "y" for glTF, whose standard says so, and "z" for all others, which leaves them as they are.
+    name : str, optional
+        The mesh's name; by default the file's without its ending.
+    colors : bool
+        Read base colours too (`Mesh.colors`): of OBJ (.mtl and textures, numbers after the coordinates), PLY and glTF.
+        Other formats, and surfaces without a colour, are grey.
+
+    Returns
+    -------
+    Mesh
+        Cleaned (`Mesh.cleaned`), in the file's own units. `source_face_ids` are indices of the file's faces: its
+        polygons, before they were cut into triangles. `dropped` counts, in addition to what `Mesh.cleaned` dropped,
+        "too_few_corners" (faces of one or two corners) and "unusable_vertices" (NaN or infinite ones that no face
+        uses; all other vertices stay, in their order, used or not).
+
+    Raises
+    ------
+    MeshError
+        No such file, not readable, of an unknown ending, damaged, cut short, without faces, with faces that refer to
+        vertices that are missing, NaN or infinite, or without any face of some area. The message names the file.
+    OptionError
+        `up` is neither "z" nor "y".
+    ArgumentError
+        `path` is no path.
+
+    Examples
+    --------
+    >>> zo.load_mesh("chair.off")
+    Mesh('chair', 24 vertices, 36 faces)
+
+    Notes
+    -----
+    All objects, groups and nodes of a file become one mesh. Normals of vertices are not read. Whatever
+    a header says, memory stays within some thirty times the file's size (a glTF scene may beyond that repeat its
+    meshes, to a million triangles and a gigabyte); files of 100,000 faces take 0.1 to 1 s,
+    compressed glTF longer.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise ArgumentError(f"path must be a path; got {type(path).__name__}. A mesh of trimesh: Mesh.from_trimesh.")
+    path = Path(path)
+    if up is not None:
+        check_word("up", up, UP)
+    suffix = path.suffix.lower()
+    try:
+        if suffix not in SUFFIXES:
+            raise MeshError(
+                f"a mesh file must end in one of {', '.join(SUFFIXES)}; this ends in {suffix!r}. Convert it."
+            )
+        files = MeshFiles(path)
+        data = files.read(path)
+        if suffix != ".stl" or data.startswith(_BYTE_ORDER_MARK + b"solid"):  # a binary STL begins with any 80 bytes
+            data = data.removeprefix(_BYTE_ORDER_MARK)
+        try:
+            look: Look | None = None
+            if suffix in _GLTF:
+                polygons, look = read_gltf(data, files, colors=colors)
+            else:
+                polygons = READERS[suffix](data)
+                if colors and suffix in _LOOKS:
+                    look = _LOOKS[suffix](data, polygons, files)
+            mesh_name = path.stem if name is None else name
+            return _finished(polygons, look, mesh_name, up or default_up(path), files.origin, colors)
+        except MeshError as error:
+            raise MeshError(f"{error}{_hint(data, suffix)}") from None
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+
+
+def load_cloud(path: str | os.PathLike[str]) -> FloatArray | None:
+    """Load a point cloud: PLY without faces, .npy of (n, 3), or .csv with x, y, z in front.
+
+    Returns
+    -------
+    (n, 3) float64 or None
+        In the file's own coordinates. None when the file is of another kind: a mesh, perhaps.
+
+    Raises
+    ------
+    MeshError
+        No such file, damaged, or points that are not finite. The message names the file.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _CLOUD_SUFFIXES:
+        return None
+    try:
+        positions = read_ply_points(content_of(path)) if suffix == ".ply" else _table(path, suffix)
+        if positions is None:
+            return None
+        if not len(positions) or not np.isfinite(positions).all():
+            raise MeshError("a point cloud must have points with finite coordinates; this one has not. Clean it.")
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+    return positions
+
+
+def default_up(path: Path) -> str:
+    """Return the axis that points up in a file of this ending: "y" in glTF, as its standard says, else "z"."""
+    return "y" if path.suffix.lower() in _GLTF else "z"
+
+
+def _finished(polygons: Polygons, look: Look | None, name: str, up: str, origin: Origin, colors: bool) -> Mesh:
+    """Cut into triangles, turn z up, clean."""
+    if not (polygons.counts >= 3).any():
+        raise MeshError(
+            f"a mesh must have faces; the file has {len(polygons.vertices):,} vertices and no face of three corners. "
+            "Is it a point cloud, a wireframe or empty?"
+        )
+    n_vertices = len(polygons.vertices)
+    polygons = polygons.without_unusable_vertices()
+    triangles, polygon_ids = polygons.triangles()
+    dropped = {
+        "too_few_corners": int((polygons.counts < 3).sum()),
+        "unusable_vertices": n_vertices - len(polygons.vertices),
+    }
+    vertices = polygons.vertices
+    if up == "y":
+        vertices = np.stack([vertices[:, 0], 0.0 - vertices[:, 2], vertices[:, 1]], axis=1)
+    ids = polygon_ids.astype(np.int32)
+    found = None
+    if colors:
+        found = SurfaceColors.plain(len(ids)) if look is None else look.on(polygons.triangle_corners(), polygon_ids)
+    dropped = {reason: n for reason, n in dropped.items() if n}
+    mesh = Mesh.of_checked(vertices, triangles.astype(np.int32), name, ids, dropped, origin, found)  # by `Polygons`
+    with np.errstate(under="ignore"):  # faces too small for their areas to be numbers are faces of no area
+        return mesh.cleaned()
+
+
+def _hint(data: bytes, suffix: str) -> str:
+    """Say so when a file that could not be read looks like one of another format."""
+    start = data[:4096]
+    if start.startswith(b"version https://git-lfs"):
+        return " It is a pointer of Git LFS, not the file itself: run `git lfs pull` where it was cloned."
+    if re.match(rb"\s*<(!doctype\s+)?html", start, re.IGNORECASE):
+        return " It is a web page: download the file again."
+    for other, beginning in _BEGINNINGS.items():
+        if beginning.match(start):
+            return "" if other == suffix else f" Its content looks like {other}: rename it?"
+    return ""
+
+
+def _table(path: Path, suffix: str) -> FloatArray:
+    """Read x, y, z of each row of a .npy or .csv file; a first line of words is a heading."""
+    try:
+        if suffix == ".npy":
+            table = np.load(path, allow_pickle=False)
+        else:
+            with path.open(encoding="utf-8", errors="replace") as file:
+                heading = any(letter.isalpha() and letter not in "einfaE" for letter in file.readline())
+            table = np.loadtxt(path, delimiter=",", skiprows=int(heading), ndmin=2)
+    except (OSError, ValueError) as error:
+        raise MeshError(f"it must be readable as numbers; reading says: {in_words(error)}. Check it.") from None
+    if table.ndim != 2 or table.shape[1] < 3 or table.dtype.kind not in "fiu":
+        raise MeshError(f"it must have rows x, y, z; it has {table.dtype} of shape {table.shape}. Convert it.")
+    return np.asarray(table[:, :3], dtype=np.float64)

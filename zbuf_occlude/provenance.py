@@ -1,0 +1,108 @@
+"""Provenance: what a mesh was made of, what data depend on (versions, cores), and the seeds of all random draws.
+
+A seed is from a mesh's key and what is drawn, never from a worker, a machine or an order.
+"""
+
+import hashlib
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.errors import OptionError
+
+PACKAGES = ("zbuf-occlude", "numpy", "numba", "moderngl", "trimesh", "h5py", "pyrender", "embreex", "open3d")
+"""Whose versions are in every manifest and row of a comparison."""
+
+
+class Stamp(NamedTuple):
+    """What a file shows without being read: its name from the mesh's folder on, bytes, time of change in ns.
+
+    Of a file in an archive bytes and time are the archive's.
+    """
+
+    name: str
+    size: int
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What a mesh was made of.
+
+    Parameters
+    ----------
+    sha256 : str
+        Of the file's content, in hexadecimal; of several files, of the lines of their own; of a mesh from no file, of
+        its recipe. Empty where nothing is known.
+    files : tuple of Stamp
+        The mesh's own file first, then those that it names. Empty for a mesh from no file.
+    """
+
+    sha256: str = ""
+    files: tuple[Stamp, ...] = ()
+
+    @classmethod
+    def of_recipe(cls, *values: str | int) -> "Origin":
+        """Return the origin of a mesh that is computed from these values."""
+        return cls(hashlib.sha256(repr(values).encode()).hexdigest())
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> "Origin":
+        """Read back what `document` gave."""
+        return cls(document["sha256"], tuple(Stamp(*each) for each in document["files"]))
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {"sha256": self.sha256, "files": [list(stamp) for stamp in self.files]}
+
+
+UNKNOWN = Origin()
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return them by name; of packages that are not installed none."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # an extra
+            continue
+    return found
+
+
+def n_cores() -> int:
+    """Return how many cores this process may use; where the system does not say, how many there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def generator(seed: Any) -> np.random.Generator:
+    """Return a generator of a seed, a SeedSequence or a generator.
+
+    Raises
+    ------
+    OptionError
+        It is none of these, or below 0.
+    """
+    try:
+        return np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise OptionError(f"seed must be an int of at least 0, or a SeedSequence; got {seed!r:.60}.") from None
+
+
+def seed_of(seed: int, key: str, *path: int) -> np.random.SeedSequence:
+    """Return the seed of a mesh's draws.
+
+    `path` tells the draws of a mesh apart: (variation,) for its points, (variation, view) for a cloud's subset.
+    """
+    digest = hashlib.sha256(key.encode()).digest()
+    return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little"), *path])

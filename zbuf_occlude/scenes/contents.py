@@ -1,0 +1,146 @@
+"""What scenes are filled with: the meshes of a user's JSON in their places, or objects of a collection; in metres."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.documents import Number, line, parse_document, read_limited
+from zbuf_occlude.errors import MeshError, OptionError, check_word, printable
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.meshes.collection import MeshEntry
+from zbuf_occlude.meshes.load import UP, load_mesh
+from zbuf_occlude.scenes.kinds import box_mesh
+from zbuf_occlude.scenes.scene import Placed, moved
+from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, Sizes, size_of
+
+FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
+NUMBERS = {
+    "position": Number(-1e6, 1e6, "metres", ((3,),)),
+    "yaw": Number(-3600.0, 3600.0, "degrees"),
+    "size": Number(LEAST, MOST, "metres"),
+    "albedo": Number(0.0, 1.0),
+}
+KNOWN = ("mesh", "class", "up", *NUMBERS)
+
+MOST_OBJECTS = 24
+"""Of a collection this many are taken, so that a worker loads each once."""
+MOST_FACES = 30_000
+"""Of one of them."""
+MOST_METRES = {"street": 7.0, "room": 2.2}
+"""Longer ones do not go into these scenes."""
+
+
+def read_scene(path: Path) -> list[dict[str, Any]]:
+    """Read and check a scene's file.
+
+    Parameters
+    ----------
+    path : Path
+        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``;
+        all but mesh and position may be left out. Positions are metres from the middle of the target's foot; of the
+        object it is the middle of the foot too. Files are found from the JSON's folder.
+
+    Returns
+    -------
+    list of dict
+        Plain data, the paths absolute: what a plan keeps.
+
+    Raises
+    ------
+    OptionError
+        Not readable, or not what it should be; the message says what.
+    """
+    document, where = parse_document("JSON", read_limited(path), path), printable(str(path))
+    objects = document.get("objects") if isinstance(document, dict) else None
+    if not isinstance(objects, list):
+        raise OptionError(f"{where} must be {FORM}; it has no list of objects.")
+    found = []
+    for given in objects:
+        try:
+            found.append(_checked(given, path.parent))
+        except OptionError as error:
+            raise OptionError(f"{where}: object {len(found)}: {error}") from None
+    return found
+
+
+def _checked(given: Any, folder: Path) -> dict[str, Any]:
+    if not isinstance(given, dict) or not {"mesh", "position"} <= set(given):
+        raise OptionError(f"a scene must be {FORM}; this has no mesh or position.")
+    for name in given:
+        check_word("a key of an object", name, KNOWN)
+    found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
+    check_word("up", found.get("up", UP[0]), UP)
+    mesh = str((folder / found["mesh"]).absolute())
+    if not os.path.isfile(mesh):
+        raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
+    return {**found, "mesh": mesh, "position": list(found["position"])}
+
+
+def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
+    """Load a scene's meshes and put them in their places.
+
+    Raises
+    ------
+    MeshError
+        A file cannot be used.
+    """
+    placed = []
+    for given in objects:
+        mesh = load_mesh(given["mesh"], up=given.get("up"))
+        label = str(given.get("class", Path(given["mesh"]).stem))
+        size = given.get("size", size_of(label, FILE, mesh.longest_side))
+        x, y, z = given["position"]
+        pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
+        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo")))
+    return placed
+
+
+def standing(mesh: Mesh, size: float) -> Mesh:
+    """Return a mesh scaled to `size` metres, the middle of its foot at the origin."""
+    low, centre = mesh.bounds[0], mesh.centre
+    return mesh.transformed(1.0, (-centre[0], -centre[1], -low[2])).transformed(size / mesh.longest_side)
+
+
+class Pool:
+    """Some objects of a collection, by a number in [0, 1). The same collection and seed give the same.
+
+    Parameters
+    ----------
+    entries : sequence of MeshEntry
+        Those that cannot be loaded, have no size, or are too long or detailed are passed over; with none left there
+        are crates.
+    sizes : Sizes
+    scene : str
+        A name of `zbuf_occlude.scenes.kinds.KINDS`.
+    seed : SeedSequence
+    """
+
+    def __init__(self, entries: Sequence[MeshEntry], sizes: Sizes, scene: str, seed: np.random.SeedSequence) -> None:
+        order = np.random.default_rng(seed).permutation(len(entries))
+        self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
+        self._sizes, self._most = sizes, MOST_METRES.get(scene, np.inf)
+        self._made: dict[int, tuple[Mesh, str] | None] = {}
+
+    def __call__(self, number: float) -> tuple[Mesh, str]:
+        """Return an object: a mesh that stands on z = 0, in metres, and its class."""
+        n = len(self._entries)
+        for i in range(n):
+            if (found := self._object((int(number * n) + i) % n)) is not None:
+                return found
+        return box_mesh(1.2, 0.8, 1.0), "crate"
+
+    def _object(self, i: int) -> tuple[Mesh, str] | None:
+        if i not in self._made:
+            self._made[i] = None
+            entry = self._entries[i]
+            try:
+                mesh = entry.load()
+                size = size_of(entry.label, self._sizes, mesh.longest_side)
+            except (MeshError, OptionError):
+                return None
+            if mesh.longest_side > 0 and len(mesh.faces) <= MOST_FACES and size <= self._most:
+                self._made[i] = standing(mesh, size), entry.label
+        return self._made[i]

@@ -1,0 +1,419 @@
+"""Where sensors are from: the table, one literal row each, every number with its source; or a user's file.
+
+A new sensor is a row of `ROWS`, or a YAML of numbers or a CSV of directions.
+"""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.documents import Number, line, parse_document, read_limited
+from zbuf_occlude.errors import OccludeError, OptionError, check_word, printable
+from zbuf_occlude.sensors.sensor import KINDS, Imperfections, Sensor, numbers_of
+
+SUFFIXES = (".yaml", ".yml", ".csv")
+ANGLES, VECTORS = ("azimuth", "elevation"), ("x", "y", "z")
+_COLUMNS = {
+    "azimuth": Number(-3600.0, 3600.0, "degrees", ((-1,),)),
+    "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
+    **dict.fromkeys(VECTORS, Number(shapes=((-1,),))),
+}
+
+
+class SensorRow(NamedTuple):
+    """A sensor as data: its numbers, each with where it is from."""
+
+    name: str
+    kind: str
+    summary: str
+    numbers: dict[str, tuple[Any, str]]
+
+    def sensor(self) -> Sensor:
+        """Return the sensor."""
+        values = {name: value for name, (value, _) in self.numbers.items()}
+        pattern = {name: value for name, value in values.items() if name in numbers_of(self.kind)}
+        faults = Imperfections(**{name: value for name, value in values.items() if name not in pattern})
+        sources = {name: source for name, (_, source) in self.numbers.items()}
+        return Sensor(self.name, self.kind, pattern, faults, self.summary, sources)
+
+
+def make(name: str | Path, **numbers: Any) -> Sensor:
+    """Return a sensor.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of the table, a YAML or CSV file, or a name with numbers as they are typed at a command line:
+        ``pinhole:width=320,height=240,fov=60``.
+    **numbers
+        To be changed, such as ``columns=900`` or ``noise=0`` (which switches all imperfections off).
+
+    Raises
+    ------
+    OptionError
+        No such sensor, no such number, or a value out of range.
+
+    Examples
+    --------
+    >>> zo.sensors.make("hdl-64e", columns=900).name
+    'hdl-64e'
+    """
+    if not isinstance(name, (str, Path)):
+        raise OptionError(f"sensor must be a name or a path; got {type(name).__name__}.")
+    name = str(name)
+    if Path(name).suffix.lower() in SUFFIXES:
+        sensor = read_sensor(Path(name)).sensor()
+    else:
+        name, _, typed = name.partition(":")
+        check_word("sensor", name, [*SENSORS, "a .yaml or .csv file"])
+        sensor = SENSORS[name]
+        for setting in filter(None, typed.split(",")):
+            key, equals, value = setting.partition("=")
+            if not equals:
+                raise OptionError(f"a sensor's numbers must be given name=value; got {setting!r}.")
+            numbers = {key.strip(): value.strip(), **numbers}
+    return sensor.with_numbers(**numbers) if numbers else sensor
+
+
+def read_sensor(path: Path) -> SensorRow:
+    """Read a sensor's row from a file.
+
+    Parameters
+    ----------
+    path : Path
+        A YAML with ``kind`` and the numbers of a row, and, if you like, ``name``, ``summary`` and ``source`` (one for
+        all); or a CSV with the columns azimuth, elevation (degrees) or x, y, z, and, if you like, ring.
+
+    Raises
+    ------
+    OptionError
+        Not readable, or not what it should be; the message says what.
+    """
+    row = (_of_csv if path.suffix.lower() == ".csv" else _of_yaml)(path, read_limited(path))
+    try:
+        row.sensor().rays()
+    except OccludeError as error:
+        raise OptionError(f"{printable(str(path))}: {error}") from None
+    return row
+
+
+def _of_yaml(path: Path, data: bytes) -> SensorRow:
+    given, where = parse_document("YAML", data, path), printable(str(path))
+    if not isinstance(given, dict) or "kind" not in given:
+        raise OptionError(f"{where} must have a line `kind:` and a sensor's numbers; see docs/sensors.md.")
+    told = {"kind": "", "name": path.stem, "summary": f"from {path.name}", "source": path.name}
+    told = {name: line(f"{name} in {where}", given.pop(name, default)) for name, default in told.items()}
+    check_word(f"kind in {where}", told["kind"], KINDS)
+    known = [*numbers_of(told["kind"]), *(each.name for each in fields(Imperfections))]
+    for name in given:
+        check_word(f"a number in {where}", name, known)
+    numbers = {name: (value, told["source"]) for name, value in given.items()}
+    return SensorRow(told["name"], told["kind"], told["summary"], numbers)
+
+
+def _of_csv(path: Path, data: bytes) -> SensorRow:
+    columns, where = parse_document("CSV", data, path), printable(str(path))
+    wanted = next((names for names in (ANGLES, VECTORS) if set(names) <= set(columns)), None)
+    if wanted is None:
+        found = ", ".join(columns)
+        raise OptionError(f"{where} must have the columns azimuth,elevation or x,y,z[,ring]; found: {found:.200}.")
+    table = np.array([_COLUMNS[name].read(f"{name} in {where}", columns[name]) for name in wanted])
+    if wanted is ANGLES:
+        azimuth, elevation = np.radians(table)
+        flat = np.cos(elevation)
+        table = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    rings = [word or 0 for word in columns.get("ring", [0] * table.shape[1])]
+    return SensorRow(
+        path.stem, "list", f"from {path.name}", {"directions": (table.T, path.name), "rings": (rings, path.name)}
+    )
+
+
+Lasers = tuple[tuple[float, float], ...]
+"""Elevation and azimuth offset of each, degrees, the lowest first; of Velodyne's as in the calibration files that
+ros-drivers/velodyne comes with. Those of the VLP-32C were found again in a real scan within 0.04 degrees."""
+
+
+VLP_16: Lasers = (
+    (-15, 0), (-13, 0), (-11, 0), (-9, 0), (-7, 0), (-5, 0), (-3, 0), (-1, 0), (1, 0), (3, 0), (5, 0), (7, 0), (9, 0),
+    (11, 0), (13, 0), (15, 0),
+)  # fmt: skip
+
+HDL_32E: Lasers = (
+    (-30.67, 0), (-29.33, 0), (-28, 0), (-26.67, 0), (-25.33, 0), (-24, 0), (-22.67, 0), (-21.33, 0), (-20, 0),
+    (-18.67, 0), (-17.33, 0), (-16, 0), (-14.67, 0), (-13.33, 0), (-12, 0), (-10.67, 0), (-9.33, 0), (-8, 0),
+    (-6.67, 0), (-5.33, 0), (-4, 0), (-2.67, 0), (-1.33, 0), (0, 0), (1.33, 0), (2.67, 0), (4, 0), (5.33, 0),
+    (6.67, 0), (8, 0), (9.33, 0), (10.67, 0),
+)  # fmt: skip
+
+VLP_32C: Lasers = (
+    (-25, -1.4), (-15.639, 1.4), (-11.31, -1.4), (-8.843, 1.4), (-7.254, -1.4), (-6.148, 1.4), (-5.333, -4.2),
+    (-4.667, -1.4), (-4, 1.4), (-3.667, 4.2), (-3.333, -4.2), (-3, -1.4), (-2.667, 1.4), (-2.333, 4.2), (-2, -4.2),
+    (-1.667, -1.4), (-1.333, 1.4), (-1, 4.2), (-0.667, -4.2), (-0.333, -1.4), (0, 1.4), (0.333, 4.2), (0.667, -4.2),
+    (1, -1.4), (1.333, 1.4), (1.667, 4.2), (2.333, -1.4), (3.333, 1.4), (4.667, -1.4), (7, 1.4), (10.333, -1.4),
+    (15, 1.4),
+)  # fmt: skip
+
+HDL_64E: Lasers = (
+    (-24.711, -1), (-24.276, 2), (-23.763, 6), (-23.25, 9.5), (-22.738, -7), (-22.226, -3.5), (-21.715, -0.5),
+    (-21.204, 3.5), (-20.693, 7), (-20.183, 10), (-19.673, -8), (-19.163, -5), (-18.558, -1), (-18.144, 2),
+    (-17.634, 6), (-17.125, 9), (-16.615, -6.5), (-16.106, -3.25), (-15.596, 0), (-15.087, 3.2), (-14.577, 7),
+    (-14.067, 9.5), (-13.557, -8), (-13.047, -4.5), (-12.536, -1), (-12.025, 1.8), (-11.514, 5.5), (-11.002, 8.5),
+    (-10.49, -6), (-9.977, -3.5), (-9.464, 0), (-8.95, 2.5), (-8.521, 0), (-8.18, 1.3), (-7.839, 4), (-7.499, 6),
+    (-7.158, -4), (-6.818, -2.25), (-6.478, 0.8), (-6.138, 2.25), (-5.798, 4.7), (-5.458, 6.5), (-5.118, -4.8),
+    (-4.778, -2.75), (-4.439, 0), (-4.099, 1.75), (-3.759, 4), (-3.42, 6), (-3.08, -3.9), (-2.741, -2), (-2.401, 0.5),
+    (-2.061, 2.25), (-1.722, 4.9), (-1.382, 6.25), (-1.042, -4.5), (-0.702, -2.7), (-0.362, -0.25), (-0.022, 1.7),
+    (0.318, 4), (0.658, 6), (0.999, -3.5), (1.339, -2), (1.68, 0.6), (2.021, 2),
+)  # fmt: skip
+
+VLS_128: Lasers = (
+    (-25, 0.911), (-19.582, 2.732), (-16.042, 4.548), (-13.565, 6.354), (-11.742, -6.354), (-10.346, -4.548),
+    (-9.244, -2.732), (-8.352, -0.911), (-7.65, 0.911), (-7.15, 2.732), (-6.85, 4.548), (-6.65, 6.354),
+    (-6.5, -6.354), (-6.39, -4.548), (-6.28, -2.732), (-6.17, -0.911), (-6.06, 0.911), (-5.95, 2.732), (-5.84, 4.548),
+    (-5.73, 6.354), (-5.62, -6.354), (-5.51, -4.548), (-5.4, -2.732), (-5.29, -0.911), (-5.18, 0.911), (-5.07, 2.732),
+    (-4.96, 4.548), (-4.85, 6.354), (-4.74, -6.354), (-4.63, -4.548), (-4.52, -2.732), (-4.41, -0.911), (-4.3, 0.911),
+    (-4.19, 2.732), (-4.08, 4.548), (-3.97, 6.354), (-3.86, -6.354), (-3.75, -4.548), (-3.64, -2.732),
+    (-3.53, -0.911), (-3.42, 0.911), (-3.31, 2.732), (-3.2, 4.548), (-3.09, 6.354), (-2.98, -6.354), (-2.87, -4.548),
+    (-2.76, -2.732), (-2.65, -0.911), (-2.54, 0.911), (-2.43, 2.732), (-2.32, 4.548), (-2.21, 6.354), (-2.1, -6.354),
+    (-1.99, -4.548), (-1.88, -2.732), (-1.77, -0.911), (-1.66, 0.911), (-1.55, 2.732), (-1.44, 4.548), (-1.33, 6.354),
+    (-1.22, -6.354), (-1.11, -4.548), (-1, -2.732), (-0.89, -0.911), (-0.78, 0.911), (-0.67, 2.732), (-0.56, 4.548),
+    (-0.45, 6.354), (-0.34, -6.354), (-0.23, -4.548), (-0.12, -2.732), (-0.01, -0.911), (0.1, 0.911), (0.21, 2.732),
+    (0.32, 4.548), (0.43, 6.354), (0.54, -6.354), (0.65, -4.548), (0.76, -2.732), (0.87, -0.911), (0.98, 0.911),
+    (1.09, 2.732), (1.2, 4.548), (1.31, 6.354), (1.42, -6.354), (1.53, -4.548), (1.64, -2.732), (1.75, -0.911),
+    (1.86, 0.911), (1.97, 2.732), (2.08, 4.548), (2.19, 6.354), (2.3, -6.354), (2.41, -4.548), (2.52, -2.732),
+    (2.63, -0.911), (2.74, 0.911), (2.85, 2.732), (2.96, 4.548), (3.07, 6.354), (3.18, -6.354), (3.29, -4.548),
+    (3.4, -2.732), (3.51, -0.911), (3.62, 0.911), (3.73, 2.732), (3.84, 4.548), (3.95, 6.354), (4.06, -6.354),
+    (4.17, -4.548), (4.28, -2.732), (4.39, -0.911), (4.5, 0.911), (4.61, 2.732), (4.72, 4.548), (4.83, 6.354),
+    (4.98, -6.354), (5.18, -4.548), (5.43, -2.732), (5.73, -0.911), (6.08, 0.911), (6.48, 2.732), (6.98, 4.548),
+    (7.58, 6.354), (8.43, -6.354), (9.7, -4.548), (11.75, -2.732), (15, -0.911),
+)  # fmt: skip
+
+_CALIBRATION = "calibration file of ros-drivers/velodyne"
+_SHEET = "maker's data sheet"
+_MANUAL = "maker's manual"
+_HELIOS = "HELIOS++'s table of scanners"
+_ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for all"
+_ASSUMED = "assumed"
+_FITTED = (
+    "metres, fitted to the vehicles and pedestrians from 10 to 60 m of one Argoverse 2 log "
+    "(benchmarks/against_real_scans.py), two VLP-32C; assumed of others"
+)
+_OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
+
+_LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "reach": (130.0, _FITTED)}
+_VELODYNE = {
+    "range_min": (0.9, _ASSUMED + ", as HDL-64E"),
+    "step": (0.002, _MANUAL),
+    "divergence": (0.003, _ASSUMED + ", as VLP-16"),
+    **_LIDAR,
+}
+_CAMERA = {"axial": (True, "a camera measures depth")}
+_DEPTH_CAMERA = {**_CAMERA, "edge_loss": (0.5, _ASSUMED), "incidence_max": (85.0, _ASSUMED)}
+
+ROWS: tuple[SensorRow, ...] = (
+    SensorRow(
+        "vlp-16",
+        "spinning",
+        "Velodyne Puck, 16 lasers",
+        {
+            **_VELODYNE,
+            "lasers": (VLP_16, f"{_CALIBRATION} (VLP16db)"),
+            "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
+            "range_max": (100.0, _SHEET),
+            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "divergence": (0.003, f"3 mrad, {_SHEET}; HELIOS++ has 0.7 mrad"),
+        },
+    ),
+    SensorRow(
+        "hdl-32e",
+        "spinning",
+        "Velodyne HDL-32E, 32 lasers from -30.67 to 10.67 degrees",
+        {
+            **_VELODYNE,
+            "lasers": (HDL_32E, f"{_CALIBRATION} (32db)"),
+            "columns": (2180, "0.165 degrees: 1.39 million points per second at 20 turns of two returns, " + _SHEET),
+            "range_max": (100.0, _SHEET),
+            "sigma": (0.0067, "a published model of a vehicle simulator"),
+        },
+    ),
+    SensorRow(
+        "vlp-32c",
+        "spinning",
+        "Velodyne Ultra Puck, 32 lasers, denser in the middle",
+        {
+            **_VELODYNE,
+            "lasers": (
+                VLP_32C,
+                f"{_CALIBRATION} (VeloView-VLP-32C); manual pages 66-67; a real scan within 0.04 degrees",
+            ),
+            "columns": (1800, f"0.2 degrees at 10 turns a second, {_MANUAL}"),
+            "range_max": (200.0, _SHEET),
+            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "step": (0.004, _MANUAL),
+        },
+    ),
+    SensorRow(
+        "hdl-64e",
+        "spinning",
+        "Velodyne HDL-64E S2, 64 lasers, KITTI's",
+        {
+            **_VELODYNE,
+            "lasers": (HDL_64E, f"{_CALIBRATION} (64e_utexas)"),
+            "columns": (2083, f"0.1728 degrees at 10 turns a second, {_MANUAL}"),
+            "range_min": (0.9, _HELIOS),
+            "range_max": (120.0, _HELIOS),
+            "sigma": (0.02, f"{_SHEET}; BlenSor"),
+            "divergence": (0.002, _HELIOS),
+        },
+    ),
+    SensorRow(
+        "vls-128",
+        "spinning",
+        "Velodyne Alpha Prime, 128 lasers",
+        {
+            **_VELODYNE,
+            "lasers": (VLS_128, f"{_CALIBRATION} (VLS128)"),
+            "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
+            "range_max": (245.0, _SHEET),
+            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "step": (0.004, _MANUAL),
+        },
+    ),
+    SensorRow(
+        "os1-64",
+        "spinning",
+        "Ouster OS1-64, 64 beams between +-16.6 degrees",
+        {
+            "lasers": (_OS1_RAYS, f"+-16.6 degrees, {_SHEET}; evenly spaced and without azimuth offsets: assumed"),
+            "columns": (1024, f"512, 1024 or 2048, {_SHEET}"),
+            "range_min": (0.8, _SHEET),
+            "range_max": (120.0, _SHEET),
+            "sigma": (
+                ((26.3, 0.015), (41.6, 0.03), (120.0, 0.10)),
+                f"1.5, 3, 10 cm at signal to noise 250, 100, 12, {_SHEET}; 12 taken to be reached at 120 m, the rest "
+                "by the square of the range: assumed",
+            ),
+            "step": (0.012, _SHEET),
+            "divergence": (0.00227, f"0.13 degrees, {_SHEET}"),
+            **_LIDAR,
+        },
+    ),
+    SensorRow(
+        "mid-40",
+        "risley",
+        "Livox Mid-40: one beam through two turning prisms, a rosette that never repeats",
+        {
+            "frequencies": ((-77.733, 121.567), f"turns a second, {_HELIOS}"),
+            "wedge": (18.0, f"degrees, {_HELIOS}"),
+            "index": (1.5095, _HELIOS),
+            "rate": (100_000.0, _SHEET),
+            "seconds": (0.1, _ASSUMED + ": ten scans a second"),
+            "range_min": (1.0, _SHEET),
+            "range_max": (260.0, _SHEET),
+            "sigma": (0.02, f"2 cm, {_SHEET}"),
+            "divergence": (0.0027, _HELIOS),
+            **_LIDAR,
+        },
+    ),
+    SensorRow(
+        "kinect-v1",
+        "pinhole",
+        "Microsoft Kinect for Xbox 360: structured light",
+        {
+            "width": (640, "Nguyen, Izadi, Lovell 2012"),
+            "height": (480, "Nguyen, Izadi, Lovell 2012"),
+            "f": (575.0, "pixels; Nguyen, Izadi, Lovell 2012"),
+            "range_min": (0.8, _SHEET),
+            "range_max": (4.0, _SHEET),
+            "sigma": (0.0012, "Nguyen, Izadi, Lovell 2012: .0012 + .0019 (z - .4)^2"),
+            "sigma_growth": (0.0019, "the same formula"),
+            "sigma_from": (0.4, "the same formula"),
+            "sigma_grazing": (0.0001, "the same paper, from 60 degrees of incidence on"),
+            "lateral": ((0.8, 0.035), "the same paper: .8 + .035 theta / (pi/2 - theta) pixels"),
+            "disparity_step": (0.0029, "1/8 pixel of disparity, f 575, baseline 75 mm: assumed"),
+            **_DEPTH_CAMERA,
+        },
+    ),
+    SensorRow(
+        "azure-kinect-nfov",
+        "pinhole",
+        "Microsoft Azure Kinect, narrow field of view, unbinned: time of flight",
+        {
+            "width": (640, _SHEET),
+            "height": (576, _SHEET),
+            "fov": (75.0, f"75 x 65 degrees, {_SHEET}"),
+            "range_min": (0.5, _SHEET),
+            "range_max": (3.86, _SHEET),
+            "sigma": (0.017, f"at most 17 mm, {_SHEET}; PMC7827245. Its bias, below 11 mm, is left out"),
+            "step": (0.001, "millimetres in its pictures"),
+            **_DEPTH_CAMERA,
+        },
+    ),
+    SensorRow(
+        "realsense-d435",
+        "pinhole",
+        "Intel RealSense D435: stereo",
+        {
+            "width": (848, _SHEET),
+            "height": (480, _SHEET),
+            "fov": (90.0, "degrees, Intel's, as in rotors_gazebo"),
+            "range_min": (0.3, _SHEET),
+            "range_max": (10.0, _SHEET),
+            "sigma_growth": (
+                0.1 / (424.0 * 0.05),
+                "z^2 s / (f B): s .1 pixel, f 424 pixels, B 50 mm, as in rotors_gazebo",
+            ),
+            "step": (0.001, "millimetres in its pictures"),
+            **_DEPTH_CAMERA,
+        },
+    ),
+    SensorRow(
+        "pcn",
+        "pinhole",
+        "the camera of PCN's partial clouds, without noise; 1 from the object's centre there",
+        {
+            "width": (160, "wentaoyuan/pcn"),
+            "height": (120, "wentaoyuan/pcn"),
+            "f": (100.0, "wentaoyuan/pcn"),
+            **_CAMERA,
+        },
+    ),
+    SensorRow(
+        "modelnet40-c",
+        "pinhole",
+        "the camera of ModelNet40-C's occlusion, without noise; 3 from the centre there",
+        {
+            "width": (1080, "jiachens/ModelNet40-C"),
+            "height": (720, "jiachens/ModelNet40-C"),
+            "f": (365.0, "jiachens/ModelNet40-C"),
+            **_CAMERA,
+        },
+    ),
+    SensorRow(
+        "modelnet40-c-lidar",
+        "spinning",
+        "ModelNet40-C's lidar as a sensor: bands 1 degree apart, without noise; 5 from the centre there",
+        {
+            "lasers": (
+                tuple((float(e), 0.0) for e in range(-45, 46)),
+                "1 degree bands, jiachens/ModelNet40-C; their extent assumed",
+            ),
+            "columns": (2000, _ASSUMED + "; 768 points are drawn of each cloud there"),
+        },
+    ),
+    SensorRow(
+        "pinhole",
+        "pinhole",
+        "a camera without fault: pinhole:width=640,height=480,fov=60",
+        {
+            "width": (640, _ASSUMED),
+            "height": (480, _ASSUMED),
+            "fov": (60.0, _ASSUMED),
+            **_CAMERA,
+        },
+    ),
+)
+
+SENSORS: dict[str, Sensor] = {row.name: row.sensor() for row in ROWS}
+"""Every sensor of the table by name."""

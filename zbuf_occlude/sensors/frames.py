@@ -1,0 +1,383 @@
+"""Frames: what a camera delivers of each pixel, by rays through the pixels' centres; and frames as files."""
+
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import ArgumentError, check_int
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
+from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+MOST_PIXELS = 1 << 26
+MARGIN = 1.05
+"""Without a field of view, a picture is this many times as wide as the ball around the mesh's box."""
+TO_OPENCV = np.diag([1.0, -1.0, -1.0])
+"""From eye space (x right, y up, looking along -z) to OpenCV's (x right, y down, looking along z)."""
+DEPTH_LEVELS = 2**16 - 1
+TRANSFORMS, CAMERAS = "transforms.json", "cameras.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of a pinhole camera, (h, w); the first row is the highest.
+
+    Parameters
+    ----------
+    depth : (h, w) float32
+        Along the camera's axis, world units; infinite where nothing is met.
+    face_ids : (h, w) int32
+        Of the mesh or scene; -1 where nothing is met.
+    instances : (h, w) int32
+        Which object of the scene; -1 where nothing is met.
+    normals : (h, w, 3) float32
+        World space, unit, of the faces, turned towards the camera; 0 where nothing is met.
+    colors : (h, w, 3) uint8 or None
+        Base colours, sRGB, of a mesh that has some.
+    intrinsics : (3, 3) float
+        K, pixels: the centre of the first pixel is at (0.5, 0.5).
+    pose : (4, 4) float
+        View matrix: world space to eye space (x right, y up, looking along -z).
+
+    Examples
+    --------
+    >>> frame = next(zo.frames("chair.off", zo.views.from_angles(30, 20), width=64, height=48))
+    >>> frame.depth.shape, frame.normals.shape
+    ((48, 64), (48, 64, 3))
+    >>> len(frame.points) == frame.mask.sum()
+    True
+    """
+
+    depth: NDArray[np.float32]
+    face_ids: IntArray
+    instances: IntArray
+    normals: NDArray[np.float32]
+    colors: Bytes | None
+    intrinsics: FloatArray
+    pose: FloatArray
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        return f"Frame({width} x {height}, {self.mask.mean():.1%} covered)"
+
+    @property
+    def mask(self) -> BoolArray:
+        """Where something is met, (h, w)."""
+        return np.isfinite(self.depth)
+
+    @property
+    def extrinsics(self) -> FloatArray:
+        """[R | t] (3, 4): world space to OpenCV's camera space (x right, y down, looking along z)."""
+        return np.asarray(TO_OPENCV @ self.pose[:3])
+
+    @property
+    def camera_to_world(self) -> FloatArray:
+        """The inverse of `pose` (4, 4), as NeRF's ``transform_matrix``."""
+        found = np.eye(4)
+        found[:3, :3] = self.pose[:3, :3].T
+        found[:3, 3] = -self.pose[:3, :3].T @ self.pose[:3, 3]
+        return found
+
+    @property
+    def points(self) -> FloatArray:
+        """The covered pixels' centres at their depths, world space, (n, 3), row by row."""
+        rows, columns = np.nonzero(self.mask)
+        rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1) @ np.linalg.inv(self.intrinsics).T
+        rotation, origin = self.extrinsics[:, :3], self.extrinsics[:, 3]
+        return np.asarray((rays * self.depth[rows, columns, None].astype(np.float64) - origin) @ rotation)
+
+    @property
+    def picture(self) -> Bytes:
+        """Red, green, blue and alpha (h, w, 4): base colours, or grey lit from the camera; clear where nothing is."""
+        found = np.zeros((*self.depth.shape, 4), np.uint8)
+        if self.colors is not None:
+            found[..., :3] = self.colors
+        else:
+            facing = np.abs(self.normals @ self.camera_to_world[:3, 2].astype(np.float32))
+            found[..., :3] = (GREY + (235 - GREY) * facing[..., None]).astype(np.uint8)
+        found[..., 3] = 255
+        found[~self.mask] = 0
+        return found
+
+    def to_open3d(self) -> Any:
+        """Return an ``open3d.geometry.RGBDImage`` and its ``PinholeCameraIntrinsic``; depth 0 where nothing is met.
+
+        Raises
+        ------
+        UnavailableError
+            Open3D is not installed, or broken.
+        """
+        with importing("open3d", "Frame.to_open3d"):
+            import open3d
+        height, width = self.depth.shape
+        pixels: list[Any] = [
+            np.ascontiguousarray(self.picture[..., :3]),
+            np.where(self.mask, self.depth, np.float32(0)),
+        ]
+        color, depth = (open3d.geometry.Image(each) for each in pixels)
+        picture = open3d.geometry.RGBDImage.create_from_color_and_depth(color, depth, 1.0, np.inf, False)
+        # Open3D counts from the first pixel's centre
+        (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
+        return picture, open3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx - 0.5, cy - 0.5)
+
+
+def frames(
+    mesh: Scene | MeshLike,
+    views: Views,
+    *,
+    width: int = 640,
+    height: int = 480,
+    fov: float | None = None,
+    method: str = "exact",
+    occluder: Occluder | None = None,
+    colors: bool = False,
+    **options: Any,
+) -> Iterator[Frame]:
+    """Yield the picture of each view: of the first hit of each pixel depth, normal, face and instance.
+
+    Parameters
+    ----------
+    mesh : Scene or Mesh
+        Or anything else that is a mesh (`as_mesh`): a path, a mesh of trimesh or Open3D, (vertices, faces).
+    views : Views
+        World units. Cameras of a file (`Views.windows`) have pictures of their own, of which `width` and `height` are
+        the pixels; others have square pixels.
+    width, height : int
+        Pixels.
+    fov : float, optional
+        Horizontal field of view, degrees. By default one for all views, in which all of them see the whole mesh.
+    method : str
+        Who casts the rays: a name of the table `METHODS` that can. ``exact``: on the processor, without error;
+        ``depth_buffer``: on the GPU.
+    occluder : Occluder, optional
+        The mesh made ready already.
+    colors : bool
+        Read base colours too, of what has them.
+    **options
+        The method's own.
+
+    Yields
+    ------
+    Frame
+        In the order of the views.
+
+    Raises
+    ------
+    ArgumentError
+        A size or field of view out of range.
+    OptionError, UnavailableError, GlError
+        As `prepare`; a method that casts no rays.
+
+    Examples
+    --------
+    >>> views = zo.views.for_mesh("chair.off", "ring:8@30")
+    >>> found = list(zo.frames("chair.off", views, width=320, height=240, fov=40))
+    >>> found[0].depth.dtype, len(found)
+    (dtype('float32'), 8)
+    """
+    for name, value in (("width", width), ("height", height)):
+        check_int(name, value, 1)
+    if width * height > MOST_PIXELS:
+        raise ArgumentError(f"a picture must have at most {MOST_PIXELS:,} pixels; got {width} x {height}.")
+    scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
+    find_method(method).check_first_hits()
+    intrinsics = _intrinsics(scene, views, width, height, fov)
+    return _frames(scene, views, intrinsics, (height, width), method, occluder, options)
+
+
+def _frames(
+    scene: Scene,
+    views: Views,
+    intrinsics: FloatArray,
+    size: tuple[int, int],
+    method: str,
+    occluder: Occluder | None,
+    options: dict[str, Any],
+) -> Iterator[Frame]:
+    with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
+        for matrix, pose, eye in zip(intrinsics, views.poses, views.eyes, strict=True):
+            yield _frame(scene, opened, matrix, pose, eye, size)
+
+
+def _frame(
+    scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, eye: FloatArray, size: tuple[int, int]
+) -> Frame:
+    """Cast a ray through each pixel that may show the mesh."""
+    mesh, colors = scene.mesh, None
+    depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)
+    face_ids, instances = np.full((2, *size), -1, np.int32)
+    if mesh.colors is not None:
+        colors = np.zeros((*size, 3), np.uint8)
+    part = _around(mesh.bounds, matrix, pose, size)
+    (fx, _, cx), (_, fy, cy), _ = matrix
+    y, x = (
+        (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
+    )
+    if len(x) and len(y):
+        right, down, forward = TO_OPENCV @ pose[:3, :3]
+        directions = y[:, None, None] * down + (x[:, None] * right + forward)  # of depth 1
+        hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
+        depths = hits.distances.reshape(len(y), len(x)) / np.sqrt(1.0 + y[:, None] ** 2 + x**2)
+        depth[part], face_ids[part] = depths, hits.face_ids.reshape(depths.shape)
+        met = np.nonzero(face_ids[part] >= 0)
+        faces, directions = face_ids[part][met], directions[met]
+        facing = mesh.face_normals[faces]
+        lengths = np.sqrt(np.einsum("ij,ij->i", facing, facing))  # not 0: a face without area is never met
+        lengths[np.einsum("ij,ij->i", facing, directions) > 0] *= -1.0
+        normals[part][met], instances[part][met] = facing / lengths[:, None], scene.instances[faces]
+        if mesh.colors is not None and colors is not None:
+            places = eye + directions * depths[met][:, None]
+            colors[part][met] = mesh.colors.at(faces, barycentric(mesh.corners[faces], places))
+    return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
+
+
+def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns outside which no pixel shows anything of a box; all where the eye may be within."""
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
+    if not (corners[:, 2] < -1e-6 * np.abs(corners).max()).all():
+        return slice(0, size[0]), slice(0, size[1])
+    pixels = corners @ TO_OPENCV @ matrix.T
+    places = np.nan_to_num(pixels[:, 1::-1] / pixels[:, 2:])
+    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, size).astype(int).tolist()
+    last = np.clip(np.ceil(places.max(axis=0)) + 1, first, size).astype(int).tolist()
+    return slice(first[0], last[0]), slice(first[1], last[1])
+
+
+def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float | None) -> FloatArray:
+    if views.windows is not None:
+        if fov is not None:
+            raise ArgumentError("fov must be left out of cameras that have a field of view. Leave it out.")
+        return views.intrinsics(width, height)
+    if fov is None:
+        mesh = scene.mesh
+        away = np.linalg.norm(views.eyes - mesh.centre, axis=1).min()
+        off = np.linalg.norm(np.asarray(views.target) - mesh.centre)
+        tangent = np.tan(np.arcsin(min(MARGIN * (mesh.diagonal / 2 + off) / away, 0.9)) if away > 0 else np.pi / 4)
+        tangent *= width / min(width, height)
+    elif isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0:
+        tangent = np.tan(np.radians(fov) / 2.0)
+    else:
+        raise ArgumentError(f"fov must lie between 0 and 180 degrees; got {fov!r}.")
+    across, along = float(tangent), float(tangent) * height / width
+    windows = np.tile([-across, across, -along, along], (len(views), 1))
+    return replace(views, windows=windows).intrinsics(width, height)
+
+
+def depth_unit(farthest: float) -> float:
+    """Return a power of ten of which 65,535 steps reach as far as a depth, world units; 0.001 up to 65.5."""
+    return float(10.0 ** np.ceil(np.log10(farthest / DEPTH_LEVELS))) if farthest > 0 else 1.0
+
+
+def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit: float | None = None) -> list[str]:
+    """Write the frames of an object into a folder, as readers of renderings for NeRF, and of Objaverse, expect them.
+
+    ===================  =====================================================================================
+    000.png              red, green, blue, alpha
+    000.npy              (3, 4) float64, world space to eye space (x right, y up, looking along -z)
+    000_depth.png        16 bits: depth over `unit`, rounded; 0 where nothing is
+    000_mask.png         8 bits: 255 or 0
+    000_normal.png       8 bits: (n + 1) / 2 of 255, world space; 0 where nothing is
+    000_instance.png     16 bits: instance + 1; 0 where nothing is
+    transforms.json      intrinsics, and for each frame its files and ``transform_matrix``: camera (x right, y up,
+                         looking along -z) to world
+    cameras.json         for each frame K, R, t in OpenCV's convention, width, height, and the unit of its depth
+    ===================  =====================================================================================
+
+    Parameters
+    ----------
+    folder : path-like
+        Made when missing.
+    found : iterable of Frame
+    unit : float, optional
+        World units in a step of the depth pictures. By default the finest power of ten that reaches the farthest depth.
+
+    Returns
+    -------
+    list of str
+        The names of the files.
+
+    Raises
+    ------
+    ArgumentError
+        A depth is farther than 65,535 steps.
+    UnavailableError
+        Pillow is not installed.
+
+    Examples
+    --------
+    >>> views = zo.views.for_mesh("chair.off", "ring:2@30")
+    >>> zo.write_frames("chair", zo.frames("chair.off", views, width=64, height=64))[:3]
+    ['000.png', '000.npy', '000_depth.png']
+    """
+    folder, names = Path(folder), list[str]()
+    lenses, placed, cameras = (list[dict[str, Any]]() for _ in range(3))
+    folder.mkdir(parents=True, exist_ok=True)
+    if unit is None:
+        found = list(found)
+        unit = depth_unit(max((float(frame.depth[frame.mask].max(initial=0.0)) for frame in found), default=0.0))
+    for number, frame in enumerate(found):
+        for name, content in _files(frame, f"{number:03d}", unit).items():
+            (folder / name).write_bytes(content)
+            names.append(name)
+        height, width = frame.depth.shape
+        (fx, _, cx), (_, fy, cy), _ = frame.intrinsics.tolist()
+        lenses.append({"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": width, "h": height})
+        files = {"file_path": "png", "depth_file_path": "depth.png", "depth_path": "depth.png", "mask_path": "mask.png"}
+        of_frame: dict[str, Any] = {
+            key: f"{number:03d}{'.' if end == 'png' else '_'}{end}" for key, end in files.items()
+        }
+        placed.append({**of_frame, "transform_matrix": frame.camera_to_world.tolist()})
+        outside = frame.extrinsics
+        matrices = {"K": frame.intrinsics, "R": outside[:, :3], "t": outside[:, 3]}
+        cameras.append({name: values.tolist() for name, values in matrices.items()})
+        cameras[-1] |= {"width": width, "height": height, "depth_unit": unit}
+    one = lenses[0] if lenses and all(lens == lenses[0] for lens in lenses) else {}
+    if one:
+        one = {"camera_angle_x": 2.0 * np.arctan(one["w"] / (2.0 * one["fl_x"])), **one}
+    about = {"camera_model": "PINHOLE", **one, "integer_depth_scale": unit}
+    frames = placed if one else [{**lens, **each} for lens, each in zip(lenses, placed, strict=True)]
+    for name, document in ((TRANSFORMS, {**about, "frames": frames}), (CAMERAS, {"cameras": cameras})):
+        (folder / name).write_text(json.dumps(document, indent=1))
+    return [*names, TRANSFORMS, CAMERAS]
+
+
+def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
+    """Return the files of one frame, by name."""
+    mask, steps = frame.mask, np.zeros(frame.depth.shape, np.uint16)
+    levels = np.round(frame.depth[mask].astype(np.float64) / unit)
+    if levels.max(initial=0.0) > DEPTH_LEVELS:
+        raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
+    steps[mask] = levels
+    normals = np.zeros((*mask.shape, 3), np.uint8)
+    normals[mask] = np.round((frame.normals[mask] + 1.0) * 127.5)
+    pictures: dict[str, NDArray[Any]] = {
+        f"{stem}.png": frame.picture,
+        f"{stem}_depth.png": steps,
+        f"{stem}_mask.png": mask.astype(np.uint8) * np.uint8(255),
+        f"{stem}_normal.png": normals,
+        f"{stem}_instance.png": (frame.instances + 1).astype(np.uint16),
+    }
+    matrix = io.BytesIO()
+    np.save(matrix, frame.pose[:3])
+    return {f"{stem}.npy": matrix.getvalue(), **{name: _png(pixels) for name, pixels in pictures.items()}}
+
+
+def _png(pixels: NDArray[Any]) -> bytes:
+    with importing("PIL", "frames as files"):
+        from PIL import Image
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)
+    return file.getvalue()

@@ -1,0 +1,282 @@
+"""Views and cameras from files: CSV, JSON (K, R, t per camera; NeRF's transforms.json), COLMAP's text and binary files.
+
+Cameras have positions in the mesh's own coordinates (after `up` has turned it) and need not look at it. K is in pixels
+with y down and the corner of the upper left pixel at (0, 0). R and t take world space to OpenCV's eye space (x right,
+y down, z forward). transforms.json holds OpenGL's matrices, from eye to world space.
+"""
+
+import mmap
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.documents import Number, parse_document, read_limited
+from zbuf_occlude.errors import OptionError, in_words, printable
+from zbuf_occlude.views.model import PAPER_DISTANCE, Views
+
+_TO_GL = np.diag([1.0, -1.0, -1.0])
+"""OpenCV's eye space to OpenGL's."""
+_NOT_A_ROTATION = 1e-3
+
+_SIZE, _PLACE = Number(1e-6, 1e9, "pixels"), Number(-1e9, 1e9, "pixels")
+_VIEWS = {
+    **dict.fromkeys(("azimuth", "roll"), Number(-3600.0, 3600.0, "degrees", ((-1,),))),
+    "elevation": Number(-90.0, 90.0, "degrees", ((-1,),)),
+    "distance": Number(1e-9, 1e9, "longest sides", ((-1,),)),
+}
+_ROTATION, _TRANSLATION, _K = Number(-2.0, 2.0, shapes=((3, 3),)), Number(shapes=((3,),)), Number(shapes=((3, 3),))
+_QUATERNION = Number(-np.finfo(float).max, np.finfo(float).max, shapes=((4,),))
+_TO_WORLD = Number(shapes=((3, 4), (4, 4)))
+_R_COLUMNS, _T_COLUMNS = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)], ["t1", "t2", "t3"]
+_INTRINSICS = {"fx": _SIZE, "fy": _SIZE, "cx": _PLACE, "cy": _PLACE, "width": _SIZE, "height": _SIZE}
+_DISTORTION = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), Number())
+"""What transforms.json may say of its cameras, and pinholes do not have."""
+_OF_FRAMES = {
+    **dict.fromkeys(("w", "h", "fl_x", "fl_y"), _SIZE),
+    **dict.fromkeys(("cx", "cy"), _PLACE),
+    "camera_angle_x": Number(1e-3, 3.14, "radians"),
+    **_DISTORTION,
+}
+_COLMAP_MODELS = (
+    ("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8), ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+)  # fmt: skip
+"""Names and numbers of parameters by the number that binary files have for a model."""
+_FOCALS = {"SIMPLE_PINHOLE": 1, "SIMPLE_RADIAL": 1, "RADIAL": 1, "PINHOLE": 2, "OPENCV": 2, "FULL_OPENCV": 2}
+"""Focal lengths of the models that are pinholes where their other parameters, but for the centre, are 0."""
+
+
+class _Camera(NamedTuple):
+    """Of a file: where it stands, world to OpenCV's eye space, and tangents left, right, bottom, top of its picture."""
+
+    eye: FloatArray
+    rotation: FloatArray
+    window: Sequence[float] | None
+
+
+def from_csv(path: str | Path, distance: float = PAPER_DISTANCE) -> Views:
+    """Read views or cameras from a CSV with a header.
+
+    Views have the columns azimuth, elevation (degrees) and, optionally, distance, in longest sides of the object, and
+    roll, in degrees. Cameras have r11, r12, ... r33, t1, t2, t3 and, optionally, fx, fy, cx, cy, width, height.
+
+    Raises
+    ------
+    OptionError
+        The file is missing, lacks a column, has no rows, or holds something that is not a number or out of range.
+
+    Examples
+    --------
+    >>> np.savetxt("views.csv", [[30, 20, 3]], delimiter=",", header="azimuth,elevation,distance", comments="")
+    >>> zo.views.from_csv("views.csv").distance.tolist()
+    [3.0]
+    """
+    columns, where = parse_document("CSV", read_limited(Path(path)), path), printable(str(path))
+    if {*_R_COLUMNS, *_T_COLUMNS} <= set(columns):
+        rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+        return _views(Path(path), rows, _camera_of_row)
+    if not {"azimuth", "elevation"} <= set(columns):
+        found = ", ".join(columns)
+        raise OptionError(
+            f"{where} must have the columns azimuth,elevation[,distance]; found: {found:.200}. "
+            f"(Cameras: r11,...,r33,t1,t2,t3[,{','.join(_INTRINSICS)}].)"
+        )
+    defaults = {"azimuth": "", "elevation": "", "roll": 0.0, "distance": distance}
+    given = {name: columns.get(name, [""] * len(columns["azimuth"])) for name in defaults}
+    azimuth, elevation, roll, distances = (
+        np.array(_VIEWS[name].read(f"{name} in {where}", [word or default for word in given[name]]))
+        for name, default in defaults.items()
+    )
+    return Views(np.radians(azimuth), np.radians(elevation), distances, roll=np.radians(roll))
+
+
+def from_json(path: Path) -> Views:
+    """Read cameras: NeRF's transforms.json; or objects with R, t and optionally K, width, height, in a list or lines.
+
+    Raises
+    ------
+    OptionError
+        The file is missing or holds no cameras of these forms.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> n_written = Path("camera.json").write_text('{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0, 0, 5]}')
+    >>> zo.views.from_json(Path("camera.json")).eyes.tolist()
+    [[0.0, 0.0, -5.0]]
+    """
+    data = read_limited(path)
+    if path.suffix.lower() == ".jsonl":
+        data = b"[" + b",".join(line for line in data.removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()) + b"]"
+    document = parse_document("JSON", data, path)
+    if isinstance(document, dict) and "frames" in document:
+        shared = {key: value for key, value in document.items() if key != "frames"}
+        return _views(path, document["frames"], lambda frame: _camera_of_frame({**shared, **frame}))
+    if isinstance(document, dict):
+        document = document.get("cameras", [document])
+    return _views(path, document, _camera_of_object)
+
+
+def from_colmap(path: Path) -> Views:
+    """Read COLMAP's images.txt or .bin, and cameras of that ending next to it: pinhole models without distortion.
+
+    Raises
+    ------
+    OptionError
+        A file is missing, damaged, or has a camera with distortion.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> n_written = Path("images.txt").write_text("1 1 0 0 0 0 0 5 1 a.png\\n\\n")
+    >>> zo.views.from_colmap(Path("images.txt")).distance.tolist()
+    [5.0]
+    """
+    beside = path.with_name(f"cameras{path.suffix}")
+    models = {f"camera {row[0]}": row for row in _colmap_rows(beside)} if beside.exists() else {}
+    if beside.exists() and not models:
+        raise OptionError(f"{printable(str(beside))} must hold cameras; it holds none. Copy it again.")
+    return _views(path, _colmap_rows(path), lambda row: _camera_of_image(row, models))
+
+
+def _views(path: Path, items: Iterable[Any], read: Callable[[Any], _Camera]) -> Views:
+    """Turn what a file holds into views; errors name the file."""
+    cameras: list[_Camera] = []
+    try:
+        for item in items:
+            cameras.append(read(item))
+        if not cameras:
+            raise ValueError("it holds none")
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        said = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+        raise OptionError(
+            f"{printable(str(path))} must hold cameras, each with R and t; number {len(cameras)} cannot be read "
+            f"({said:.200})."
+        ) from None
+    eyes, rotations, windows = (list(each) for each in zip(*cameras, strict=True))
+    return Views.of_cameras(np.array(eyes), _TO_GL @ rotations, None if None in windows else np.array(windows))
+
+
+def _camera(rotation: Any, translation: Any, intrinsics: Iterable[Any] | None) -> _Camera:
+    """Check R, t and fx, fy, cx, cy, width, height."""
+    turn, moved = np.array(_ROTATION.read("R", rotation)), np.array(_TRANSLATION.read("t", translation))
+    if not np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_A_ROTATION or np.linalg.det(turn) < 0:
+        raise ValueError("R must be a rotation, and is none")
+    window = None
+    if intrinsics is not None:
+        fx, fy, cx, cy, width, height = (
+            kind.read(name, value) for (name, kind), value in zip(_INTRINSICS.items(), intrinsics, strict=True)
+        )
+        window = [-cx / fx, (width - cx) / fx, -(height - cy) / fy, cy / fy]
+    return _Camera(-turn.T @ moved, turn, window)
+
+
+def _camera_of_row(row: Mapping[str, str]) -> _Camera:
+    intrinsics = [row[name] for name in _INTRINSICS] if row.get("fx") else None
+    return _camera([row[name] for name in _R_COLUMNS], [row[name] for name in _T_COLUMNS], intrinsics)
+
+
+def _camera_of_object(item: Mapping[str, Any]) -> _Camera:
+    intrinsics = None
+    if "K" in item:
+        (fx, skew, cx), (zero, fy, cy), last = _K.read("K", item["K"])
+        if skew or zero or last != [0.0, 0.0, 1.0]:
+            raise ValueError("K must be fx 0 cx, 0 fy cy, 0 0 1, a pinhole without skew, and is not")
+        intrinsics = [fx, fy, cx, cy, item.get("width", 2 * cx), item.get("height", 2 * cy)]
+    return _camera(item["R"], item["t"], intrinsics)
+
+
+def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
+    to_world = np.array(_TO_WORLD.read("transform_matrix", frame["transform_matrix"]))
+    if to_world[3:].tolist() not in ([], [[0.0, 0.0, 0.0, 1.0]]):
+        raise ValueError("the last row of transform_matrix must be 0 0 0 1, and is not")
+    if (model := frame.get("camera_model", "PINHOLE")) not in (*_FOCALS, "PERSPECTIVE") or frame.get("is_fisheye"):
+        raise ValueError(f"its camera_model {printable(str(model))} is no pinhole; undistort the images first")
+    given = {name: kind.read(name, frame[name]) for name, kind in _OF_FRAMES.items() if frame.get(name) is not None}
+    if bent := [name for name in _DISTORTION if given.get(name)]:
+        raise ValueError(f"{bent[0]} is {given[bent[0]]}, a distortion; undistort the images first")
+    width, height, focal = (given.get(name) for name in ("w", "h", "fl_x"))
+    intrinsics = None
+    if focal is None and "camera_angle_x" in given:
+        width, height = width or 1.0, height or width or 1.0
+        focal = 0.5 * width / np.tan(0.5 * given["camera_angle_x"])
+    if focal is not None and width and height:
+        centre = given.get("cx", width / 2), given.get("cy", height / 2)
+        intrinsics = [focal, given.get("fl_y", focal), *centre, width, height]
+    rotation = np.array(_ROTATION.read("transform_matrix", to_world[:3, :3])) @ _TO_GL
+    return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics)
+
+
+def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
+    quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
+    if not quaternion.any():
+        raise ValueError("a quaternion must not be zero, and one is")
+    quaternion /= np.abs(quaternion).max()  # its square may overflow
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    intrinsics = None
+    if models:
+        _, model, width, height, *words = models[f"camera {row[8]}"]
+        parameters = [float(word) for word in words]
+        if len(parameters) != dict(_COLMAP_MODELS).get(model, len(parameters)):
+            wanted = dict(_COLMAP_MODELS)[model]
+            raise ValueError(f"camera {row[8]} must have the {wanted} parameters of a {model}; it has {len(words)}")
+        n_focals = _FOCALS.get(model, 0)
+        if not n_focals or any(parameters[n_focals + 2 :]):
+            raise ValueError(f"camera {row[8]} is a {model} with distortion; undistort the images first")
+        *focals, cx, cy = parameters[: n_focals + 2]
+        intrinsics = [focals[0], focals[-1], cx, cy, width, height]
+    return _camera(rotation, row[5:8], intrinsics)
+
+
+def _colmap_rows(path: Path) -> list[list[Any]]:
+    """Return the rows of cameras.txt, or every second one of images.txt: what is between are points; or as if of .bin.
+
+    Raises
+    ------
+    OptionError
+        It cannot be read, or ends too early.
+    """
+    images = path.stem.endswith("images")
+    try:
+        if path.suffix == ".bin":
+            with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                return (_binary_images if images else _binary_cameras)(data)
+        with path.open(encoding="utf-8-sig", errors="replace") as text:
+            lines = [line.split(None, 20) for line in text if not line.startswith("#")]
+        return list(filter(None, lines[:: 1 + images]))
+    except (OSError, ValueError, OverflowError, struct.error) as error:
+        said = "it ends too early" if isinstance(error, struct.error) else in_words(error)
+        raise OptionError(f"a file of COLMAP's must be readable; {printable(str(path))}: {said}.") from None
+
+
+def _binary_cameras(data: mmap.mmap) -> list[list[Any]]:
+    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        camera, model, width, height = struct.unpack_from("<iiQQ", data, place)
+        if not 0 <= model < len(_COLMAP_MODELS):
+            raise ValueError(f"camera {camera} is of model {model}, which is not known")
+        name, n_parameters = _COLMAP_MODELS[model]
+        rows.append([camera, name, width, height, *struct.unpack_from(f"<{n_parameters}d", data, place + 24)])
+        place += 24 + 8 * n_parameters
+    return rows
+
+
+def _binary_images(data: mmap.mmap) -> list[list[Any]]:
+    rows, (n,), place = [], struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        rows.append(list(struct.unpack_from("<I7dI", data, place)))
+        end = data.find(b"\0", place + 64)  # of the picture's name, which points follow
+        place = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0] if end >= 0 else len(data) + 1
+    if place > len(data):
+        raise struct.error
+    return rows

@@ -1,0 +1,306 @@
+"""What eyes see of a surface: the share of each face, the vertices, the visible part as a mesh, what views cover.
+
+All four ask a method of the table about points; what is exact there and what is sampled, each function says.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
+from zbuf_occlude.errors import ArgumentError, MeshError, check_int
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
+from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
+from zbuf_occlude.provenance import generator
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+COARSEST = 1 / 32
+"""Longest side of the mesh: pieces of `visible_mesh` are never longer before they are asked."""
+FINEST = 1 / 256
+"""Default tolerance of `visible_mesh`, in longest sides of the mesh."""
+_INWARD = 1 / 64
+"""How far towards the centroid a piece's corners are asked: an edge belongs to two faces, a place beside it to one."""
+_HALVINGS = 10
+"""Of an edge that the shadow's edge crosses."""
+
+
+class VisibleFaces(NamedTuple):
+    """How much of each face each eye sees.
+
+    fraction : (k, f) float64, share of the face's area
+    standard_error : (k, f) float64, of `fraction`: the standard deviation of the share after what was sampled, from a
+        uniform prior; never 0
+    n_points : (f,) int64, points that the face was asked at
+    """
+
+    fraction: FloatArray
+    standard_error: FloatArray
+    n_points: IntArray
+
+
+class VisiblePart(NamedTuple):
+    """The part of a mesh that eyes see.
+
+    mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
+    face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
+    tolerance : float, world units: features of the shadow's edge that are smaller may be missed
+    """
+
+    mesh: Mesh
+    face_ids: IntArray
+    tolerance: float
+
+
+class Coverage(NamedTuple):
+    """How much of a surface a sequence of views sees.
+
+    alone : (k,) float64, share of the area that each view sees
+    together : (k,) float64, share that the views up to this one see, union
+    standard_error : (k,) float64, of `together`
+    """
+
+    alone: FloatArray
+    together: FloatArray
+    standard_error: FloatArray
+
+
+def visible_faces(
+    mesh: MeshLike,
+    eyes: ArrayLike,
+    *,
+    points_per_face: int = 16,
+    n_points: int = 100_000,
+    seed: Seed = 0,
+    method: str = "exact",
+    **options: Any,
+) -> VisibleFaces:
+    """Estimate the share of each face's area that each eye sees, from random points on it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Or anything that is one (`occlude`).
+    eyes : (k, 3) float
+        World space.
+    points_per_face : int
+        Each face gets as many points at least.
+    n_points : int
+        Points shared out by area on top of these, so that large faces are known better.
+    seed : int
+    method : str
+        A name of the table of methods. Answers of an exact method have the sampling's error alone.
+    **options
+        Of the method.
+
+    Raises
+    ------
+    ArgumentError, OptionError, UnavailableError, GlError
+        As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> found = zo.visible_faces(mesh, zo.views.for_mesh(mesh, "paper100").eyes[:4])
+    >>> found.fraction.shape == (4, len(mesh.faces))
+    True
+    """
+    mesh = as_mesh(mesh)
+    check_int("points_per_face", points_per_face, 1)
+    check_int("n_points", n_points, 0)
+    counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
+    points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), counts)
+    with prepare(mesh, method, **options) as occluder:
+        seen = occluder.visible(points, eyes)
+    n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
+    expected = (n_seen + 1) / (counts + 2)
+    return VisibleFaces(n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3)), counts)
+
+
+def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
+    """Answer which vertices each eye sees: (k, v) bool.
+
+    A vertex is hidden by faces that the line of sight crosses, never by those that meet it there. So a corner on the
+    silhouette is seen. Vertices that no face uses are asked too.
+
+    Raises
+    ------
+    ArgumentError, OptionError, UnavailableError, GlError
+        As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> zo.visible_vertices(mesh, [[3.0, 2.0, 1.5]]).shape == (1, len(mesh.vertices))
+    True
+    """
+    mesh = as_mesh(mesh)
+    with prepare(mesh, method, **options) as occluder:
+        return occluder.visible(SurfacePoints.free(mesh.vertices), eyes)
+
+
+def coverage(
+    mesh: MeshLike, eyes: ArrayLike, *, n_points: int = 20_000, seed: Seed = 0, method: str = "exact", **options: Any
+) -> Coverage:
+    """Estimate how much of the surface the eyes (k, 3) see, each alone and those up to it together.
+
+    Raises
+    ------
+    ArgumentError, OptionError, UnavailableError, GlError
+        As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> mesh = zo.load_mesh("chair.off")
+    >>> found = zo.coverage(mesh, zo.views.for_mesh(mesh, "paper100").eyes)
+    >>> bool(found.together[-1] >= found.alone.max())
+    True
+    """
+    mesh = as_mesh(mesh)
+    points = sample_surface(mesh, n_points=n_points, seed=seed)
+    with prepare(mesh, method, **options) as occluder:
+        seen = occluder.visible(points, eyes)
+    together = np.logical_or.accumulate(seen, axis=0).mean(axis=1)
+    return Coverage(seen.mean(axis=1), together, np.sqrt(together * (1 - together) / n_points))
+
+
+def visible_mesh(
+    mesh: MeshLike, eyes: ArrayLike, *, tolerance: float | None = None, method: str = "exact", **options: Any
+) -> VisiblePart:
+    """Cut the mesh along the edge of what is seen, and keep what one of the eyes sees at least.
+
+    Faces are quartered until they are shorter than a 32nd of the mesh's longest side, and further where their corners
+    and centroid are not all seen or all hidden, down to `tolerance`. Pieces that are still mixed are cut along the
+    line between two places on their edges, which halving finds.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Or anything that is one (`occlude`).
+    eyes : (3,) or (k, 3) float
+        World space.
+    tolerance : float, optional
+        World units; by default a 256th of the longest side.
+    method : str
+        A name of the table of methods; its answers are taken for true.
+    **options
+        Of the method.
+
+    Returns
+    -------
+    VisiblePart
+        Neighbouring pieces of different size meet in T-junctions, at which the part is not watertight.
+
+    Raises
+    ------
+    MeshError
+        Nothing is seen.
+    ArgumentError, OptionError, UnavailableError, GlError
+        As `prepare` and `Occluder.visible`.
+
+    Examples
+    --------
+    >>> part = zo.visible_mesh("chair.off", [3.0, 2.0, 1.5])
+    >>> len(part.face_ids) == len(part.mesh.faces)
+    True
+    """
+    mesh = as_mesh(mesh)
+    finest = FINEST * mesh.longest_side if tolerance is None else float(tolerance)
+    if not 0 < finest < np.inf:
+        raise ArgumentError(f"tolerance must be a length above 0, in the mesh's unit; got {tolerance!r}.")
+    eyes = as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    coarsest = max(COARSEST * mesh.longest_side, finest)
+    corners, face_ids = mesh.corners, np.arange(len(mesh.faces), dtype=np.int32)
+    kept, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
+    with prepare(mesh, method, **options) as occluder:
+        while len(corners):
+            asked = np.concatenate([_inward(corners), corners.mean(axis=1, keepdims=True)], axis=1)
+            seen = _seen(occluder, mesh, asked, face_ids, eyes)
+            all_seen, none_seen = seen.all(axis=1), ~seen.any(axis=1)
+            length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+            divided = (length > coarsest) | (~all_seen & ~none_seen & (length > finest))
+            whole, mixed = all_seen & ~divided, ~all_seen & ~none_seen & ~divided
+            cut, rows = _cut(occluder, mesh, corners[mixed], face_ids[mixed], seen[mixed, :3], eyes)
+            kept += [corners[whole], cut]
+            of_face += [face_ids[whole], face_ids[mixed][rows]]
+            corners, face_ids = _quartered(corners[divided]), np.repeat(face_ids[divided], 4)
+    part = _joined(mesh, np.concatenate(kept), np.concatenate(of_face))
+    if part is None:
+        raise MeshError(
+            f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
+        )
+    return VisiblePart(*part, finest)
+
+
+def _on_faces(mesh: Mesh, positions: FloatArray, counts: IntArray) -> SurfacePoints:
+    """Positions on faces, `counts` on each in turn, as points."""
+    face_ids = np.repeat(np.arange(len(mesh.faces), dtype=np.int32), counts)
+    return SurfacePoints.of_checked(positions, face_ids, mesh.face_normals[face_ids])
+
+
+def _seen(occluder: Occluder, mesh: Mesh, positions: FloatArray, face_ids: IntArray, eyes: FloatArray) -> BoolArray:
+    """Whether an eye sees positions (n, m, 3) on faces (n,): (n, m)."""
+    n_each = positions.shape[1]
+    own = np.repeat(face_ids, n_each)
+    points = SurfacePoints.of_checked(positions.reshape(-1, 3).copy(), own, mesh.face_normals[own])
+    return occluder.visible(points, eyes).any(axis=0).reshape(-1, n_each)
+
+
+def _inward(corners: FloatArray) -> FloatArray:
+    """Corners (n, 3, 3), each a little towards its triangle's centroid."""
+    return corners + _INWARD * (corners.mean(axis=1, keepdims=True) - corners)
+
+
+def _quartered(corners: FloatArray) -> FloatArray:
+    """Four triangles for each one, (4 n, 3, 3), wound alike; neighbours get the same midpoints."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)
+
+
+def _cut(
+    occluder: Occluder, mesh: Mesh, corners: FloatArray, face_ids: IntArray, seen: BoolArray, eyes: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Cut triangles (n, 3, 3) by which corners are seen (n, 3): the seen pieces (m, 3, 3), and of which each is (m,).
+
+    One corner differs from the other two: it is turned to be the first. Where none does, only the centroid differed,
+    and the triangle goes as its corners say.
+    """
+    alike = seen.all(axis=1) | ~seen.any(axis=1)
+    n_seen = seen.sum(axis=1)
+    lone = np.where(n_seen == 1, seen.argmax(axis=1), (~seen).argmax(axis=1))
+    turned = np.take_along_axis(corners, ((lone[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
+    rows = np.flatnonzero(~alike)
+    first, others = turned[rows, :1], turned[rows, 1:]
+    near, far = _inward(turned[rows])[:, :1], _inward(turned[rows])[:, 1:]
+    lone_seen = (n_seen == 1)[rows]
+    low, high = np.zeros((len(rows), 2, 1)), np.ones((len(rows), 2, 1))  # along both edges from the first corner
+    for _ in range(_HALVINGS if len(rows) else 0):
+        middle = 0.5 * (low + high)
+        like_first = _seen(occluder, mesh, near + middle * (far - near), face_ids[rows], eyes) == lone_seen[:, None]
+        low, high = np.where(like_first[:, :, None], middle, low), np.where(like_first[:, :, None], high, middle)
+    places = first + 0.5 * (low + high) * (others - first)
+    tips = np.concatenate([first, places], axis=1)
+    stump = np.stack([places[:, 0], others[:, 0], others[:, 1], places[:, 0], others[:, 1], places[:, 1]], axis=1)
+    whole = np.flatnonzero(seen.all(axis=1))
+    pieces = [tips[lone_seen], stump[~lone_seen].reshape(-1, 3, 3), corners[whole]]
+    return np.concatenate(pieces), np.concatenate([rows[lone_seen], np.repeat(rows[~lone_seen], 2), whole])
+
+
+def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, IntArray] | None:
+    """A mesh of the pieces (n, 3, 3) of faces (n,); a face of which all pieces are there is one again."""
+    areas = 0.5 * np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
+    seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
+    whole = np.flatnonzero(seen >= (1 - 1e-9) * mesh.areas).astype(np.int32)
+    rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
+    corners = np.concatenate([mesh.corners[whole], pieces[rest]])
+    if len(corners) == 0:
+        return None
+    vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    of_face = np.concatenate([whole, face_ids[rest]])
+    order = np.argsort(of_face, kind="stable")
+    source = None if mesh.source_face_ids is None else mesh.source_face_ids[of_face[order]]
+    part = Mesh(vertices, faces.reshape(-1, 3)[order].astype(np.int32), name=mesh.name, source_face_ids=source)
+    return part, of_face[order]

@@ -1,0 +1,27 @@
+"""What Python's fork server loads before it forks workers: all that they need, compiled functions too."""
+
+import gc
+import signal
+
+from zbuf_occlude.jit.compiler import without_scipy
+
+__all__ = ["local"]
+
+# an interrupt of the whole process group is the coordinator's: so no temporary folder stays
+heard = {one: signal.signal(one, signal.SIG_IGN) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+gc.disable()  # 10 % of the time
+with without_scipy():
+    from zbuf_occlude.dataset.plan import Recipe
+    from zbuf_occlude.dataset.rehearsal import compile_ahead, was_rehearsed
+    from zbuf_occlude.jit.threads import alone
+    from zbuf_occlude.workers import local
+
+    common = Recipe(method="exact")  # most of what it has compiled the workers of all other methods need too
+    if was_rehearsed(common):
+        with alone():
+            compile_ahead(common)
+gc.enable()
+gc.freeze()  # what is loaded stays: no collection looks through it and so copies its pages into a worker
+for one, handler in heard.items():
+    signal.signal(one, handler)  # forked processes have it back
