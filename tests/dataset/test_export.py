@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -22,6 +22,8 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.dataset.verify import verify
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.setup import Setup
 
 MESHES = [
     ("02691156/1a04e3eab45ca15d", "airplane", "train"),
@@ -48,7 +50,14 @@ def collection(format: str) -> MeshCollection:
 def plan(format: str, **changes: object) -> Plan:
     row = find_format(format)
     recipe = Recipe(method="exact", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
+    if format == "frames":
+        recipe = replace(recipe, scanning=camera(), attributes=("normals",))
     return Plan(collection(format), replace(row.redrawn(recipe), **changes), format)
+
+
+def camera() -> dict[str, object]:
+    """A pinhole camera that keeps all that it sees."""
+    return asdict(Setup(make("pinhole", width=24, height=18, fov=40).document, size="file", keep="all"))
 
 
 Made = Callable[[str], Path]

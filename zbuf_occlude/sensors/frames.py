@@ -57,7 +57,7 @@ class Frame:
     >>> frame = next(zo.frames("chair.off", zo.views.from_angles(30, 20), width=64, height=48))
     >>> frame.depth.shape, frame.normals.shape
     ((48, 64), (48, 64, 3))
-    >>> len(frame.points) == frame.mask.sum()
+    >>> bool(len(frame.points) == frame.mask.sum())
     True
     """
 
@@ -320,7 +320,7 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     --------
     >>> views = zo.views.for_mesh("chair.off", "ring:2@30")
     >>> zo.write_frames("chair", zo.frames("chair.off", views, width=64, height=64))[:3]
-    ['000.png', '000.npy', '000_depth.png']
+    ['000.png', '000_depth.png', '000_mask.png']
     """
     folder, names = Path(folder), list[str]()
     lenses, placed, cameras = (list[dict[str, Any]]() for _ in range(3))
@@ -372,7 +372,7 @@ def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
     }
     matrix = io.BytesIO()
     np.save(matrix, frame.pose[:3])
-    return {f"{stem}.npy": matrix.getvalue(), **{name: _png(pixels) for name, pixels in pictures.items()}}
+    return {**{name: _png(pixels) for name, pixels in pictures.items()}, f"{stem}.npy": matrix.getvalue()}
 
 
 def _png(pixels: NDArray[Any]) -> bytes:

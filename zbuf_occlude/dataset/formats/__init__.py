@@ -147,6 +147,8 @@ class Format:
         drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale")}
         if recipe.scale != "cloud":
             drawn.pop("scale", None)
+        if drawn.get("sample_size") == "all":
+            drawn["sample_size"] = None
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
