@@ -19,6 +19,8 @@ FOLDER = "gallery-3d"
 API = {
     "partial": ("Partial clouds", "", ("occlude", "PartialCloud")),
     "depth": ("Depth images", "", ("depth_image",)),
+    "frames": ("Frames", "", ("frames", "Frame", "write_frames")),
+    "surface": ("Visible surfaces", "", ("visible_faces", "visible_vertices", "visible_mesh", "coverage")),
     "mesh": ("Mesh", "", ("Mesh",)),
     "meshes": ("Mesh files", "", ("load_mesh", "MeshCollection")),
     "points": ("Points", "", ("sample_surface", "SurfacePoints")),
@@ -52,6 +54,7 @@ MEMBERS = {
     "SurfacePoints": ("free", "select"),
     "Occluder": ("visible", "first_hits", "close"),
     "Method": ("missing", "options", "check_options"),
+    "Frame": ("mask", "points", "extrinsics", "camera_to_world", "to_open3d"),
     "PartialCloud": ("save", "to_open3d", "to_trimesh"),
     "Scan": ("select", "save", "to_open3d", "to_trimesh"),
     "Sensor": ("rays", "with_numbers"),
