@@ -115,6 +115,10 @@ LOADERS = (
         packages=("h5py", "torch"),
     ),
     Loader(
+        "paul007pl/MVP_Benchmark", "MVP_RG", "pairs", readers.mvp_rg, {"data": "."}, options=("--overlap", "0.1..0.9"),
+        packages=("h5py", "open3d", "torch"),
+    ),
+    Loader(
         "paul007pl/VRCNet", "ShapeNetH5", "mvp", readers.vrcnet, {"data": "."}, n_views=26, packages=("h5py", "torch"),
     ),
     Loader(

@@ -108,6 +108,32 @@ def _of_mvp(dataset: Any, split: str) -> Iterator[Item]:
         yield Item(split, MVP[int(label)], partial.numpy(), complete.numpy())
 
 
+def mvp_rg(checkout: Path, data: Path) -> Iterator[Item]:
+    """MVP_Benchmark's MVP_RG, pairs for registration; its "val" reads MVP_Test_RG.h5.
+
+    It moves the clouds of train at random, so theirs are taken before. Those of "val" were moved: the source by the
+    file's pose, the target by the loader's transform after it; both are moved back.
+    """
+    import h5py
+
+    dataset, names = (
+        import_file(checkout / "registration" / "dataset.py"),
+        (data / "shape_names.txt").read_text().split(),
+    )
+    options = SimpleNamespace(max_angle=45, max_trans=0.5, category=None)
+    train, test = dataset.MVP_RG("train", options), dataset.MVP_RG("val", options)
+    for label, *clouds, _ in zip(
+        train.label, train.src, train.tgt, map(train.__getitem__, range(len(train))), strict=True
+    ):
+        yield from (Item("train", names[label], cloud) for cloud in clouds)
+    with h5py.File(data / "MVP_Test_RG.h5") as file:
+        poses = file["pose_src"][()]
+    for i, pose in enumerate(poses):
+        source, target, transform, *_ = test[i]
+        for cloud, moved in ((source, pose), (target, transform.numpy() @ pose)):
+            yield Item("test", names[test.label[i]], (cloud.numpy() - moved[:3, 3]) @ moved[:3, :3])
+
+
 def completion3d(checkout: Path, data: Path) -> Iterator[Item]:
     """ShapenetDataProcess of lynetcha/completion3d, in this process, as its main.py sets it up, without augmentation.
 

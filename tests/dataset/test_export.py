@@ -302,7 +302,7 @@ def test_clouds_tell_which_rows_are_which(made: Made) -> None:
             assert (world.max(axis=0) < [5.6, 1.1, 2.1]).all()
 
 
-@pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
+@pytest.mark.parametrize("format", N_VIEWS)
 def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
     row = find_format(format)
     row.check(plan(format))
@@ -318,7 +318,7 @@ def test_what_loaders_count_on_is_met_or_refused(format: str) -> None:
             row.check(plan(format, **changes))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("format", [*PAIRS, "shapenet55"])
+@pytest.mark.parametrize("format", N_VIEWS)
 def test_what_was_drawn_has_no_complete_clouds(made: Made, tmp_path: Path, format: str) -> None:
     with pytest.raises(DatasetError, match=r"must be made of all points of the objects, .* convert a packed dataset"):
         convert(made("scanobjectnn"), tmp_path / "out", format)

@@ -43,7 +43,7 @@ from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
 from zbuf_occlude.jit.compiler import without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.sensors.setup import SURFACE
+from zbuf_occlude.sensors.setup import SURFACE, parse_span
 from zbuf_occlude.visibility import find_method
 
 FORMULAS = "formulas"
@@ -117,6 +117,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     callback=use_format,
     help="Files of the dataset.",
 )
+@click.option("--overlap", metavar="A..B", help="Of --format pairs: share of a view that the other sees too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
@@ -205,6 +206,10 @@ def generate_command(
             echo(f"{format} holds whole objects alone, as they stand before the sensor: nothing is scanned", err=True)
     points, density = recipe.pop("points"), recipe.pop("density")
     recipe["distance"], recipe["farthest"] = recipe["distance"]
+    if recipe["overlap"] is not None:
+        if "overlap" not in row.options:
+            raise click.UsageError(f"--overlap is for --format pairs; got --format {format}. Leave it out.")
+        recipe["overlap"] = parse_span("--overlap", recipe["overlap"])
     if density is not None and context.get_parameter_source("points") is ParameterSource.DEFAULT_MAP:
         points = None  # the preset's; the density was asked for
     if points is not None and density is not None:

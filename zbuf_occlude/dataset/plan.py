@@ -118,6 +118,8 @@ class Recipe:
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
         The fields of a `zbuf_occlude.sensors.setup.Setup`: a sensor's first hits instead of points on the surface.
+    overlap : (float, float) or None
+        Of two views, for the format pairs: the share of what the one sees that the other sees too, from and to.
     seed : int
 
     Raises
@@ -144,6 +146,7 @@ class Recipe:
     attributes: Sequence[str] = ()
     complete: bool = False
     scanning: Mapping[str, Any] | None = None
+    overlap: Sequence[float] | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -174,6 +177,9 @@ class Recipe:
             check_word("attribute", name, ATTRIBUTES)
         if "colors" in self.attributes and find_spec("PIL") is None:
             raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
+        if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
+            low, high = self.overlap
+            raise OptionError(f"overlap must be shares above 0 and up to 1, A..B with A <= B; got {low:g}..{high:g}.")
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
@@ -194,6 +200,11 @@ class Recipe:
     def draws_views(self) -> bool:
         """Whether each mesh has views of its own."""
         return self.farthest is not None or is_drawn(self.views)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The fields as plain data; `overlap` only where there is one, as recipes were written before it."""
+        return {name: value for name, value in asdict(self).items() if name != "overlap" or value is not None}
 
     @cached_property
     def setup(self) -> Setup | None:
@@ -378,7 +389,7 @@ class Plan:
     def document(self) -> dict[str, Any]:
         """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
         return {
-            "recipe": asdict(self.recipe),
+            "recipe": self.recipe.document,
             "format": self.format,
             "views": self.views.table.tolist(),
             "classes": self.classes,

@@ -4,17 +4,33 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
+from zbuf_occlude.geometry.sampling import SurfacePoints
+from zbuf_occlude.views import Views
+
+
+class Block(NamedTuple):
+    """One sampling of one mesh, or its scans and a sampling, as they are kept.
+
+    `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
+    rounded. Views are in world units, of scans in metres. Normals of `whole` that are not kept are zero.
+    """
+
+    points: SurfacePoints
+    mask: BoolArray
+    views: Views
+    whole: SurfacePoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +50,8 @@ class Source:
     complete : callable, optional
         Returns a record of an object's whole surface, hidden points too, from its mesh's index and a number of points;
         only where all points of the objects are kept.
+    block : callable, optional
+        Returns the points and the mask of a sampling, from its mesh's index and variation; where `complete` is.
     sizes : mapping of split to list of int
         How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
     ids : callable
@@ -45,6 +63,7 @@ class Source:
     take: Callable[[Numbers], Records]
     blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
+    block: Callable[[int, int], Block] | None = None
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
 

@@ -8,9 +8,10 @@ in the layout's order.
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,10 +40,11 @@ from zbuf_occlude.meshes.collection import SPLITS
 
 
 class Exported(NamedTuple):
-    """What an export wrote: of each split, the names of its files and how many clouds they hold."""
+    """What an export wrote: of each split, the names of its files and how many clouds they hold; other counts."""
 
     files: dict[str, list[str]]
     n_clouds: dict[str, int]
+    counts: Mapping[str, int] = MappingProxyType({})
 
 
 def stored_plan(plan: Plan) -> Plan:
@@ -82,7 +84,8 @@ def _export(plan: Plan, source: Source, out: Path, about: dict[str, Any]) -> dic
         os.replace(folder / name, out / name)
     shutil.rmtree(folder)
     files = {split: of_split for split, of_split in exported.files.items() if exported.n_clouds[split]}
-    counts = {**about["counts"], "clouds_by_split": {split: exported.n_clouds[split] for split in files}}
+    by_split = {split: exported.n_clouds[split] for split in files}
+    counts = {**about["counts"], **exported.counts, "clouds_by_split": by_split}
     about = {**about, "classes": plan.classes, **frame_in_words(plan), "counts": counts}
     return _finish(plan, source, out, about, files, sha256)
 

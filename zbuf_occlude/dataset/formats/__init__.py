@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from zbuf_occlude.dataset.plan import CLASSES_OF, Plan, Recipe
 from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.sensors.setup import parse_span
 
 PACKED = "packed"
 
@@ -144,11 +145,13 @@ class Format:
 
     def redrawn(self, recipe: Recipe) -> Recipe:
         """Return a recipe of all points of objects so changed that the clouds drawn of them fit this format."""
-        drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale")}
+        drawn = {name: value for name, value in self.options.items() if name in ("sample_size", "scale", "overlap")}
         if recipe.scale != "cloud":
             drawn.pop("scale", None)
         if drawn.get("sample_size") == "all":
             drawn["sample_size"] = None
+        if "overlap" in drawn:
+            drawn["overlap"] = recipe.overlap or parse_span("overlap", drawn["overlap"])
         return replace(recipe, complete=self.complete or recipe.complete, **drawn)
 
 
@@ -230,6 +233,14 @@ FORMATS: tuple[Format, ...] = (
         "pairs in HDF5, 2,048 points, 26 views; 16 classes",
         "fibonacci:26",
         options={"sample_size": 2_048},
+    ),
+    Format(
+        "pairs",
+        "pairs of views for registration, as MVP's benchmark has them",
+        PACKED,
+        axes=Y_UP,
+        options={"views": "fibonacci:26", "scale": "object", "overlap": "0.3..0.7"},
+        module="export.registration",
     ),
     _layout_of_pairs(
         "projected-shapenet",

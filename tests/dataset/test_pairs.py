@@ -1,0 +1,120 @@
+"""Pairs for registration: overlaps against nearest neighbours, motions against the points that both clouds have."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import box, sphere
+from zbuf_occlude import DatasetError, Mesh, OptionError
+from zbuf_occlude.dataset.export.registration import MATCHED, choose_pairs
+from zbuf_occlude.dataset.formats import find_format
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.shapes import make
+
+SIZE = 2048
+
+
+def plan(*meshes: Mesh, **changed: Any) -> Plan:
+    entries = [
+        MeshEntry(f"m{i}", "thing", "train" if i % 2 == 0 else "test", lambda m=m: m) for i, m in enumerate(meshes)
+    ]
+    given = {"views": "fibonacci:16", "n_points": 20_000, "sample_size": SIZE, "overlap": (0.3, 0.7), **changed}
+    recipe = Recipe(method="exact", **given)
+    return Plan(MeshCollection(entries), find_format("pairs").redrawn(recipe), "pairs")
+
+
+def read(path: Path) -> dict[str, Any]:
+    with h5py.File(path) as h5:
+        found = {name: h5[name][()] for name in h5 if name != "match_id"}
+        return {**found, "match_id": [h5["match_id"][str(i)][()] for i in range(len(h5["match_id"]))]}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    out = tmp_path_factory.mktemp("pairs")
+    generate(plan(make("bottle", 1), box((1.0, 2.0, 4.0)), make("car", 2)), out)
+    return out, read(out / "MVP_Train_RG.h5")
+
+
+def test_the_motion_takes_one_cloud_onto_the_other(made: tuple[Path, dict[str, Any]]) -> None:
+    out, _ = made
+    for name in ("MVP_Train_RG.h5", "MVP_Test_RG.h5"):
+        rows = read(out / name)
+        assert len(rows["overlap"]) == 16 * (2 if "Train" in name else 1)
+        for i, transform in enumerate(rows["transforms"]):
+            mine, theirs = rows["match_id"][i].T
+            assert len(mine) > 10
+            assert np.array_equal(rows["src"][i][mine], rows["tgt"][i][theirs]), "both lie in the object's frame"
+            moved = rows["rotated_src"][i][mine] @ transform[:3, :3].T + transform[:3, 3]
+            assert np.abs(moved - rows["rotated_tgt"][i][theirs]).max() < 1e-6
+            assert transform[:3, :3] @ transform[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+            angle = np.arccos(np.clip((np.trace(transform[:3, :3]) - 1) / 2, -1, 1))
+            assert rows["rot_level"][i] or angle <= np.pi / 4 + 1e-9
+            for which in ("src", "tgt"):
+                pose = rows[f"pose_{which}"][i]
+                there = rows[which][i] @ pose[:3, :3].T + pose[:3, 3]
+                assert rows[f"rotated_{which}"][i] == pytest.approx(there, abs=1e-6)
+
+
+def distances(points: Any, others: Any, k: int) -> Any:
+    """Of each point to its k-th nearest of the others; the first is itself where both are the same."""
+    return np.sort(((points[:, None] - others[None]) ** 2).sum(axis=2), axis=1)[:, k - 1] ** 0.5
+
+
+def test_overlaps_are_those_of_nearest_neighbours(made: tuple[Path, dict[str, Any]]) -> None:
+    """Of a cloud's points those near the other cloud: a rule without masks, off by the clouds' density."""
+    _, rows = made
+    found = []
+    for src, tgt in zip(rows["src"], rows["tgt"], strict=True):
+        spacing = np.median(distances(src, src, k=2))
+        found.append((distances(src, tgt, k=1) < 2.0 * spacing).mean())
+    assert np.corrcoef(found, rows["overlap"])[0, 1] > 0.9
+    assert np.abs(np.array(found) - rows["overlap"]).mean() < 0.05
+    assert ((rows["match_level"] == 1) == (rows["overlap"] >= MATCHED)).all()
+    assert (rows["view_src"] != rows["view_tgt"]).all()
+    assert ((rows["overlap"] >= 0.3) & (rows["overlap"] <= 0.7)).all()
+
+
+def test_overlaps_are_counted_and_even() -> None:
+    rng = np.random.default_rng(0)
+    mesh, found = sphere(), list[float]()
+    points = zo.sample_surface(mesh, n_points=4_000, seed=1)
+    with zo.prepare(mesh, "exact") as occluder:
+        for seed in range(12):
+            mask = occluder.visible(points, zo.views.random(40, seed=seed).around(mesh.centre, mesh.longest_side))
+            for pair in choose_pairs(mask, 40, (0.3, 0.7), rng):
+                both = (mask[pair.source] & mask[pair.target]).sum()
+                assert pair.overlap == pytest.approx(both / mask[pair.source].sum())
+                found.append(pair.overlap)
+    counts, _ = np.histogram(found, np.linspace(0.3, 0.7, 9))
+    assert counts.sum() == 480
+    assert np.abs(counts / 60 - 1).max() < 0.15, "as many in each eighth of the range"
+    assert len(choose_pairs(mask, 40, (0.9999, 1.0), rng)) < 40
+
+
+def test_what_gives_no_pairs(tmp_path: Path) -> None:
+    manifest = generate(plan(box(), sphere(), views="ring:4@0", overlap=(0.45, 0.55)), tmp_path / "one")
+    assert manifest["counts"]["objects_without_pairs"] == 1, "a box shows whole sides"
+    without = Plan(plan(box()).meshes, Recipe(method="exact", views="ring:2@20", scale="object"), "pairs")
+    for message, refused in (
+        ("must have a range", without),
+        ("2 views", plan(box(), views="ring:1@20")),
+        ("in one frame", plan(box(), frame="camera")),
+    ):
+        with pytest.raises(OptionError, match=message):
+            find_format("pairs").check(refused)
+    with pytest.raises(OptionError, match=r"overlap must be shares above 0 and up to 1"):
+        Recipe(overlap=(0.7, 0.3))
+    with pytest.raises(DatasetError, match="at least one pair must have an overlap of"):
+        generate(plan(box(), views="ring:2@0", overlap=(0.99, 1.0)), tmp_path / "two")
+
+
+def test_recipes_without_overlap_are_as_they_were() -> None:
+    assert "overlap" not in Recipe().document
+    assert Recipe(overlap=(0.3, 0.7)).document["overlap"] == (0.3, 0.7)
