@@ -46,7 +46,7 @@ from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.pipeline import Sampling, standing_points
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, ScanPoints, colors_of, gather_clouds, record_type
-from zbuf_occlude.dataset.source import Block, Source
+from zbuf_occlude.dataset.source import KeptSampling, Source
 from zbuf_occlude.errors import DatasetError, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -277,7 +277,7 @@ class PackedFiles:
         self.__dict__.update(state)
         self._forget()
 
-    def block(self, index: int) -> Block:
+    def block(self, index: int) -> KeptSampling:
         """Unpack a block; the last few are kept."""
         if self._process != os.getpid():  # a file opened before a fork would be read at the other's position
             self._forget()
@@ -309,7 +309,7 @@ class PackedFiles:
         sizes = {split: n_clouds[split_of_file == split].tolist() for split in present}
         return Source(self.plan, order, self.take, self.blocks_of, self.complete, self._block_of, sizes, self._ids)
 
-    def _block_of(self, mesh_id: int, variation: int) -> Block:
+    def _block_of(self, mesh_id: int, variation: int) -> KeptSampling:
         return self.block(self.blocks.index((mesh_id, variation)))
 
     def _ids(self) -> NDArray[Any]:
@@ -343,7 +343,7 @@ class PackedFiles:
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
-    def _unpack(self, mesh_id: int, variation: int) -> Block:
+    def _unpack(self, mesh_id: int, variation: int) -> KeptSampling:
         facts, path, recipe = self._facts[mesh_id], self._path_of[mesh_id], self.plan.recipe
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
         with reading(path):
@@ -364,11 +364,11 @@ class PackedFiles:
         face_ids = unpack_integers(faces, "<i4", (n_points,), "face ids")
         if scans is not None:
             size = {"size": np.array([facts["longest_side"]])}
-            return Block(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
+            return KeptSampling(*scans, ScanPoints(positions, face_ids, normals, colors, facts=size))
         points = SurfacePoints(positions, face_ids, normals, colors)
         mask = unpack_mask(bits, len(self.plan.views), n_points)
         views = self.plan.views_of(self.plan.meshes[mesh_id].key)
-        return Block(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
+        return KeptSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
 
     def _archive(self, path: Path) -> zipfile.ZipFile:
         if path not in self._open:
@@ -381,10 +381,10 @@ class PackedFiles:
     def _forget(self) -> None:
         self._process = os.getpid()
         self._open: OrderedDict[Path, zipfile.ZipFile] = OrderedDict()
-        self._kept: OrderedDict[int, Block] = OrderedDict()
+        self._kept: OrderedDict[int, KeptSampling] = OrderedDict()
 
 
-def _everything(block: Block) -> BoolArray:
+def _everything(block: KeptSampling) -> BoolArray:
     """A mask of the whole surface for each view."""
     return np.ones((len(block.mask), len(block.whole)), dtype=bool)
 

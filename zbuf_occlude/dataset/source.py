@@ -20,7 +20,7 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
 
 
-class Block(NamedTuple):
+class KeptSampling(NamedTuple):
     """One sampling of one mesh, or its scans and a sampling, as they are kept.
 
     `points` (n) are those that the k `views` see by `mask` (k, n); `whole` is the sampling of the whole surface,
@@ -63,7 +63,7 @@ class Source:
     take: Callable[[Numbers], Records]
     blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
     complete: Callable[[int, int], Any] | None = None
-    block: Callable[[int, int], Block] | None = None
+    block: Callable[[int, int], KeptSampling] | None = None
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
 

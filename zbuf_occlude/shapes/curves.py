@@ -74,7 +74,7 @@ def bent(points: ArrayLike, radius: float, steps: int = 4) -> FloatArray:
     return np.concatenate([p[:1], arcs.reshape(-1, p.shape[1]), p[-1:]])
 
 
-def frames(path: FloatArray, *, closed: bool = False) -> tuple[FloatArray, FloatArray]:
+def path_frames(path: FloatArray, *, closed: bool = False) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors across a path (m, 3) at each of its points, each (m, 3), without twist.
 
     The first is carried along point by point, since no fixed reference direction suits every path; paths have

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.shapes.curves import circle, cosd, frames, sind
+from zbuf_occlude.shapes.curves import circle, cosd, path_frames, sind
 
 Point = Sequence[float] | FloatArray
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -152,7 +152,7 @@ def revolve(profile: ArrayLike, segments: int, section: FloatArray | None = None
 
 def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = False, flat: float = 1.0) -> MeshPart:
     """Lay a round tube along a path (m, 3); `radius` is one number or one each, `flat` squeezes its second axis."""
-    first, second = frames(path, closed=closed)
+    first, second = path_frames(path, closed=closed)
     r = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))[:, None, None]
     ring = circle(segments)
     rings = path[:, None] + r * (ring[:, :1] * first[:, None] + flat * ring[:, 1:] * second[:, None])

@@ -13,7 +13,7 @@ from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import draw_visible, fit
-from zbuf_occlude.dataset.source import Block, Source
+from zbuf_occlude.dataset.source import KeptSampling, Source
 from zbuf_occlude.errors import DatasetError, OptionError
 from zbuf_occlude.provenance import seed_of
 
@@ -173,7 +173,7 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
     return chosen
 
 
-def _placed(plan: Plan, block: Block) -> FloatArray:
+def _placed(plan: Plan, block: KeptSampling) -> FloatArray:
     """Return the points of an object in the layout's frame."""
     centre, factor = fit(block.points.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
     axes = find_format(plan.format).to_frame(plan.recipe).astype(np.float64)

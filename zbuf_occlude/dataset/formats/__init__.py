@@ -189,6 +189,7 @@ FORMATS: tuple[Format, ...] = (
             "scale": "mesh",
             "attributes": "normals",
         },
+        module="export.renderings",
     ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
     Format(
