@@ -17,6 +17,7 @@ from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh
+from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import find_method, prepare
@@ -227,21 +228,57 @@ def _frame(
         (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
     )
     if len(x) and len(y):
-        right, down, forward = TO_OPENCV @ pose[:3, :3]
-        directions = y[:, None, None] * down + (x[:, None] * right + forward)  # of depth 1
+        directions = np.empty((len(y), len(x), 3))
+        _point(x, y, TO_OPENCV @ pose[:3, :3], directions)
         hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
-        depths = hits.distances.reshape(len(y), len(x)) / np.sqrt(1.0 + y[:, None] ** 2 + x**2)
-        depth[part], face_ids[part] = depths, hits.face_ids.reshape(depths.shape)
-        met = np.nonzero(face_ids[part] >= 0)
-        faces, directions = face_ids[part][met], directions[met]
-        facing = mesh.face_normals[faces]
-        lengths = np.sqrt(np.einsum("ij,ij->i", facing, facing))  # not 0: a face without area is never met
-        lengths[np.einsum("ij,ij->i", facing, directions) > 0] *= -1.0
-        normals[part][met], instances[part][met] = facing / lengths[:, None], scene.instances[faces]
+        drawn = depth[part], face_ids[part], instances[part], normals[part]
+        _draw(x, y, directions, *hits, mesh.face_normals, scene.instances, *drawn)
         if mesh.colors is not None and colors is not None:
-            places = eye + directions * depths[met][:, None]
+            met = np.nonzero(face_ids[part] >= 0)
+            faces, places = face_ids[part][met], eye + directions[met] * depth[part][met][:, None]
             colors[part][met] = mesh.colors.at(faces, barycentric(mesh.corners[faces], places))
     return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
+
+
+@njit(cache=True, nogil=True)
+def _point(x: Any, y: Any, axes: Any, directions: Any) -> None:
+    """Fill in the rays (h, w, 3) of depth 1 through places x (w,) and y (h,) of the picture; `axes` are its rows."""
+    for row in range(len(y)):
+        for column in range(len(x)):
+            for axis in range(3):
+                directions[row, column, axis] = x[column] * axes[0, axis] + y[row] * axes[1, axis] + axes[2, axis]
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    x: Any,
+    y: Any,
+    directions: Any,
+    hit_ids: Any,
+    distances: Any,
+    face_normals: Any,
+    instance_of: Any,
+    depth: Any,
+    face_ids: Any,
+    instances: Any,
+    normals: Any,
+) -> None:
+    """Fill in a part of a frame by what its rays met."""
+    for row in range(len(y)):
+        for column in range(len(x)):
+            face = hit_ids[row * len(x) + column]
+            if face < 0:
+                continue
+            face_ids[row, column], instances[row, column] = face, instance_of[face]
+            slope = 1.0 + x[column] * x[column] + y[row] * y[row]
+            depth[row, column] = distances[row * len(x) + column] / np.sqrt(slope)
+            towards = length = 0.0
+            for axis in range(3):
+                towards += face_normals[face, axis] * directions[row, column, axis]
+                length += face_normals[face, axis] * face_normals[face, axis]
+            scale = (-1.0 if towards > 0.0 else 1.0) / np.sqrt(length)  # a face without area is never met
+            for axis in range(3):
+                normals[row, column, axis] = face_normals[face, axis] * scale
 
 
 def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:
