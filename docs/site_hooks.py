@@ -21,6 +21,7 @@ API = {
     "depth": ("Depth images", "", ("depth_image",)),
     "frames": ("Frames", "", ("frames", "Frame", "write_frames")),
     "surface": ("Visible surfaces", "", ("visible_faces", "visible_vertices", "visible_mesh", "coverage")),
+    "space": ("Visible space", "", ("visibility_grid", "blockers", "occlusion_graph")),
     "mesh": ("Mesh", "", ("Mesh",)),
     "meshes": ("Mesh files", "", ("load_mesh", "MeshCollection")),
     "points": ("Points", "", ("sample_surface", "SurfacePoints")),

@@ -35,6 +35,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.sensors import Frame, frames, scan, write_frames
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
+    from zbuf_occlude.visible_space import blockers, occlusion_graph, visibility_grid
     from zbuf_occlude.visible_surface import coverage, visible_faces, visible_mesh, visible_vertices
 
 __version__ = "0.1.0"
@@ -55,17 +56,20 @@ __all__ = [
     "SurfacePoints",
     "UnavailableError",
     "Views",
+    "blockers",
     "coverage",
     "depth_image",
     "frames",
     "load_mesh",
     "occlude",
+    "occlusion_graph",
     "prepare",
     "sample_surface",
     "scan",
     "scenes",
     "sensors",
     "views",
+    "visibility_grid",
     "visible_faces",
     "visible_mesh",
     "visible_vertices",
@@ -91,6 +95,7 @@ _HOMES = {
     "sensors": ("Frame", "frames", "scan", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
+    "visible_space": ("blockers", "occlusion_graph", "visibility_grid"),
     "visible_surface": ("coverage", "visible_faces", "visible_mesh", "visible_vertices"),
 }
 """Module to the names that it gives; modules of `__all__` give themselves."""
