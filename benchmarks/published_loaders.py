@@ -111,6 +111,10 @@ LOADERS = (
         n_views=1, packages=_POINTR, fitted=True,
     ),
     Loader(
+        "CuiRuikai/Partial2Complete", "EPN3D", "epn3d", readers.p2c_epn3d, {"data/EPN3D": "."}, n_views=6,
+        packages=_POINTR, mirrored=True,
+    ),
+    Loader(
         "paul007pl/MVP_Benchmark", "MVP_CP", "mvp", readers.mvp_cp, {"data": "."}, "modelnet", n_views=26,
         packages=("h5py", "torch"),
     ),

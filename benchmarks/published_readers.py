@@ -108,6 +108,21 @@ def _of_mvp(dataset: Any, split: str) -> Iterator[Item]:
         yield Item(split, MVP[int(label)], partial.numpy(), complete.numpy())
 
 
+def p2c_epn3d(checkout: Path, data: Path) -> Iterator[Item]:
+    """Partial2Complete's EPN3D, of all classes; its configuration names one."""
+    from datasets import build_dataset_from_cfg
+    from utils.config import cfg_from_yaml_file
+
+    for split in ("train", "test"):
+        settings = cfg_from_yaml_file(str(checkout / "cfgs/dataset_configs/EPN3D.yaml"))
+        settings.subset, settings.class_choice = split, ["airplane", "chair", "table"]
+        dataset = build_dataset_from_cfg(settings)
+        names = {row["taxonomy_id"]: row["taxonomy_name"] for row in dataset.dataset_categories}
+        for taxonomy, model, clouds in map(dataset.__getitem__, range(len(dataset))):
+            partial, complete = clouds[:2]
+            yield Item(split, names[taxonomy], _without_fill(partial), complete.numpy(), model)
+
+
 def mvp_rg(checkout: Path, data: Path) -> Iterator[Item]:
     """MVP_Benchmark's MVP_RG, pairs for registration; its "val" reads MVP_Test_RG.h5.
 

@@ -15,6 +15,7 @@ from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.point_files import write_pcd
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.collection import SPLITS
 
 MVP_VIEWS, MVP_SIZE = 26, 2_048
 """Loaders find the complete cloud of a partial one by dividing its number by 26."""
@@ -70,6 +71,39 @@ def export_completion3d(source: Source, out: Path) -> Exported:
     lines = [f"{words[taxonomy]}\t{taxonomy}" for taxonomy in sorted(words)]
     atomic.write_lines(out / "synsetoffset2category.txt", lines)
     write_synsets(out, source.plan, names)
+    return exported
+
+
+def export_epn3d(source: Source, out: Path) -> Exported:
+    """Write EPN3D's layout, as the loaders of P2C read 3D-EPN's objects: pairs of 2,048 points, an array each.
+
+    CLASS/complete/OBJECT.npy          (2048, 3) float32
+    CLASS/partial/OBJECT__0__.npy ...  one per view
+    EPN3D.json                         taxonomy_id, taxonomy_name; of train, val, test the names of partial and complete
+                                       clouds, as many of each
+
+    References
+    ----------
+    CuiRuikai/Partial2Complete, datasets/EPNDataset.py, EPN3D.
+    """
+    names, n_views = names_of(source.plan), len(source.plan.views)
+
+    def complete(split: str, i: int) -> str:
+        return f"{names.classes[i]}/complete/{names.objects[i]}.npy"
+
+    def of_view(split: str, i: int, view: int) -> str:
+        return f"{names.classes[i]}/partial/{names.objects[i]}__{view}__.npy"
+
+    exported, mesh_ids = _export_pairs(source, out, 2_048, complete, of_view, _write_npy, _write_npy)
+    index: dict[str, dict[str, Any]] = {}
+    for split, of_split in mesh_ids.items():
+        for i in of_split:
+            row: dict[str, Any] = {"taxonomy_id": names.taxonomies[i], "taxonomy_name": names.classes[i]}
+            row |= {each: {"partial": [], "complete": []} for each in SPLITS}
+            row = index.setdefault(names.classes[i], row)[split]
+            row["partial"] += [Path(of_view(split, i, view)).stem for view in range(n_views)]
+            row["complete"] += [names.objects[i]] * n_views
+    atomic.write_json(out / "EPN3D.json", [index[name] for name in sorted(index)])
     return exported
 
 
@@ -242,6 +276,7 @@ def _check(name: str, n_complete: int, n_views: int | None, size: int | None, pl
 
 PCN = Layout(export_pcn, partial(_check, "pcn", 16_384, 8, None))
 COMPLETION3D = Layout(export_completion3d, partial(_check, "completion3d", 2_048, 1, 2_048))
+EPN3D = Layout(export_epn3d, partial(_check, "epn3d", 2_048, None, 2_048))
 PROJECTED_SHAPENET = Layout(export_projected_shapenet, partial(_check, "projected-shapenet", 8_192, 16, None))
 SHAPENET55 = Layout(export_shapenet55, partial(_check, "shapenet55", 8_192, None, 8_192))
 MVP = Layout(export_mvp, partial(_check, "mvp", MVP_SIZE, MVP_VIEWS, MVP_SIZE))

@@ -235,6 +235,12 @@ FORMATS: tuple[Format, ...] = (
         "fibonacci:26",
         options={"sample_size": 2_048},
     ),
+    _layout_of_pairs(
+        "epn3d",
+        "pairs as arrays, 2,048 points, 6 views",
+        "fibonacci:6",
+        options={"sample_size": 2_048},
+    ),
     Format(
         "pairs",
         "pairs of views for registration, as MVP's benchmark has them",
