@@ -103,7 +103,7 @@ def test_visible_sees_what_the_camera_shows(
 
 
 def test_depth_of_a_camera(gl: GlContext, run: Run, plates: Path, tmp_path: Path) -> None:
-    outcome = run("depth", plates, "--cameras", camera_file(tmp_path), "--size", 100, "--out", tmp_path / "d.npy")
+    outcome = run("depth", plates, "--cameras", camera_file(tmp_path), "--resolution", 100, "--out", tmp_path / "d.npy")
     assert outcome.code == 0, outcome.err
     depth = np.load(tmp_path / "d.npy")
     seen = np.isfinite(depth)

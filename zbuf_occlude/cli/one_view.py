@@ -37,6 +37,7 @@ from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
+PIXELS = click.IntRange(1, 8192)
 MESHES = (".obj", ".off")
 """Endings of `--out` that hold faces."""
 
@@ -207,10 +208,13 @@ def _write_cloud(
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @camera_options
-@click.option("--size", type=click.IntRange(1, 8192), default=512, show_default=True, help="Pixels along a side.")
+@click.option("--resolution", type=PIXELS, default=512, show_default=True, help="Pixels along a side.")
+@click.option("--size", type=PIXELS, hidden=True)  # its name before; elsewhere it is metres
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")
-def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: str | None, out: Path) -> None:
+def depth_command(
+    mesh: Path, camera: Callable[[Mesh], Views], resolution: int, size: int | None, up: str | None, out: Path
+) -> None:
     """Write the depth buffer that one camera has of MESH.
 
     .npy and .exr (channel Z) hold eye depth, the distance along the camera's axis in the mesh's own units, infinite
@@ -224,6 +228,7 @@ def depth_command(mesh: Path, camera: Callable[[Mesh], Views], size: int, up: st
     from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
     from zbuf_occlude.gl.depth_pass import render_depth
 
+    size = size or resolution
     suffix = suffix_of(out, (".png", ".npy", ".exr"))
     with Limits().watch():
         loaded = load_mesh(mesh, up=up)

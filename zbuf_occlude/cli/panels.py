@@ -21,7 +21,7 @@ PANELS = {
     "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height",
     "Training": "model epochs patience batch_size learning_rate n_points rotate rescale jitter budgets models seeds "
     "objects quick",
-    "Output": "out format scale frame picture overwrite",
+    "Output": "out format resolution scale frame picture overwrite",
     "Execution": "workers engine ray_address ray_gpus mesh_seconds mesh_gigabytes shard require_gpu dry_run device "
     "mixed_precision help",
 }
