@@ -74,7 +74,7 @@ class Victim:
         """Return which fraction of the batches is done, soon: by the names of files alone."""
         if not (self.out / PLAN).exists():
             return 0.0
-        of_groups = read_plan(self.out).batches.of_groups
+        of_groups = read_plan(self.out).batches_of
         done = {int(path.stem) for path in self.out.rglob(f"{GROUPS}/*.json")}
         n_done = sum(len(batches) for number, batches in enumerate(of_groups) if number in done)
         return min(1.0, (n_done + len(list(self.out.rglob("*.batch")))) / sum(map(len, of_groups)))
