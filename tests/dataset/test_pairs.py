@@ -59,7 +59,7 @@ def test_the_motion_takes_one_cloud_onto_the_other(made: tuple[Path, dict[str, A
             for which in ("src", "tgt"):
                 pose = rows[f"pose_{which}"][i]
                 there = rows[which][i] @ pose[:3, :3].T + pose[:3, 3]
-                assert rows[f"rotated_{which}"][i] == pytest.approx(there, abs=1e-6)
+                assert np.abs(rows[f"rotated_{which}"][i] - there).max() < 1e-6
 
 
 def distances(points: Any, others: Any, k: int) -> Any:
@@ -71,11 +71,12 @@ def test_overlaps_are_those_of_nearest_neighbours(made: tuple[Path, dict[str, An
     """Of a cloud's points those near the other cloud: a rule without masks, off by the clouds' density."""
     _, rows = made
     found = []
-    for src, tgt in zip(rows["src"], rows["tgt"], strict=True):
-        spacing = np.median(distances(src, src, k=2))
-        found.append((distances(src, tgt, k=1) < 2.0 * spacing).mean())
-    assert np.corrcoef(found, rows["overlap"])[0, 1] > 0.9
-    assert np.abs(np.array(found) - rows["overlap"]).mean() < 0.05
+    for src, tgt in zip(rows["src"][::2], rows["tgt"][::2], strict=True):
+        some = src[:400]  # in random order
+        spacing = np.median(distances(some, src, k=2))
+        found.append((distances(some, tgt, k=1) < 2.0 * spacing).mean())
+    assert np.corrcoef(found, rows["overlap"][::2])[0, 1] > 0.9
+    assert np.abs(np.array(found) - rows["overlap"][::2]).mean() < 0.06
     assert ((rows["match_level"] == 1) == (rows["overlap"] >= MATCHED)).all()
     assert (rows["view_src"] != rows["view_tgt"]).all()
     assert ((rows["overlap"] >= 0.3) & (rows["overlap"] <= 0.7)).all()
@@ -86,15 +87,15 @@ def test_overlaps_are_counted_and_even() -> None:
     mesh, found = sphere(), list[float]()
     points = zo.sample_surface(mesh, n_points=4_000, seed=1)
     with zo.prepare(mesh, "exact") as occluder:
-        for seed in range(12):
+        for seed in range(6):
             mask = occluder.visible(points, zo.views.random(40, seed=seed).around(mesh.centre, mesh.longest_side))
             for pair in choose_pairs(mask, 40, (0.3, 0.7), rng):
                 both = (mask[pair.source] & mask[pair.target]).sum()
                 assert pair.overlap == pytest.approx(both / mask[pair.source].sum())
                 found.append(pair.overlap)
     counts, _ = np.histogram(found, np.linspace(0.3, 0.7, 9))
-    assert counts.sum() == 480
-    assert np.abs(counts / 60 - 1).max() < 0.15, "as many in each eighth of the range"
+    assert counts.sum() == 240
+    assert np.abs(counts / 30 - 1).max() < 0.2, "as many in each eighth of the range"
     assert len(choose_pairs(mask, 40, (0.9999, 1.0), rng)) < 40
 
 
