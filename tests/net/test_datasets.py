@@ -62,7 +62,7 @@ def test_ray_makes_the_same(meshes: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "n_kills"),
-    [("hdf5", 3), ("pcn", 2), *(pytest.param(name, 3, marks=long) for name in DATASETS if name not in ("hdf5", "pcn"))],
+    [("hdf5", 3), ("pcn", 2), *(pytest.param(name, 2, marks=long) for name in DATASETS if name not in ("hdf5", "pcn"))],
 )
 def test_killed_at_random_moments_and_resumed(name: str, n_kills: int, meshes: Path, tmp_path: Path) -> None:
     seed = random.SystemRandom().randrange(10**6)
@@ -73,6 +73,7 @@ def test_killed_at_random_moments_and_resumed(name: str, n_kills: int, meshes: P
     seconds = time.monotonic() - begun
     shutil.rmtree(out)
     while n_kills:
+        begun = time.monotonic()
         process = subprocess.Popen(line, start_new_session=True)
         try:
             assert process.wait(rng.uniform(0.3, 1.0) * seconds) == SOME_FAILED
@@ -80,7 +81,8 @@ def test_killed_at_random_moments_and_resumed(name: str, n_kills: int, meshes: P
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             n_kills -= 1
-        else:  # done before its kill
+        else:  # done before its kill: the first run compiled, or the machine was busy
+            seconds = min(seconds, time.monotonic() - begun)
             assert Contents(name, out).digests == EXPECTED[name]
             shutil.rmtree(out)
     run(line)
