@@ -39,7 +39,7 @@ API = {
     "torch": (
         "PyTorch",
         "dataset.torch.",
-        ("CloudDataset", "CloudStream", "collate_ragged", "augmentation"),
+        ("CloudDataset", "CloudStream", "CompletionPairs", "collate_ragged", "augmentation"),
     ),
     "on_the_fly": ("PyTorch, on the fly", "dataset.torch.", ("OnTheFlyOcclusion", "OnTheFlyScan")),
     "errors": (

@@ -40,7 +40,7 @@ from zbuf_occlude.dataset.plan import FRAMES, SCALES, SUBSETS, Plan, Recipe
 from zbuf_occlude.dataset.presets import PRESETS, find_preset, plan_of_originals
 from zbuf_occlude.dataset.rehearsal import compile_ahead, is_plain, rehearse, was_rehearsed
 from zbuf_occlude.errors import GlError, OccludeError, UnavailableError
-from zbuf_occlude.jit.compiler import without_scipy
+from zbuf_occlude.jit.compiler import announce, without_scipy
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import SURFACE, parse_span
@@ -275,7 +275,7 @@ def generate_command(
         with without_scipy():
             rehearse(plan.recipe, require_gpu)
     if not was_rehearsed(plan.recipe):
-        echo("compiling, once: a minute or so of processor time; the next run begins at once", err=True)
+        announce()
         with without_scipy():
             compile_ahead(plan.recipe)
     from tqdm.contrib.logging import logging_redirect_tqdm  # late: help needs none

@@ -5,6 +5,7 @@ numba takes 0.3 s to import: functions are declared without it and compiled, or 
 
 import hashlib
 import importlib.util
+import logging
 import os
 import shutil
 import sys
@@ -20,6 +21,7 @@ PACKAGE = Path(__file__).parents[1]
 ROOMS = ("", "exact", "geometry", "gl", "jit", "meshes", "object_space", "visibility")
 """Folders of the package from which compiled functions take functions and constants of other files."""
 
+_LOG = logging.getLogger(__name__)
 _lock = threading.Lock()
 
 
@@ -92,10 +94,17 @@ def cache_folder() -> Path | None:
             if not folder.exists():
                 for other in base.glob(f"zbuf_occlude-{place}-*"):
                     shutil.rmtree(other, ignore_errors=True)
+                announce()
             folder.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
             return folder
     return None
+
+
+@cache
+def announce() -> None:
+    """Say, once in a process, that compiling takes a while."""
+    _LOG.warning("compiling, once: a minute or so of processor time; the next run begins at once")
 
 
 def compiled_before(job: str) -> bool:

@@ -12,12 +12,12 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from tests.scenes import box, sphere  # noqa: E402
-from zbuf_occlude import OptionError  # noqa: E402
+from zbuf_occlude import DatasetError, OptionError  # noqa: E402
 from zbuf_occlude.dataset.export import convert  # noqa: E402
 from zbuf_occlude.dataset.generate import generate  # noqa: E402
 from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
 from zbuf_occlude.dataset.source import open_dataset  # noqa: E402
-from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, augmentation  # noqa: E402
+from zbuf_occlude.dataset.torch import CloudDataset, CloudStream, CompletionPairs, augmentation  # noqa: E402
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry  # noqa: E402
 
 RECIPE = Recipe(
@@ -154,3 +154,30 @@ def test_rounding_aside_both_formats_give_the_same(folders: dict[str, Path]) -> 
         one, two = (CloudDataset(folders[format], "train")[index] for format in ("hdf5", "packed"))
         assert np.array_equal(one[0], two[0])
         assert one[1] == two[1]
+
+
+@pytest.mark.parametrize("n_workers", [0, 2])
+def test_pairs_are_a_part_and_the_whole_in_one_frame(folders: dict[str, Path], n_workers: int) -> None:
+    pairs = CompletionPairs(folders["packed"], "train", n_partial=30, n_complete=120)
+    assert len(pairs) == N_TRAIN
+    loader = torch.utils.data.DataLoader(pairs, batch_size=N_TRAIN, num_workers=n_workers)
+    ((partial, complete, labels),) = loader
+    assert partial.shape == (N_TRAIN, 30, 3)
+    assert complete.shape == (N_TRAIN, 120, 3)
+    assert Counter(labels.tolist()) == {0: N_TRAIN / 2, 1: N_TRAIN / 2}
+    assert np.ptp(complete.numpy(), axis=1).max(axis=1) == pytest.approx(1.0, abs=1e-5)
+    to_partial = torch.cdist(complete, partial).amin(dim=2)  # of the whole's points
+    to_complete = torch.cdist(partial, complete).amin(dim=2)
+    ids = pairs.source.ids()[pairs.numbers]
+    assert to_complete[ids["variation"] == 0].max() < 1e-3  # 120 points are all that were sampled
+    assert to_complete.max() < 0.35  # another sampling of the same surface
+    assert (to_partial.amax(dim=1) > 0.4).all()  # what no camera sees is in the whole alone
+
+
+def test_pairs_need_all_points_of_the_objects(folders: dict[str, Path]) -> None:
+    with pytest.raises(DatasetError, match="packed"):
+        CompletionPairs(folders["hdf5"])
+    with pytest.raises(OptionError, match="n_complete"):
+        CompletionPairs(folders["packed"], n_complete=0)
+    with pytest.raises(OptionError, match="split"):
+        CompletionPairs(folders["packed"], "val")

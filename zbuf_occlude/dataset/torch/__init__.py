@@ -3,6 +3,8 @@
     train = CloudStream("occluded", "train", n_points=1024, transform=augmentation())
     for clouds, labels in torch.utils.data.DataLoader(train, batch_size=32, num_workers=2): ...
 
+    pairs = CompletionPairs("packed")                     # (partial, complete, label)
+
     occlude = OnTheFlyOcclusion(n_points=1024)
     cloud = occlude(mesh)                                 # another eye each time
 
@@ -19,6 +21,7 @@ with importing("torch", "zbuf_occlude.dataset.torch"):
     from zbuf_occlude.dataset.torch.stored import (
         CloudDataset,
         CloudStream,
+        CompletionPairs,
         Compose,
         Jitter,
         Rescale,
@@ -30,6 +33,7 @@ with importing("torch", "zbuf_occlude.dataset.torch"):
 __all__ = [
     "CloudDataset",
     "CloudStream",
+    "CompletionPairs",
     "Compose",
     "Jitter",
     "OnTheFlyOcclusion",

@@ -7,7 +7,7 @@ what points have besides their positions, and stay too, but for normals.
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
+from zbuf_occlude.dataset.folder import read_finished
+from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import resized
 from zbuf_occlude.dataset.source import Source, open_dataset
-from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.errors import DatasetError, OptionError, check_word
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
 Sample = tuple[torch.Tensor, torch.Tensor]
@@ -195,6 +197,86 @@ class CloudStream(_Split, IterableDataset[Sample]):
             records = self.source.take(numbers)
             for row in torch.randperm(len(records), generator=generator).tolist():
                 yield self.sample(records[row])
+
+
+class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
+    """Partial and complete clouds of the objects of one split, in one frame, by index; worker-safe.
+
+    Parameters
+    ----------
+    folder : path-like
+        A complete dataset in the format `packed`, which keeps all points of its objects.
+    split : {"train", "val", "test"}
+    n_partial, n_complete : int
+        Points of each cloud; of fewer, some repeat.
+
+    Raises
+    ------
+    DatasetError
+        There is no complete dataset in the folder, or it is in another format.
+    OptionError
+        It has no such split, or a number of points is below 1.
+
+    Notes
+    -----
+    Items are (partial, complete, label): (n_partial, 3) and (n_complete, 3) float32, and () int64. The whole object is
+    centred and its longest side 1; of a dataset made with ``--scale mesh`` it is as in its file.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        split: str = "train",
+        *,
+        n_partial: int = 2_048,
+        n_complete: int = 8_192,
+    ) -> None:
+        if n_partial < 1 or n_complete < 1:
+            raise OptionError(f"n_partial and n_complete must be at least 1; got {n_partial} and {n_complete}.")
+        self.folder, self.split = Path(folder), split
+        self.n_partial, self.n_complete = n_partial, n_complete
+        source = self._open()
+        check_word("split", split, source.order)
+        self.classes = source.plan.classes
+        self.numbers = source.order[split]
+
+    def __repr__(self) -> str:
+        pairs = f"{len(self)} pairs of {self.n_partial} and {self.n_complete} points, {len(self.classes)} classes"
+        return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {pairs})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return (partial, complete, label)."""
+        source = self.source
+        record = source.take(self.numbers[[index]])[0]
+        assert source.complete is not None  # packed
+        complete = source.complete(int(record["mesh_id"]), self.n_complete)
+        clouds = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
+        return *clouds, torch.tensor(int(record["label"][0]))
+
+    @property
+    def source(self) -> Source:
+        """The dataset, opened by this process."""
+        return self._source if self._process == os.getpid() else self._open()
+
+    def _open(self) -> Source:
+        plan, manifest = read_finished(self.folder)
+        if plan.format != PACKED:
+            raise DatasetError(
+                f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
+                "Make it with `zbuf-occlude generate --format packed`."
+            )
+        scale = "object" if plan.recipe.scale == "cloud" else plan.recipe.scale
+        drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
+        read = find_format(PACKED).load().read
+        self._source: Source = read(self.folder, replace(plan, recipe=drawn), manifest["files"])
+        self._process = os.getpid()
+        return self._source
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
