@@ -7,7 +7,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = "../shared/data"
 """In a command as a page shows it; it is run with ZBUF_OCCLUDE_DATA in its place."""
 PYTHON, COMMAND = "python", "zbuf-occlude"
-FURNITURE, MODELNET = f"{DATA}/furniture", f"{DATA}/modelnet"
+FURNITURE, MODELNET, BUNNY = f"{DATA}/furniture", f"{DATA}/modelnet", f"{DATA}/scans/bunny"
 OUT = "OUT"
 """In a command: a folder of the run's own."""
 
@@ -84,6 +84,7 @@ PARTS = (
     Part("modelnet-o", "python benchmarks/modelnet_o.py", 2, text=True),
     Part("preset-costs", "python benchmarks/dataset_costs.py presets", 2, "--limit 2"),
     Part("scan-costs", "python benchmarks/dataset_costs.py scans", 1, "--limit 2"),
+    Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4, times=False),
     Part("on-the-fly", "python benchmarks/on_the_fly.py", 1, "--seconds 1 --meshes 4", text=True),
     Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8", times=False),
     Part("first-hits", f"python benchmarks/first_hits.py {FURNITURE}", 1, "--repeats 1", text=True),

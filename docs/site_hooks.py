@@ -1,4 +1,4 @@
-"""What mkdocs makes: the reference of the command line and of the API, and the gallery of docs/gallery.md."""
+"""What mkdocs makes: the reference of the command line and of the API, and the gallery of docs/shapes.md."""
 
 import shutil
 import subprocess
@@ -35,6 +35,7 @@ API = {
     "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
     "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
+    "real_scans": ("Real scans", "", ("compare_scans", "compare.real_scans.ScanComparison")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
     "torch": (
         "PyTorch",
@@ -58,6 +59,7 @@ MEMBERS = {
     "Frame": ("mask", "points", "extrinsics", "camera_to_world", "to_open3d"),
     "PartialCloud": ("save", "to_open3d", "to_trimesh"),
     "Scan": ("select", "save", "to_open3d", "to_trimesh"),
+    "ScanComparison": ("share",),
     "Sensor": ("rays", "with_numbers"),
     "Views": ("around", "eyes", "poses"),
     "Scene": ("joined",),

@@ -314,6 +314,6 @@ def _scanned(
     found = found.select(draw(np.arange(len(found)), n_points, rng))
     colors = None
     if mesh.colors is not None:
-        met = found.origin + found.clean_ranges[:, None] * found.directions
+        met = found.starts + found.clean_ranges[:, None] * found.directions
         colors = mesh.colors.at(found.face_ids, barycentric(mesh.corners[found.face_ids], met))
     return SurfacePoints(found.points, found.face_ids, found.normals, colors)

@@ -124,7 +124,7 @@ def test_docs_show_in_ten_lines_how_to_add_a_sensor(tmp_path: Path) -> None:
     [
         ("a.yaml", "kind: spinning\nlasers: [1, 2]\ncolums: 3\n", "one of lasers, columns, .*; got 'colums'"),
         ("a.yaml", "kind: spinning\ncolumns: 3\n", "must have lasers"),
-        ("a.yaml", "kind: rotating\n", "one of pinhole, spinning, risley, list; got 'rotating'"),
+        ("a.yaml", "kind: rotating\n", "one of pinhole, spinning, risley, linear, list; got 'rotating'"),
         ("a.yaml", "lasers: [1, 2]\n", "must have a line `kind:`"),
         ("a.yaml", "kind: [", "must be YAML"),
         ("a.yaml", "[" * 5000, "must be YAML"),

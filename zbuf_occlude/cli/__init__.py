@@ -16,6 +16,7 @@ COMMANDS = {
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact reference and each other: rows, report.",
+    "compare-scans": "Measure how real a sensor's scans are, by real scans of a mesh: report, pictures.",
     "report": "Write the report of a comparison again from its rows.",
     "status": "Say how far a dataset is.",
     "verify": "Check a finished dataset: checksums, counts, and some clouds against the oracle.",
@@ -37,6 +38,7 @@ _MODULES = {
     "lists": ("methods", "sensors", "doctor"),
     "one_view": ("visible", "depth"),
     "one_scan": ("scan",),
+    "real_scans": ("compare-scans",),
     # commands that go on working, and say by what they are replaced
     "experiment": ("experiment",),
     "figure": ("figure",),
@@ -67,7 +69,7 @@ class LazyGroup(CommandGroup):
         home = next((module for module, names in _MODULES.items() if name in names), name)
         if name not in COMMANDS and home not in _MODULES:
             return None
-        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{name}_command")
+        command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{home}"), f"{name.replace('-', '_')}_command")
         return command
 
     def invoke(self, context: click.Context) -> Any:

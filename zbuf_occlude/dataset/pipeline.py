@@ -244,7 +244,7 @@ def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
     mine = np.flatnonzero(scan.instances == 0)
     if mesh.colors is not None and len(mine):
         face_ids = scan.face_ids[mine]
-        met = scan.origin + scan.clean_ranges[mine, None] * scan.directions[mine]
+        met = scan.starts[mine] + scan.clean_ranges[mine, None] * scan.directions[mine]
         colors[mine] = mesh.colors.at(face_ids, barycentric(standing.corners[face_ids], met))
     return colors
 
@@ -252,10 +252,11 @@ def _colors_met(scan: Scan, mesh: Mesh, standing: Mesh) -> Bytes:
 def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation: int, view: int) -> Counts:
     """Ask the oracle about a random few of a scan's rays and count where the method errs."""
     scan = capture.scan
-    directions = scan.directions[rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)]
-    found = capture.occluder.first_hits(scan.origin[None], directions).distances
+    some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
+    starts, directions = scan.starts[some], scan.directions[some]
+    found = capture.occluder.first_hits(starts, directions).distances
     with prepare(capture.scene.mesh, "oracle") as oracle:
-        truth = oracle.first_hits(scan.origin[None], directions).distances
+        truth = oracle.first_hits(starts, directions).distances
     within = CONTACT * capture.scene.mesh.diagonal
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within

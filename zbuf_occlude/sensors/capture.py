@@ -197,7 +197,8 @@ def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> 
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
-    if distance <= reach:
+    sensor = setup.made_sensor
+    if distance <= reach or sensor.rays().origins is not None or len(sensor.imperfections.second_eyes):
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6
     for number, each in enumerate(placed[1:], 1):

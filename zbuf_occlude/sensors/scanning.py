@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import FloatArray, IntArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.catalog import make
@@ -52,10 +53,12 @@ class Scan(Cloud):
         The sensor, world space, metres.
     directions : (n, 3) float
         Unit, world space.
+    offsets : (n, 3) float
+        From `origin` to where each ray begins, world space: 0 but for a sensor that moves.
     depths_per_range : (n,) float
         Depth along the sensor's x axis over range: the cosine between them.
     ranges : (n,) float
-        Eye distances as measured; ``origin + ranges * directions`` are the points.
+        Eye distances as measured; ``starts + ranges * directions`` are the points.
     clean_ranges : (n,) float
         As they are, before noise and quantisation.
     face_ids : (n,) int
@@ -72,6 +75,7 @@ class Scan(Cloud):
 
     origin: FloatArray
     directions: FloatArray
+    offsets: FloatArray
     depths_per_range: FloatArray
     ranges: FloatArray
     clean_ranges: FloatArray
@@ -94,7 +98,12 @@ class Scan(Cloud):
     @property
     def points(self) -> FloatArray:  # type: ignore[override]  # computed, and never assigned
         """The points, world space, (n, 3)."""
-        return np.asarray(self.origin + self.ranges[:, None] * self.directions)
+        return self.starts + self.ranges[:, None] * self.directions
+
+    @property
+    def starts(self) -> FloatArray:
+        """Where each ray begins, world space, (n, 3)."""
+        return np.asarray(self.origin + self.offsets)
 
     @property
     def positions(self) -> FloatArray:
@@ -186,7 +195,7 @@ def scan(
         The scene's mesh made ready already.
     towards : (2, 3) float, optional
         Lower and upper corner of a box in the world: only beams that may meet it are cast; the rest are taken to
-        return nothing.
+        return nothing. A sensor that moves casts all.
     target : Occluder, optional
         A part of the scene made ready by itself: only beams are cast of which a ray would meet it, were it alone. So
         all its points are there, and few others.
@@ -235,7 +244,7 @@ def scan(
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
     rays = sensor.rays()
-    if towards is not None:
+    if towards is not None and rays.origins is None:
         corners = as_vectors(towards, "towards")
         rays = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
@@ -274,13 +283,15 @@ def _pose_at(mesh: Mesh, distance: float, azimuth: float, elevation: float) -> F
     return look_at(view.eyes[0], mesh.centre)
 
 
-def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
+def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> FloatArray:
     """Return the pose (4, 4) of a sensor at a position that looks at a target, its z axis as far up as can be.
+
+    `up` (3,) is +z by default; towards a target straight above or below, +y.
 
     Raises
     ------
     ArgumentError
-        The position is the target.
+        The position is the target, or `up` points along the view.
 
     Examples
     --------
@@ -292,8 +303,10 @@ def look_at(position: ArrayLike, target: ArrayLike) -> FloatArray:
     if not forward.any():
         raise ArgumentError(f"a sensor must not be at its target; both are {at.tolist()}. Move one.")
     forward = forward / np.linalg.norm(forward)
-    up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
-    left = np.cross(up, forward)
+    usual = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1.0 - 1e-9 else np.array([0.0, 1.0, 0.0])
+    left = np.cross(usual if up is None else as_vectors([np.asarray(up)], "up")[0], forward)
+    if not np.linalg.norm(left) > 0.0:
+        raise ArgumentError("up must not point along the view. Give another one.")
     left /= np.linalg.norm(left)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([forward, left, np.cross(forward, left)], axis=1)
@@ -352,6 +365,10 @@ def _returns(
         face_ids, ranges = hits.face_ids[:, 0], hits.distances[:, 0]
         n_returns = np.ones(len(rays), dtype=np.int32)
     met = np.flatnonzero(face_ids >= 0)
+    offsets = np.zeros((len(rays), 3)) if rays.origins is None else rays.origins @ rotation.T
+    if len(sensor.imperfections.second_eyes):
+        points = origin + offsets[met] + ranges[met, None] * directions[met]
+        met = met[_seen_twice(occluder, scene.mesh, points, face_ids[met], origin + offsets[met], rotation, sensor)]
     face_ids, ranges, directions = face_ids[met], ranges[met], directions[met]
     normals = _unit(scene.mesh.face_normals[face_ids])
     cosines = -np.einsum("ij,ij->i", normals, directions)
@@ -361,6 +378,7 @@ def _returns(
     return Scan(
         origin=origin,
         directions=directions,
+        offsets=offsets[met],
         depths_per_range=rays.directions[met, 0],
         ranges=ranges,
         clean_ranges=ranges,
@@ -373,6 +391,49 @@ def _returns(
         instances=instances,
         n_returns=n_returns[met],
     )
+
+
+def _seen_twice(
+    occluder: Occluder,
+    mesh: Mesh,
+    points: FloatArray,
+    face_ids: IntArray,
+    starts: FloatArray,
+    rotation: FloatArray,
+    sensor: Sensor,
+) -> BoolArray:
+    """Which points (n,) that were met from `starts` a second eye of the sensor sees too, from the same side."""
+    faults, seen = sensor.imperfections, np.zeros(len(points), dtype=bool)
+    normals = _unit(mesh.face_normals[face_ids])
+    side = np.einsum("ij,ij->i", normals, starts - points)
+    least = np.cos(np.radians(faults.baseline_incidence_max if faults.noise else 90.0))
+    for baseline in faults.second_eyes:
+        eyes = starts + rotation @ baseline
+        towards = eyes - points
+        height = np.einsum("ij,ij->i", normals, towards)
+        cosine = np.abs(height) / np.maximum(np.linalg.norm(towards, axis=1), np.finfo(np.float64).tiny)
+        lit = ~seen & (side * height > 0.0) & (cosine >= least)
+        if sensor.kind == "pinhole":
+            lit &= sensor.covers(-towards @ rotation)
+        some = np.flatnonzero(lit)
+        seen[some] = seen_from(occluder, SurfacePoints(points[some], face_ids[some], normals[some]), eyes[some])
+    return seen
+
+
+EYES_AT_A_TIME = 16
+
+
+def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+    """Return which of the points (n,) are visible, each from an eye of its own (n, 3); few eyes may differ."""
+    unique, eye_of = np.unique(eyes, axis=0, return_inverse=True)
+    order = np.argsort(eye_of.reshape(-1), kind="stable")
+    eye_of, seen = eye_of.reshape(-1)[order], np.zeros(len(points), dtype=bool)
+    for first in range(0, len(unique), EYES_AT_A_TIME):
+        begin, end = np.searchsorted(eye_of, [first, first + EYES_AT_A_TIME])
+        mine = order[begin:end]
+        mask = occluder.visible(points.select(mine), unique[first : first + EYES_AT_A_TIME])
+        seen[mine] = mask[eye_of[begin:end] - first, np.arange(len(mine))]
+    return seen
 
 
 def _echoes(hits: FirstHits, faults: Imperfections) -> tuple[IntArray, FloatArray, IntArray]:
@@ -424,7 +485,10 @@ def _beams(
         beams = np.empty((len(directions), len(_CROSS), 3))
         for number, (x, y) in enumerate(_CROSS):
             beams[:, number] = directions + spread * (x * across + y * upwards)
-    face_ids, distances = occluder.first_hits(origin[None], beams.reshape(-1, 3))
+    starts = origin[None]
+    if rays.origins is not None:
+        starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
+    face_ids, distances = occluder.first_hits(starts, beams.reshape(-1, 3))
     shape, back = beams.shape[:2], np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])

@@ -33,7 +33,7 @@ class _Runs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays from the sensor's origin. Immutable.
+    """Rays of a sensor. Immutable.
 
     Parameters
     ----------
@@ -43,11 +43,14 @@ class Rays:
         Laser, 0 the lowest; of a camera the row of the picture, 0 the uppermost.
     columns : (n,) int
         Firing, counted along the turn; of a camera the column of the picture, 0 the leftmost.
+    origins : (n, 3) float, optional
+        Where each begins, sensor frame; at the sensor's origin by default.
     """
 
     directions: FloatArray
     rings: IntArray
     columns: IntArray
+    origins: FloatArray | None = None
 
     def __post_init__(self) -> None:
         directions = as_vectors(self.directions, "directions")
@@ -60,6 +63,11 @@ class Rays:
             if len(values) != len(directions):
                 raise ArgumentError(f"{name} must be one per direction ({len(directions)}); got {len(values)}.")
             object.__setattr__(self, name, frozen(values))
+        if self.origins is not None:
+            origins = as_vectors(self.origins, "origins")
+            if len(origins) != len(directions):
+                raise ArgumentError(f"origins must be one per direction ({len(directions)}); got {len(origins)}.")
+            object.__setattr__(self, "origins", sealed(origins))
 
     def __len__(self) -> int:
         return len(self.directions)
@@ -70,7 +78,8 @@ class Rays:
     def select(self, which: ArrayLike) -> "Rays":
         """Return the rays that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
-        return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen])
+        origins = None if self.origins is None else self.origins[chosen]
+        return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen], origins)
 
     def near(self, direction: FloatArray, angle: float) -> NDArray[np.intp]:
         """Return which rays are within an angle (radians) of a unit direction (3,), ascending; runs are asked first."""
@@ -154,6 +163,22 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
     return Rays(directions, np.zeros_like(shots), shots)
 
 
+def linear(*, columns: int, spacing: float, rows: int, slopes: Sequence[float]) -> Rays:
+    """Return the rays of a line scanner that moves along its y axis, column by column, from the left to the right.
+
+    `spacing` is metres between two of its `columns`, the middle one at the sensor's origin. In each, `rows` rays fan
+    out in the plane across, at `slopes` (z per x) that grow evenly from the first to the last. Ring 0 is the lowest.
+    """
+    _not_too_many(rows * columns)
+    places = spacing * ((columns - 1) / 2.0 - np.arange(columns))
+    up = np.linspace(slopes[0], slopes[1], rows)
+    directions = np.stack([np.ones(rows), np.zeros(rows), up], axis=1)
+    origins = np.zeros((columns, rows, 3))
+    origins[..., 1] = places[:, None]
+    firings, rings = np.divmod(np.arange(columns * rows, dtype=np.int32), rows)
+    return Rays(np.tile(directions, (columns, 1)), rings, firings, origins.reshape(-1, 3))
+
+
 def listed(*, directions: ArrayLike, rings: ArrayLike | None = None) -> Rays:
     """Return the rays of a list: directions (n, 3) in the sensor's frame, and rings (n,), 0 by default."""
     given = as_vectors(directions, "directions")
@@ -161,7 +186,13 @@ def listed(*, directions: ArrayLike, rings: ArrayLike | None = None) -> Rays:
     return Rays(given, np.zeros_like(numbers) if rings is None else np.asarray(rings), numbers)
 
 
-KINDS: dict[str, Callable[..., Rays]] = {"pinhole": pinhole, "spinning": spinning, "risley": risley, "list": listed}
+KINDS: dict[str, Callable[..., Rays]] = {
+    "pinhole": pinhole,
+    "spinning": spinning,
+    "risley": risley,
+    "linear": linear,
+    "list": listed,
+}
 """Each kind of sensor, and what makes its rays of its numbers."""
 
 
@@ -197,7 +228,7 @@ STEEPEST = np.radians(89.9)
 _METRES = Number(0.0, 1e4, "metres", least=1e-9)
 NUMBERS: dict[str, Number] = {
     # of rays
-    **dict.fromkeys(("width", "height", "columns"), Number(1, MOST_RAYS, whole=True)),
+    **dict.fromkeys(("width", "height", "columns", "rows"), Number(1, MOST_RAYS, whole=True)),
     "fov": Number(1e-3, 179.9, "degrees"),
     **dict.fromkeys(("f", "fy"), Number(1e-3, 1e9, "pixels")),
     **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),
@@ -208,6 +239,8 @@ NUMBERS: dict[str, Number] = {
     "index": Number(1.0, 5.0),  # no glass bends light more: germanium, of infrared prisms, has 4
     "rate": Number(1e-3, 1e9, "shots a second"),
     "seconds": Number(1e-6, 1e6, "seconds"),
+    "spacing": Number(1e-9, 1e4, "metres"),
+    "slopes": Number(-1e3, 1e3, shapes=((2,),)),
     "directions": Number(shapes=((-1, 3),)),
     "rings": Number(0, 2**31 - 2, shapes=((-1,),), whole=True),
     # of imperfections
@@ -220,7 +253,8 @@ NUMBERS: dict[str, Number] = {
     "divergence": Number(0.0, 1.0, "radians"),
     **dict.fromkeys(("drop", "drop_zero", "edge_loss"), Number(0.0, 1.0)),
     **dict.fromkeys(("attenuation", "drop_limit", "noise"), Number(0.0, 1e3, least=1e-9)),
-    "incidence_max": Number(0.0, 90.0, "degrees"),
+    **dict.fromkeys(("incidence_max", "baseline_incidence_max"), Number(0.0, 90.0, "degrees")),
+    "baseline": Number(-1e9, 1e9, "metres", ((), (3,), (-1, 3))),
 }
 """What each number of a sensor may be; beyond it, it is a mistyped one."""
 
@@ -272,8 +306,14 @@ class Imperfections:
         Share of the pixels lost that have a neighbour more than 5 % nearer or farther (a picture's edges).
     incidence_max : float
         Steeper ones return nothing, degrees.
+    baseline : (3,) or (m, 3) float
+        From where a ray begins to the sensor's second eye (the projector, laser or other camera of triangulation), in
+        its frame. A return needs both eyes to see the point, from the same side of its face, and of a pinhole to have
+        it in their pictures. Of several second eyes one is enough. 0: there is none.
+    baseline_incidence_max : float
+        Steeper ones at the second eye return nothing, degrees.
     noise : float
-        Factor on the standard deviations. 0 switches everything off but the limits of range.
+        Factor on the standard deviations. 0 switches everything off but the limits of range and the second eye.
     """
 
     range_min: float = 0.0
@@ -296,6 +336,8 @@ class Imperfections:
     reach: float = 0.0
     edge_loss: float = 0.0
     incidence_max: float = 90.0
+    baseline: float | Sequence[float] | Sequence[Sequence[float]] = 0.0
+    baseline_incidence_max: float = 90.0
     noise: float = 1.0
 
     def __post_init__(self) -> None:
@@ -305,9 +347,19 @@ class Imperfections:
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         if not self.range_min < self.range_max:
             raise OptionError(f"range_min must be less than range_max; got {self.range_min} and {self.range_max}.")
+        if np.ndim(self.baseline) == 0 and self.baseline != 0.0:
+            raise OptionError(f"baseline of a sensor must be a vector of metres, or 0; got {self.baseline}.")
         ranges = np.array(self.sigma)[..., 0] if np.ndim(self.sigma) else ()
         if not (np.diff(ranges) > 0.0).all():
             raise OptionError(f"sigma of a sensor must have growing ranges; got {', '.join(map(str, ranges)):.200}.")
+
+    @property
+    def second_eyes(self) -> FloatArray:
+        """The baselines, (m, 3); none where there is no second eye."""
+        rows = (
+            np.asarray(self.baseline, dtype=np.float64).reshape(-1, 3) if np.ndim(self.baseline) else np.empty((0, 3))
+        )
+        return rows[rows.any(axis=1)]
 
     def range_sigma(self, ranges: ArrayLike, incidence: ArrayLike = 0.0) -> FloatArray:
         """Return the standard deviation at some ranges (of an axial sensor: depths) and incidences (radians)."""
@@ -386,6 +438,29 @@ class Sensor:
     def pixels(self) -> float:
         """Pixels per unit of the picture at depth 1, of a pinhole; 0 of others."""
         return float(self.intrinsics[0, 0]) if self.kind == "pinhole" else 0.0
+
+    def starts_towards(self, places: FloatArray) -> FloatArray:
+        """Return where the rays to some places (n, 3) begin, all in its frame: of a linear one beside each place."""
+        return np.asarray(places * [0.0, 1.0, 0.0] if self.kind == "linear" else np.zeros_like(places))
+
+    def covers(self, places: FloatArray) -> NDArray[np.bool_]:
+        """Whether places (n, 3) in its frame are in its field of view, (n,); of a list of directions all are."""
+        depth = np.maximum(places[:, 0], np.finfo(np.float64).tiny)
+        given, ahead = self.pattern, places[:, 0] > 0.0
+        if self.kind == "pinhole":
+            (fx, _, cx), (_, fy, cy) = self.intrinsics[:2]
+            column, row = cx - fx * places[:, 1] / depth, cy - fy * places[:, 2] / depth
+            within = (column >= 0) & (column < given["width"]) & (row >= 0) & (row < given["height"])
+            return np.asarray(ahead & within)
+        if self.kind == "linear":
+            slope, (low, high) = places[:, 2] / depth, sorted(given["slopes"])
+            beside = np.abs(places[:, 1]) <= given["columns"] * given["spacing"] / 2.0
+            return np.asarray(ahead & beside & (slope >= low) & (slope <= high))
+        if self.kind == "spinning":
+            lasers = [elevation for elevation, _ in given["lasers"]]
+            elevation = np.degrees(np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1])))
+            return np.asarray((elevation >= min(lasers)) & (elevation <= max(lasers)))
+        return np.ones(len(places), dtype=bool)
 
     def with_numbers(self, **numbers: Any) -> "Sensor":
         """Return the sensor with some numbers changed, of the rays or the imperfections.

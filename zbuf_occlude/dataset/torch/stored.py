@@ -256,8 +256,8 @@ class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
         record = source.take(self.numbers[[index]])[0]
         assert source.complete is not None  # packed
         complete = source.complete(int(record["mesh_id"]), self.n_complete)
-        clouds = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
-        return *clouds, torch.tensor(int(record["label"][0]))
+        partial, whole = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
+        return partial, whole, torch.tensor(int(record["label"][0]))
 
     @property
     def source(self) -> Source:

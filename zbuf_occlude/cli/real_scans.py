@@ -1,0 +1,99 @@
+"""`zbuf-occlude compare-scans`: real scans of a mesh against what a sensor predicts of them."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from zbuf_occlude.cli.panels import Command, Name
+from zbuf_occlude.cli.scan_options import parse_sensor, sensor_options
+from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
+from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.compare.real_scans import compare_scans, write_scan_report
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.meshes.load import load_mesh
+from zbuf_occlude.sensors.scanning import look_at
+from zbuf_occlude.visibility import METHODS
+
+CASTING = [method.name for method in METHODS if not method.no_first_hits]
+
+
+class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """Three numbers with commas between."""
+
+    name = "X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return three floats."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y, z = map(float, str(value).split(","))
+        except ValueError:
+            self.fail(f"must be three numbers X,Y,Z; got {value!r}.", param, ctx)
+        return x, y, z
+
+
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
+@click.argument("scans", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@sensor_options("vlp-32c")
+@click.option(
+    "--poses",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Scans to the mesh: .conf, BOP's scene_gt.json, 4 x 4.  [default: one frame]",
+)
+@click.option("--eye", type=Vector(), help="Where the sensor is, in the scans' frame.  [default: at its origin]")
+@click.option("--look-at", type=Vector(), help="What the sensor looks at, in the scans' frame; goes with --eye.")
+@click.option("--up-axis", type=Vector(), help="What is up for the sensor.  [default: 0,0,1]")
+@click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="A vertex this near a point is scanned.")
+@click.option("--slack", type=click.FloatRange(0, min_open=True), help="A mesh this far before a point hides it.")
+@click.option(
+    "--depth-unit",
+    type=click.FloatRange(0, min_open=True),
+    default=0.001,
+    show_default=True,
+    help="Metres of one step of a depth image.",
+)
+@click.option("--refine", is_flag=True, help="Fit the poses to the mesh first, by Open3D's ICP.")
+@click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated scans.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of the report.")
+def compare_scans_command(
+    mesh: Path,
+    scans: tuple[Path, ...],
+    sensor: str,
+    set_sensor: Settings,
+    poses: Path | None,
+    eye: tuple[float, ...] | None,
+    look_at_: tuple[float, ...] | None = None,
+    up_axis: tuple[float, ...] | None = None,
+    out: Path = Path(),
+    **given: Any,
+) -> None:
+    """Compare real SCANS of MESH with what a sensor predicts of them.
+
+    Scans are PLY, PCD, KITTI's and nuScenes' .bin, .npy, .npz, or depth images (PNG, 16 bits). The report says how many
+    real points the mesh hides, which vertices were scanned and which the sensor should have returned, how far real
+    points are from the mesh, and the density of both.
+
+    \b
+    Examples:
+      zbuf-occlude compare-scans bun_zipper.ply bun*.ply --sensor cyberware-3030 --poses bun.conf \\
+          --eye 0,0.178,1.3 --look-at 0,0.178,0 --up-axis 0,1,0 --out bunny
+      zbuf-occlude compare-scans room.ply depth.png --sensor kinect-v1 --poses pose.txt --out room
+    """
+    look_at_ = given.pop("look_at", look_at_)
+    if (eye is None) != (look_at_ is None):
+        raise click.UsageError("--eye and --look-at must go together. Give both.")
+    if up_axis is not None and eye is None:
+        raise click.UsageError("--up-axis must go with --eye and --look-at. Give them.")
+    made = parse_sensor(sensor, set_sensor)
+    mounted = None if eye is None else look_at(eye, look_at_, up_axis)
+    found = compare_scans(load_mesh(mesh), list(scans), made, poses=poses, sensor_pose=mounted, **given)
+    for each in found:
+        echo(f"{each.name}: {each.agreement:.1%} of vertices agree, {each.false_hidden:.2%} of the real points hidden")
+    if not found:
+        raise OptionError("there must be a scan.")
+    written = write_scan_report(out, found, made)
+    echo(f"report    {next(path for path in written if path.suffix == '.html')}")

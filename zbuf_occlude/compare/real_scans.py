@@ -1,0 +1,494 @@
+"""How real simulated scans are: real scans of an object, its mesh and poses, against what a sensor predicts.
+
+For each scan four answers: how many real points the mesh hides (visibility), which vertices were scanned and which the
+sensor should have returned (coverage), how far real points are from the mesh along their rays (noise), and how many
+points there are by range and incidence (density).
+"""
+
+import json
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
+from zbuf_occlude.compare.scan_files import read_poses, read_scan, rigid
+from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.scanning import default_caster, scan
+from zbuf_occlude.sensors.sensor import Sensor
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+INCIDENCES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+"""Degrees between which incidences are counted together."""
+N_RANGES = 5
+"""So many spans of range, with as many real points each."""
+MADS = 1.4826
+"""A normal distribution's standard deviation over its median absolute deviation."""
+BOTH, NOT_SCANNED, NOT_SEEN, NEITHER = 0, 1, 2, 3
+CASES = ("predicted and scanned", "predicted only", "scanned only", "neither")
+COLORS = ("#d0d0d0", "#d55e00", "#0072b2", "")
+"""Of the cases that are drawn; told apart by the colour-blind."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanComparison:
+    """One real scan against what a sensor predicts of it; lengths in the mesh's unit.
+
+    Parameters
+    ----------
+    name : str
+    n_real, n_simulated : int
+        Points.
+    false_hidden : float
+        Share of the real points before which, by more than `slack`, the mesh lies.
+    cases : (v,) uint8
+        Of each vertex that a face uses: 0 predicted and scanned, 1 predicted only, 2 scanned only, 3 neither.
+    agreement : float
+        Share of those vertices of case 0 or 3.
+    tolerance : float
+        A vertex is scanned where a real point is this near.
+    slack : float
+    residual, sigma, sensor_sigma : float
+        Median of real minus mesh along the ray; its spread (1.4826 median absolute deviations); what the sensor's
+        model says in the median.
+    by_incidence : tuple of dict
+        For each span of `INCIDENCES`: vertices by case, spread of residuals, real and simulated points.
+    by_range : tuple of dict
+        For each of five spans of range: real and simulated points.
+    pose : (4, 4) float
+        Scan to mesh, refined where that was asked for.
+    places : (v, 2) float
+        Where the sensor has those vertices in its picture: degrees, or of a linear sensor the mesh's unit.
+    """
+
+    name: str
+    n_real: int
+    n_simulated: int
+    false_hidden: float
+    cases: NDArray[np.uint8]
+    agreement: float
+    tolerance: float
+    slack: float
+    residual: float
+    sigma: float
+    sensor_sigma: float
+    by_incidence: tuple[dict[str, Any], ...]
+    by_range: tuple[dict[str, Any], ...]
+    pose: FloatArray
+    places: FloatArray
+
+    def __repr__(self) -> str:
+        return (
+            f"ScanComparison({self.name!r}: {self.agreement:.1%} of vertices agree, "
+            f"{self.false_hidden:.2%} of {self.n_real} real points hidden)"
+        )
+
+    def share(self, case: int) -> float:
+        """Return the share of the vertices that are of a case."""
+        return float((self.cases == case).mean())
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Plain data of everything but the vertices."""
+        return {
+            "name": self.name,
+            "points": {"real": self.n_real, "simulated": self.n_simulated},
+            "false_hidden": self.false_hidden,
+            "vertices": {name: self.share(case) for case, name in enumerate(CASES)},
+            "agreement": self.agreement,
+            "tolerance": self.tolerance,
+            "slack": self.slack,
+            "residual": {"median": self.residual, "sigma": self.sigma, "sensor": self.sensor_sigma},
+            "by_incidence": list(self.by_incidence),
+            "by_range": list(self.by_range),
+            "pose": self.pose.tolist(),
+        }
+
+
+def compare_scans(
+    mesh: MeshLike,
+    scans: Sequence[str | Path | ArrayLike],
+    sensor: Sensor | str | Path,
+    *,
+    poses: str | Path | Sequence[ArrayLike] | None = None,
+    sensor_pose: ArrayLike | None = None,
+    tolerance: float | None = None,
+    slack: float | None = None,
+    depth_unit: float = 0.001,
+    refine: bool = False,
+    method: str | None = None,
+    seed: int = 0,
+) -> list[ScanComparison]:
+    """Compare real scans of an object with what a sensor predicts of its mesh.
+
+    Parameters
+    ----------
+    mesh : mesh, or its path
+        The scanned object, in the unit of the scans.
+    scans : sequence of paths, or of (n, 3) float
+        See `scan_files.read_scan`.
+    sensor : Sensor, name or file
+        As `zbuf_occlude.sensors.make` takes it.
+    poses : path, or sequence of (4, 4) float, optional
+        Of each scan, its frame to the mesh's; see `scan_files.read_poses`. By default they share one.
+    sensor_pose : (4, 4) float, optional
+        Sensor frame to the scans'; `zbuf_occlude.sensors.look_at` makes one. By default the scans are in its frame.
+    tolerance : float, optional
+        A vertex is scanned where a real point is this near; twice the median spacing of the scan's points by default.
+    slack : float, optional
+        A real point is hidden where the mesh is this far before it; four times that spacing by default.
+    depth_unit : float
+        Of depth images: metres of one step.
+    refine : bool
+        Fit each pose to the mesh first (Open3D's ICP, point to plane, within `slack`).
+    method : str, optional
+        Who casts rays.
+    seed : int
+        Of the simulated scans.
+
+    Returns
+    -------
+    list of ScanComparison
+
+    Raises
+    ------
+    ArgumentError, OptionError
+        Arrays of the wrong shape, no such sensor.
+    DatasetError
+        A scan or poses that cannot be read.
+    UnavailableError
+        Without Open3D (extra ``open3d``), which finds neighbours.
+
+    Examples
+    --------
+    >>> wall = ([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> camera = zo.sensors.make("pinhole:width=40,height=40,fov=40")
+    >>> seen = zo.scan(wall, camera, range=2)
+    >>> mounted = zo.sensors.look_at([2, 0, 0], [0, 0, 0])
+    >>> (found,) = zo.compare_scans(wall, [seen.points], camera, sensor_pose=mounted)
+    >>> found.false_hidden
+    0.0
+    """
+    mesh, sensor = as_mesh(mesh), sensor if isinstance(sensor, Sensor) else make(sensor)
+    if not len(scans):
+        raise ArgumentError("scans must be one or more; there is none.")
+    names = [each.name if isinstance(each, Path) else each if isinstance(each, str) else "" for each in scans]
+    names = [Path(name).name or f"scan {number}" for number, name in enumerate(names)]
+    clouds = [
+        read_scan(Path(each), sensor, depth_unit) if isinstance(each, str | Path) else as_vectors(each, "a scan")
+        for each in scans
+    ]
+    if isinstance(poses, str | Path):
+        poses = read_poses(Path(poses), [Path(name) for name in names])
+    matrices = [np.eye(4)] * len(clouds) if poses is None else [rigid(pose, "a pose") for pose in poses]
+    if len(matrices) != len(clouds):
+        raise ArgumentError(f"poses must be one per scan ({len(clouds)}); got {len(matrices)}.")
+    mounted = np.eye(4) if sensor_pose is None else rigid(sensor_pose, "sensor_pose")
+    with prepare(mesh, method or default_caster()) as occluder:
+        question = _Question(mesh, occluder, sensor, mounted, tolerance, slack, refine, seed)
+        return [question.ask(*each) for each in zip(names, clouds, matrices, strict=True)]
+
+
+class _Question:
+    """What is the same for all scans."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        occluder: Occluder,
+        sensor: Sensor,
+        mounted: FloatArray,
+        tolerance: float | None,
+        slack: float | None,
+        refine: bool,
+        seed: int,
+    ) -> None:
+        self.mesh, self.occluder, self.sensor, self.mounted = mesh, occluder, sensor, mounted
+        self.tolerance, self.slack, self.refine, self.seed = tolerance, slack, refine, seed
+        self.used = np.unique(mesh.faces)
+        normals = np.zeros_like(mesh.vertices)
+        for corner in range(3):
+            np.add.at(normals, mesh.faces[:, corner], mesh.face_normals)
+        normals = normals[self.used]
+        self.vertices = mesh.vertices[self.used]
+        self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+
+    def ask(self, name: str, cloud: FloatArray, pose: FloatArray) -> ScanComparison:
+        """Compare one scan."""
+        spacing = float(np.median(_distances(cloud, cloud, 2)[:, 1]))
+        tolerance = self.tolerance or 2.0 * spacing
+        slack = self.slack or 4.0 * spacing
+        if self.refine:
+            pose = self._refined(cloud, pose, slack)
+        points = cloud @ pose[:3, :3].T + pose[:3, 3]
+        stands = pose @ self.mounted
+        starts, towards, ranges = self._rays(points, stands)
+        hits = self.occluder.first_hits(starts, towards)
+        residuals = ranges - hits.distances
+        hidden = residuals > slack
+        near = np.abs(residuals) <= slack
+        cosines = np.zeros(len(points))
+        cosines[near] = self._cosines(hits.face_ids[near], towards[near])
+        incidences = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
+        seen, vertex_incidences = self._predicted(stands)
+        scanned = _distances(self.vertices, points, 1)[:, 0] <= tolerance
+        cases = np.select([seen & scanned, seen, scanned], [BOTH, NOT_SCANNED, NOT_SEEN], NEITHER).astype(np.uint8)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # within the bounding box of a street, say
+            made = scan(Scene.of(self.mesh), self.sensor, stands, seed=self.seed, occluder=self.occluder)
+        middle, sigma = _spread(residuals[near])
+        sensor_sigma = self.sensor.imperfections.range_sigma(ranges[near], np.radians(incidences[near]))
+        return ScanComparison(
+            name=name,
+            n_real=len(points),
+            n_simulated=len(made),
+            false_hidden=float(hidden.mean()),
+            cases=cases,
+            agreement=float(np.isin(cases, [BOTH, NEITHER]).mean()),
+            tolerance=tolerance,
+            slack=slack,
+            residual=middle,
+            sigma=sigma,
+            sensor_sigma=float(np.median(sensor_sigma)) if near.any() else 0.0,
+            by_incidence=tuple(
+                {
+                    "from": low,
+                    "to": high,
+                    **_counted(cases, vertex_incidences, low, high),
+                    "sigma": _spread(residuals[near][_within(incidences[near], low, high)])[1],
+                    "real": int(_within(incidences[near], low, high).sum()),
+                    "simulated": int(_within(np.degrees(made.incidences), low, high).sum()),
+                }
+                for low, high in pairwise(INCIDENCES)
+            ),
+            by_range=tuple(_by_range(ranges, made.ranges)),
+            pose=pose,
+            places=self._picture(stands),
+        )
+
+    def _rays(self, points: FloatArray, stands: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return where the rays to some points begin (n, 3), their unit directions, and how long they are."""
+        local = (points - stands[:3, 3]) @ stands[:3, :3]
+        starts = stands[:3, 3] + self.sensor.starts_towards(local) @ stands[:3, :3].T
+        ranges = np.linalg.norm(points - starts, axis=1)
+        return starts, (points - starts) / np.maximum(ranges, np.finfo(np.float64).tiny)[:, None], ranges
+
+    def _cosines(self, face_ids: NDArray[np.int32], directions: FloatArray) -> FloatArray:
+        normals = self.mesh.face_normals[face_ids]
+        lengths = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)
+        return np.asarray(np.abs(np.einsum("ij,ij->i", normals, directions)) / lengths)
+
+    def _predicted(self, stands: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Which vertices the sensor should return, and their incidences, degrees."""
+        faults, rotation = self.sensor.imperfections, stands[:3, :3]
+        starts, towards, ranges = self._rays(self.vertices, stands)
+        local = (self.vertices - stands[:3, 3]) @ rotation
+        side = -np.einsum("ij,ij->i", self.normals, towards)  # files may be wound either way
+        cosines = np.abs(side)
+        seen = self.sensor.covers(local) & (cosines > np.cos(np.radians(faults.incidence_max)))
+        measured = ranges * (towards @ rotation[:, 0]) if faults.axial else ranges
+        seen &= (measured >= faults.range_min) & (measured <= faults.range_max)
+        seen &= self._reached(starts, seen)
+        second = np.zeros_like(seen)
+        for baseline in faults.second_eyes:
+            eyes = starts + rotation @ baseline
+            away = eyes - self.vertices
+            slope = np.einsum("ij,ij->i", self.normals, away) / np.linalg.norm(away, axis=1) * np.sign(side)
+            lit = seen & (slope > np.cos(np.radians(faults.baseline_incidence_max)))
+            if self.sensor.kind == "pinhole":
+                lit &= self.sensor.covers(-away @ rotation)
+            second |= lit & self._reached(eyes, lit)
+        if len(faults.second_eyes):
+            seen = second
+        return seen, np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
+
+    def _reached(self, eyes: FloatArray, asked: BoolArray) -> BoolArray:
+        """Which of the vertices asked about nothing stands before, from an eye each."""
+        some, found = np.flatnonzero(asked), np.zeros(len(asked), dtype=bool)
+        if len(some):
+            towards = self.vertices[some] - eyes[some]
+            away = np.linalg.norm(towards, axis=1)
+            distances = self.occluder.first_hits(eyes[some], towards / away[:, None]).distances
+            found[some] = distances >= away - VERTEX_SLACK * self.mesh.diagonal
+        return found
+
+    def _picture(self, stands: FloatArray) -> FloatArray:
+        local = (self.vertices - stands[:3, 3]) @ stands[:3, :3]
+        if self.sensor.kind == "linear":
+            return np.stack([-local[:, 1], local[:, 2]], axis=1)
+        flat = np.hypot(local[:, 0], local[:, 1])
+        return np.degrees([-np.arctan2(local[:, 1], local[:, 0]), np.arctan2(local[:, 2], flat)]).T
+
+    def _refined(self, cloud: FloatArray, pose: FloatArray, slack: float) -> FloatArray:
+        with importing("open3d", "refining poses"):
+            import open3d as o3d
+        source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud))
+        target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.vertices))
+        target.normals = o3d.utility.Vector3dVector(self.normals)
+        way = o3d.pipelines.registration.TransformationEstimationPointToPlane()
+        found = o3d.pipelines.registration.registration_icp(source, target, slack, pose, way)
+        return rigid(found.transformation, "a refined pose")
+
+
+VERTEX_SLACK = 4e-4
+"""Of the mesh's diagonal: so far before a vertex other faces may lie, as those about it do."""
+
+
+def _distances(places: FloatArray, points: FloatArray, n: int) -> FloatArray:
+    """Return the distances (m, n) from places (m, 3) to their n nearest points."""
+    with importing("open3d", "comparing scans"):
+        import open3d as o3d
+    tensor: Any = o3d.core.Tensor
+    index = o3d.core.nns.NearestNeighborSearch(tensor(np.ascontiguousarray(points)))
+    index.knn_index()
+    _, squares = index.knn_search(tensor(np.ascontiguousarray(places)), min(n, len(points)))
+    found = np.sqrt(squares.numpy())
+    return np.pad(found, ((0, 0), (0, n - found.shape[1])), mode="edge")
+
+
+def _within(values: FloatArray, low: float, high: float) -> BoolArray:
+    return np.asarray((values >= low) & (values < high))
+
+
+def _counted(cases: NDArray[np.uint8], incidences: FloatArray, low: float, high: float) -> dict[str, int]:
+    mine = cases[_within(incidences, low, high)]
+    return {name: int((mine == case).sum()) for case, name in enumerate(CASES[:NEITHER])}
+
+
+def _by_range(real: FloatArray, made: FloatArray) -> list[dict[str, Any]]:
+    edges = np.quantile(real, np.linspace(0.0, 1.0, N_RANGES + 1))
+    edges[-1] = np.nextafter(edges[-1], np.inf)
+    return [
+        {
+            "from": float(low),
+            "to": float(high),
+            "real": int(_within(real, low, high).sum()),
+            "simulated": int(_within(made, low, high).sum()),
+        }
+        for low, high in pairwise(edges)
+    ]
+
+
+def _spread(values: FloatArray) -> tuple[float, float]:
+    """Return the median, and the standard deviation of a normal distribution of the same spread."""
+    if not len(values):
+        return 0.0, 0.0
+    middle = float(np.median(values))
+    return middle, MADS * float(np.median(np.abs(values - middle)))
+
+
+def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sensor) -> list[Path]:
+    """Write ``scans.html`` and ``.md``, a picture for each scan, and ``scans.json``; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    data = folder / "scans.json"
+    document = {"sensor": sensor.document, "scans": [each.document for each in found]}
+    data.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    mean, hidden = (float(np.mean([getattr(each, name) for each in found])) for name in ("agreement", "false_hidden"))
+    pictures = [Picture(f"scan_{i}", as_png(picture(each)), verbatim(each.name)) for i, each in enumerate(found)]
+    sections: list[Section] = [_table_of_scans(found), *pictures, _table_by_incidence(found), _table_by_range(found)]
+    answers = [
+        f"**{verbatim(sensor.name)}** predicts which vertices were scanned for {mean:.1%} of them, "
+        f"in the mean of {len(found)} scans.",
+        f"The mesh hides {hidden:.2%} of the real points.",
+    ]
+    facts = [
+        "A vertex is scanned where a real point is within the tolerance. A real point is hidden where the mesh lies "
+        "more than the slack before it. Lengths are in the mesh's unit."
+    ]
+    title = "Real scans against simulated ones"
+    return [data, *write_pages(folder, "scans", title, answers=answers, facts=facts, sections=sections)]
+
+
+def _table_of_scans(found: Sequence[ScanComparison]) -> Table:
+    header = (
+        "scan",
+        "points",
+        "simulated",
+        "agreement",
+        "predicted only",
+        "scanned only",
+        "hidden",
+        "residual",
+        "spread",
+    )
+    rows = [
+        (
+            verbatim(each.name),
+            f"{each.n_real:,}",
+            f"{each.n_simulated:,}",
+            f"{each.agreement:.1%}",
+            f"{each.share(NOT_SCANNED):.1%}",
+            f"{each.share(NOT_SEEN):.1%}",
+            f"{each.false_hidden:.2%}",
+            f"{each.residual:.2g}",
+            f"{each.sigma:.2g}",
+        )
+        for each in found
+    ]
+    one = found[0]
+    note = (
+        f"Tolerance {one.tolerance:.3g} and slack {one.slack:.3g} in the first scan. Agreement, predicted only and "
+        "scanned only: of the vertices. Hidden: of the real points. Residual: median of real minus mesh along the ray; "
+        f"its spread is a standard deviation, where the sensor's model has {one.sensor_sigma:.2g}."
+    )
+    return Table("Scans", header, rows, note)
+
+
+def _table_by_incidence(found: Sequence[ScanComparison]) -> Table:
+    rows = []
+    for number, first in enumerate(found[0].by_incidence):
+        spans = [each.by_incidence[number] for each in found]
+        counts = [sum(span[name] for span in spans) for name in CASES[:NEITHER]]
+        shares = (f"{count / max(sum(counts), 1):.1%}" for count in counts)
+        sigma = float(np.median([span["sigma"] for span in spans]))
+        rows.append((f"{first['from']:g} to {first['to']:g}", *shares, f"{sigma:.2g}", *_densities(spans)))
+    header = ("degrees", *CASES[:NEITHER], "spread", *DENSITIES)
+    return Table("By incidence", header, rows, "Vertices that were predicted or scanned; points within the slack.")
+
+
+def _table_by_range(found: Sequence[ScanComparison]) -> Table:
+    rows = []
+    for number in range(N_RANGES):
+        spans = [each.by_range[number] for each in found]
+        low, high = min(span["from"] for span in spans), max(span["to"] for span in spans)
+        rows.append((f"{number + 1} of {N_RANGES}", f"{low:.4g} to {high:.4g}", *_densities(spans)))
+    note = "Each scan's real points by range, nearest first, in parts of as many points."
+    return Table("By range", ("part", "ranges", *DENSITIES), rows, note, texts=(0, 1))
+
+
+DENSITIES = ("points", "simulated", "real / simulated")
+
+
+def _densities(spans: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
+    real, made = (sum(span[name] for span in spans) for name in ("real", "simulated"))
+    return f"{real:,}", f"{made:,}", f"{real / made:.2f}" if made else "-"
+
+
+def picture(found: ScanComparison) -> Any:
+    """Return a figure of the mesh as the sensor sees it, its vertices coloured by case."""
+    with importing("matplotlib", "pictures"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    figure = Figure(figsize=(8, 6.5), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    size = float(np.clip(60_000 / max((found.cases != NEITHER).sum(), 1), 1.0, 14.0))
+    for case in (BOTH, NOT_SCANNED, NOT_SEEN):
+        label = f"{CASES[case]}: {found.share(case):.1%}"
+        across, up = found.places[found.cases == case].T
+        axes.scatter(across, up, s=size, c=COLORS[case], label=label, lw=0)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_axis_off()
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, markerscale=3, frameon=False, fontsize=9)
+    return figure

@@ -1,0 +1,183 @@
+"""Real scans and their poses, as the tools that made them left them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import FloatArray, as_numbers
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, printable
+from zbuf_occlude.extras import importing
+from zbuf_occlude.meshes.ply import read_ply_points
+from zbuf_occlude.sensors.sensor import Sensor
+
+SUFFIXES = (".ply", ".pcd", ".bin", ".npy", ".npz", ".png")
+CAMERA_TO_SENSOR = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""From a camera's frame (x right, y down, z forward) to a sensor's (x forward, y left, z up)."""
+MOST_BYTES = 2_000_000_000
+
+
+def read_scan(path: Path, sensor: Sensor, depth_unit: float = 0.001) -> FloatArray:
+    """Read the points (n, 3) of a scan, in the frame and unit of its file; those that are not finite or 0 are left out.
+
+    Parameters
+    ----------
+    path : Path
+        PLY (with or without ``range_grid``), PCD; ``.bin`` of KITTI (x, y, z, intensity as float32) or, where the name
+        ends in ``.pcd.bin``, of nuScenes (and ring); ``.npy`` (n, 3 or more); ``.npz`` with ``points``; ``.png``: a
+        depth image of 16 bits, of the sensor's width and height, whose points are in the sensor's own frame.
+    sensor : Sensor
+        A pinhole for depth images.
+    depth_unit : float
+        Metres of one step of a depth image.
+
+    Raises
+    ------
+    DatasetError
+        Not readable, of another kind, or without points.
+    OptionError
+        A depth image where the sensor is no pinhole, or of another size.
+    UnavailableError
+        PCD without Open3D, PNG without Pillow.
+    """
+    name, suffix = printable(str(path)), path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise DatasetError(f"{name}: a scan must end in one of {', '.join(SUFFIXES)}.")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise DatasetError(f"{name}: a scan must have at most {MOST_BYTES:,} bytes.")
+        points = _read(path, suffix, sensor, depth_unit)
+    except (OSError, ValueError, KeyError, MeshError) as error:
+        raise DatasetError(f"{name}: cannot read the scan: {printable(str(error))}") from None
+    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+    if not len(points):
+        raise DatasetError(f"{name}: a scan must have points; this one has none.")
+    return points
+
+
+def _read(path: Path, suffix: str, sensor: Sensor, depth_unit: float) -> FloatArray:
+    if suffix == ".ply":
+        found = read_ply_points(path.read_bytes())
+        if found is None:
+            raise ValueError("it has faces, so it is a mesh")
+        return found
+    if suffix == ".pcd":
+        with importing("open3d", "reading PCD"):
+            import open3d
+        return np.asarray(open3d.io.read_point_cloud(path).points, dtype=np.float64)
+    if suffix == ".bin":
+        columns, data = 5 if path.name.lower().endswith(".pcd.bin") else 4, path.read_bytes()
+        if len(data) % (4 * columns):
+            raise ValueError(f"it must hold {columns} float32 numbers per point; it has {len(data)} bytes")
+        values = np.frombuffer(data, "<f4")
+        return values.reshape(-1, columns)[:, :3].astype(np.float64)
+    if suffix == ".png":
+        return _of_depth_image(path, sensor, depth_unit)
+    loaded: Any = np.load(path, allow_pickle=False)
+    found = loaded["points"] if suffix == ".npz" else loaded
+    if found.ndim != 2 or found.shape[1] < 3 or found.dtype.kind not in "fiu":
+        raise ValueError(f"it must hold rows of x, y, z; it has {found.dtype} of shape {found.shape}")
+    return found[:, :3].astype(np.float64)
+
+
+def _of_depth_image(path: Path, sensor: Sensor, unit: float) -> FloatArray:
+    with importing("PIL", "reading depth images"):
+        from PIL import Image
+    if sensor.kind != "pinhole":
+        raise OptionError(f"a depth image must be of a pinhole sensor; {sensor.name} is {sensor.kind}.")
+    with Image.open(path) as image:
+        depths = np.asarray(image).astype(np.float64)
+    size = sensor.pattern["height"], sensor.pattern["width"]
+    if depths.shape != size:
+        raise OptionError(
+            f"{printable(path.name)} must have {size[1]} x {size[0]} pixels, one channel, as {sensor.name} has; "
+            f"it is {' x '.join(map(str, depths.shape[::-1]))}. Set width and height of the sensor."
+        )
+    directions = sensor.rays().directions
+    along_axis = directions / directions[:, :1]
+    return np.asarray(along_axis * (depths.reshape(-1, 1) * unit))
+
+
+def read_poses(path: Path, scans: Sequence[Path]) -> list[FloatArray]:
+    """Read the pose of each scan: a rigid motion (4, 4) from the scan's frame to the mesh's.
+
+    Parameters
+    ----------
+    path : Path
+        ``.conf`` of the Stanford scanning repository (``bmesh FILE tx ty tz qx qy qz qw``, found by the file's name);
+        ``.json`` of BOP (``scene_gt.json``: model to camera, images in the order of the scans, the first object of
+        each); else text of numbers: 4 x 4 of one scan, or a row of 12 or 16 for each.
+    scans : sequence of Path
+
+    Raises
+    ------
+    DatasetError
+        Not readable, or not one rigid motion for each scan.
+    """
+    name = printable(str(path))
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if path.suffix.lower() == ".conf":
+            poses = _of_stanford(text, scans)
+        elif path.suffix.lower() == ".json":
+            poses = _of_bop(json.loads(text))
+        else:
+            rows = [[float(word) for word in line.split()] for line in text.splitlines() if line.strip()]
+            if len(rows) == 4 and len(rows[0]) == 4:
+                rows = [[number for row in rows for number in row]]
+            poses = [_square(row) for row in rows]
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise DatasetError(f"{name}: cannot read poses: {printable(str(error))}") from None
+    if len(poses) != len(scans):
+        raise DatasetError(f"{name} must hold a pose for each of {len(scans)} scans; it has {len(poses)}.")
+    return [rigid(pose, f"a pose of {name}") for pose in poses]
+
+
+def rigid(pose: ArrayLike, name: str) -> FloatArray:
+    """Return a pose (4, 4); raise ArgumentError or DatasetError where it is no rigid motion."""
+    matrix = as_numbers(pose, name, (4, 4), "")
+    rotation = matrix[:3, :3]
+    if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0.0):
+        raise DatasetError(f"{name} must be a rigid motion, without scale or reflection; it is not.")
+    u, _, vt = np.linalg.svd(rotation)  # files have few digits
+    matrix = np.array(matrix)
+    matrix[:3, :3] = u @ vt
+    return matrix
+
+
+def _square(row: list[float]) -> FloatArray:
+    if len(row) not in (12, 16):
+        raise ValueError(f"a pose must have 12 or 16 numbers; one has {len(row)}")
+    return np.array([*row, 0.0, 0.0, 0.0, 1.0][:16]).reshape(4, 4)
+
+
+def _of_stanford(text: str, scans: Sequence[Path]) -> list[FloatArray]:
+    found = {}
+    for words in map(str.split, text.splitlines()):
+        if words[:1] == ["bmesh"]:
+            x, y, z, i, j, k, real = map(float, words[2:9])
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = _rotation(i, j, k, -real), (x, y, z)  # the files have it negated
+            found[Path(words[1]).name] = pose
+    if missing := [scan.name for scan in scans if scan.name not in found]:
+        raise ValueError(f"no line `bmesh {missing[0]}`")
+    return [found[scan.name] for scan in scans]
+
+
+def _rotation(i: float, j: float, k: float, real: float) -> FloatArray:
+    i, j, k, real = np.array([i, j, k, real]) / np.linalg.norm([i, j, k, real])
+    cross = np.array([[0.0, -k, j], [k, 0.0, -i], [-j, i, 0.0]])
+    return np.asarray(np.eye(3) + 2.0 * real * cross + 2.0 * cross @ cross)
+
+
+def _of_bop(document: Any) -> list[FloatArray]:
+    poses = list[FloatArray]()
+    for number in sorted(document, key=int):
+        row, pose = document[number][0], np.eye(4)
+        pose[:3, :3] = CAMERA_TO_SENSOR @ np.array(row["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
+        pose[:3, 3] = CAMERA_TO_SENSOR @ np.array(row["cam_t_m2c"], dtype=np.float64).reshape(3)
+        poses.append(np.asarray(np.linalg.inv(pose), dtype=np.float64))
+    return poses
