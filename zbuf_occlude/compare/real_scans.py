@@ -221,7 +221,8 @@ class _Question:
         for corner in range(3):
             np.add.at(normals, mesh.faces[:, corner], mesh.face_normals)
         normals = normals[self.used]
-        self.vertices = mesh.vertices[self.used]
+        self.vertices, self.outward = mesh.vertices[self.used], outward(mesh)
+        normals *= self.outward or 1.0
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
     def ask(self, name: str, cloud: FloatArray, pose: FloatArray) -> ScanComparison:
@@ -294,8 +295,8 @@ class _Question:
         faults, rotation = self.sensor.imperfections, stands[:3, :3]
         starts, towards, ranges = self._rays(self.vertices, stands)
         local = (self.vertices - stands[:3, 3]) @ rotation
-        side = -np.einsum("ij,ij->i", self.normals, towards)  # files may be wound either way
-        cosines = np.abs(side)
+        side = -np.einsum("ij,ij->i", self.normals, towards)
+        cosines = side if self.outward else np.abs(side)
         seen = self.sensor.covers(local) & (cosines > np.cos(np.radians(faults.incidence_max)))
         measured = ranges * (towards @ rotation[:, 0]) if faults.axial else ranges
         seen &= (measured >= faults.range_min) & (measured <= faults.range_max)
@@ -343,6 +344,23 @@ class _Question:
 
 VERTEX_SLACK = 4e-4
 """Of the mesh's diagonal: so far before a vertex other faces may lie, as those about it do."""
+
+
+def outward(mesh: Mesh) -> float:
+    """Return 1.0 where faces are wound so that normals point out of the body, -1.0 where into it, 0.0 where neither.
+
+    Through the holes of a mesh one sees its inside, which the object does not have.
+    """
+    edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    there, back = edges @ [len(mesh.vertices), 1], edges @ [1, len(mesh.vertices)]
+    if np.isin(there, back).mean() < WOUND or len(np.unique(there)) < WOUND * len(there):
+        return 0.0
+    a, b, c = np.moveaxis(mesh.corners - mesh.centre, 1, 0)
+    return float(np.sign(np.einsum("ij,ij->", a, np.cross(b, c))))
+
+
+WOUND = 0.9
+"""Of a mesh that is wound one way: least share of its edges that two faces have in opposite directions."""
 
 
 def _distances(places: FloatArray, points: FloatArray, n: int) -> FloatArray:
