@@ -42,6 +42,7 @@ def main() -> None:
         return cases <= 1, cases % 2 == 0
 
     print("| vertices predicted rightly | on the five chosen on | on the other five | on all |")
+    print("| --- | ---: | ---: | ---: |")
     none = {"incidence_max": 90, "baseline": 0, "baseline_incidence_max": 90}
     first, scanned = seen(**none)
     say("one eye", first == scanned)

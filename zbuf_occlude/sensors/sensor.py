@@ -445,8 +445,8 @@ class Sensor:
 
     def covers(self, places: FloatArray) -> NDArray[np.bool_]:
         """Whether places (n, 3) in its frame are in its field of view, (n,); of a list of directions all are."""
-        depth = np.maximum(places[:, 0], np.finfo(np.float64).tiny)
         given, ahead = self.pattern, places[:, 0] > 0.0
+        depth = np.where(ahead, np.maximum(places[:, 0], 1e-9 * np.abs(places).max(axis=1, initial=0.0)), 1.0)
         if self.kind == "pinhole":
             (fx, _, cx), (_, fy, cy) = self.intrinsics[:2]
             column, row = cx - fx * places[:, 1] / depth, cy - fy * places[:, 2] / depth
