@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
         for n in (200, 400, 800)
     ]
-    run(cases, out, budget=2.0)
+    run(cases, out, budget=0.3)
     report.write_report(out)
     return out
 
