@@ -11,7 +11,7 @@ from zbuf_occlude import shapes
 
 mesh = zo.load_mesh(sys.argv[1]) if len(sys.argv) > 1 else shapes.make("table", 3)
 points = zo.sample_surface(mesh, n_points=2_000, seed=0)
-eyes = zo.views.ring(4, 0.4, distance=4.0).around(mesh.centre, mesh.longest_side).eyes
+eyes = zo.views.ring(4, elevation=23, distance=4.0).around(mesh.centre, mesh.longest_side).eyes
 
 with zo.prepare(mesh, "oracle") as judge:
     truth = judge.visible(points, eyes)

@@ -17,7 +17,7 @@ class Shapes(Dataset):
 
     def __init__(self) -> None:
         self.meshes = [shapes.make(label, 0) for label in shapes.CLASSES]
-        self.occlude = OnTheFlyOcclusion(n_points=1024, elevations=(0.0, 0.9))  # radians: from above, as people look
+        self.occlude = OnTheFlyOcclusion(n_points=1024, elevation=(0, 50))  # degrees: from above, as people look
 
     def __len__(self) -> int:
         return len(self.meshes)

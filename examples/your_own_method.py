@@ -22,7 +22,7 @@ class BackFaceCulling(Occluder):
 
 for mesh in (shapes.solids.icosphere(3), shapes.make("chair", 0), shapes.make("airplane", 0)):
     points = zo.sample_surface(mesh, n_points=2_000, seed=0)
-    eyes = zo.views.ring(6, 0.3, distance=4.0).around(mesh.centre, mesh.longest_side).eyes
+    eyes = zo.views.ring(6, elevation=17, distance=4.0).around(mesh.centre, mesh.longest_side).eyes
     with zo.prepare(mesh, "oracle") as judge, BackFaceCulling(mesh) as mine:
         truth, answer = judge.visible(points, eyes), mine.visible(points, eyes)
     shown, lost = (answer & ~truth).mean(), (~answer & truth).mean()

@@ -120,7 +120,10 @@ def test_a_mesh_that_takes_too_long_or_too_much_is_an_error() -> None:
         (lambda: zo.sample_surface(None, n_points=3), "mesh must be a path, a Mesh, .* got NoneType"),
         (lambda: zo.sample_surface(CUBE, n_points=3).select([3]), "which must pick among 3 points; index 3 is"),
         (lambda: zo.sample_surface(CUBE, n_points=3).select([True]), "which must pick among 3 points; boolean"),
-        (lambda: zo.views.random(3, (1.0, 0.0)), r"elevations must run upwards within -pi/2\.\.pi/2; got 1\.\.0"),
+        (
+            lambda: zo.views.random(3, elevation=(1.0, 0.0)),
+            r"elevations must run upwards within -90\.\.90 degrees",
+        ),
         (lambda: zo.views.parse(None), "views must be paper100, .*; got None"),
         (lambda: zo.load_mesh(box()), "path must be a path; got Trimesh"),
         (

@@ -50,7 +50,7 @@ def test_angles_by_hand() -> None:
 
 
 def test_around_turns_longest_sides_into_world_units() -> None:
-    moved = views.ring(4, 0.0, 2.0).around((1.0, 2.0, 3.0), 10.0)
+    moved = views.ring(4, elevation=0, distance=2.0).around((1.0, 2.0, 3.0), 10.0)
     assert np.allclose(moved.eyes[0], [21, 2, 3])
     assert np.allclose(np.linalg.norm(moved.eyes - [1, 2, 3], axis=1), 20.0)
 
@@ -66,13 +66,13 @@ def test_fibonacci_is_spread_evenly() -> None:
 
 
 def test_random_is_uniform_on_its_band_and_of_its_seed() -> None:
-    made = views.random(20_000, (0.0, np.radians(30.0)), seed=1)
+    made = views.random(20_000, elevation=(0, 30), seed=1)
     assert made.elevation.min() >= 0
     assert made.elevation.max() <= np.radians(30.0)
     # uniform on the sphere is uniform in sin(elevation): mean 1/4, standard deviation 0.5 / sqrt(12)
     assert abs(np.sin(made.elevation).mean() - 0.25) < 4 * 0.5 / np.sqrt(12 * 20_000)
-    assert np.array_equal(made.eyes, views.random(20_000, (0.0, np.radians(30.0)), seed=1).eyes)
-    assert not np.array_equal(made.eyes, views.random(20_000, (0.0, np.radians(30.0)), seed=2).eyes)
+    assert np.array_equal(made.eyes, views.random(20_000, elevation=(0, 30), seed=1).eyes)
+    assert not np.array_equal(made.eyes, views.random(20_000, elevation=(0, 30), seed=2).eyes)
 
 
 @pytest.mark.parametrize(
@@ -80,14 +80,14 @@ def test_random_is_uniform_on_its_band_and_of_its_seed() -> None:
     [
         ("paper100", views.paper100(2.5)),
         ("modelnet8", views.modelnet8(2.5)),
-        ("ring:12@20", views.ring(12, np.radians(20.0), 2.5)),
-        ("ring:1@-7.5", views.ring(1, np.radians(-7.5), 2.5)),
+        ("ring:12@20", views.ring(12, elevation=20, distance=2.5)),
+        ("ring:1@-7.5", views.ring(1, elevation=-7.5, distance=2.5)),
         ("grid:3x4", views.grid(3, 4, distance=2.5)),
-        ("grid:2x3@0..50", views.grid(2, 3, (0.0, np.radians(50.0)), 2.5)),
-        ("grid:2x3@-10..-5", views.grid(2, 3, (np.radians(-10.0), np.radians(-5.0)), 2.5)),
+        ("grid:2x3@0..50", views.grid(2, 3, elevation=(0, 50), distance=2.5)),
+        ("grid:2x3@-10..-5", views.grid(2, 3, elevation=(-10, -5), distance=2.5)),
         ("fibonacci:10", views.fibonacci(10, 2.5)),
         ("random:7", views.random(7, distance=2.5, seed=9)),
-        ("random:7@0..50", views.random(7, (0.0, np.radians(50.0)), 2.5, seed=9)),
+        ("random:7@0..50", views.random(7, elevation=(0, 50), distance=2.5, seed=9)),
     ],
 )
 def test_specs(spec: str, expected: Views) -> None:
@@ -107,9 +107,9 @@ def test_specs(spec: str, expected: Views) -> None:
         ("grid:0x4", "n_elevations must be a positive int; got 0."),
         ("fibonacci:0", "n_views must be a positive int; got 0."),
         ("random:0", "n_views must be a positive int; got 0."),
-        ("ring:8@100", "elevations must run upwards within -90..90; got 100..100."),
-        ("random:5@50..0", "elevations must run upwards within -90..90; got 50..0."),
-        ("grid:2x3@0..91", "elevations must run upwards within -90..90; got 0..91."),
+        ("ring:8@100", "elevations must run upwards within -90..90 degrees; got 100..100."),
+        ("random:5@50..0", "elevations must run upwards within -90..90 degrees; got 50..0."),
+        ("grid:2x3@0..91", "elevations must run upwards within -90..90 degrees; got 0..91."),
         ("no/such/file.csv", "a file must be readable; no/such/file.csv: "),
     ],
 )
@@ -178,7 +178,7 @@ def test_roll_turns_the_top_to_the_right() -> None:
     made = Views(np.radians([0.0]), np.radians([0.0]), np.array([2.0]), roll=np.radians([90.0]))
     # from +x the camera's right is +y; what was up, +z, now points there
     assert np.allclose(made.ups, [[0, 1, 0]], atol=1e-12)
-    plain, rolled = views.ring(1, 0.3).poses[0], Views([0.0], [0.3], 4.0, roll=np.pi / 3).poses[0]
+    plain, rolled = views.ring(1, elevation=np.degrees(0.3)).poses[0], Views([0.0], [0.3], 4.0, roll=np.pi / 3).poses[0]
     turn = rolled[:3, :3] @ plain[:3, :3].T
     assert np.allclose(turn[2], [0, 0, 1], atol=1e-12), "about the axis"
     assert np.isclose(np.trace(turn), 1 + 2 * np.cos(np.pi / 3))
@@ -198,13 +198,13 @@ def test_distances_are_drawn_between_two() -> None:
     lengths = made.distance
     assert (lengths.min() >= 2.0, lengths.max() <= 4.0) == (True, True)
     assert abs(lengths.mean() - 3.0) < 0.05
-    assert np.array_equal(made.azimuth, views.ring(5000, np.radians(20)).azimuth)
+    assert np.array_equal(made.azimuth, views.ring(5000, elevation=20).azimuth)
     with pytest.raises(OptionError, match=r"distances must run upwards; got 4\.\.2"):
         views.parse("ring:5@20", distance=4.0, farthest=2.0)
 
 
 def test_a_look_at_point_and_a_field_of_view() -> None:
-    made = views.ring(4, 0.3, 3.0).looking([0.5, 0.0, 0.2], np.radians(60))
+    made = views.ring(4, elevation=20, distance=3.0).looking([0.5, 0.0, 0.2], np.radians(60))
     point = np.array([[0.5, 0.0, 0.2]])
     for pose in made.poses:
         x, y, z = pose[:3, :3] @ point[0] + pose[:3, 3]
@@ -221,10 +221,10 @@ def test_a_look_at_point_and_a_field_of_view() -> None:
 @pytest.mark.parametrize("columns", [3, 4, 13, 17])
 def test_a_table_holds_all_that_is_known(columns: int) -> None:
     made = {
-        3: views.ring(3, 0.2),
+        3: views.ring(3, elevation=12),
         4: views.random_so3(3),
-        13: views.ring(3, 0.2).looking([0.1, 0, 0]),
-        17: views.ring(3, 0.2).looking([0.1, 0, 0], 0.5),
+        13: views.ring(3, elevation=12).looking([0.1, 0, 0]),
+        17: views.ring(3, elevation=12).looking([0.1, 0, 0], 0.5),
     }[columns]
     assert made.table.shape == (3, columns)
     back = Views.from_table(made.table.tolist())

@@ -156,7 +156,7 @@ def test_each_point_is_the_farthest_from_those_before_it(shift: float) -> None:
 
 @needs_fpsample
 def test_clouds_of_farthest_points_are_spread_more_evenly_than_random_ones() -> None:
-    mesh, views = box(), ring(2, 0.3)
+    mesh, views = box(), ring(2, elevation=17)
     points = sample_surface(mesh, n_points=4_000, seed=1)
     mask = np.ones((2, 4_000), dtype=bool)
     mask[1, 50:] = False  # fewer than asked

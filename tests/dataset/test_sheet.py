@@ -17,7 +17,7 @@ from zbuf_occlude.geometry.camera import view_matrices
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
     """A record, (1,)."""
     n = len(positions)
-    view = views.ring(1, 0.6)
+    view = views.ring(1, elevation=34)
     fields = {"data": (n, 3), "label": 1, "view": 3, "pose": (4, 4), "centre": 3, "factor": ()}
     cloud = np.zeros(1, [(field, "i8" if field == "label" else "f4", shape) for field, shape in fields.items()])
     cloud["data"], cloud["factor"], cloud["pose"] = positions, 1.0, view_matrices(view.eyes, np.zeros(3))

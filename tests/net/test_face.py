@@ -77,7 +77,7 @@ def test_points(mesh: zo.Mesh) -> None:
     [
         (zo.views.paper100(distance=4.0), 100),
         (zo.views.modelnet8(), 25),
-        (zo.views.ring(8, 0.5), 8),
+        (zo.views.ring(8, elevation=30), 8),
         (zo.views.fibonacci(7), 7),
         (zo.views.parse("grid:3x4"), 12),
         (zo.views.parse("random:5@0..50"), 5),

@@ -45,7 +45,7 @@ def scans(asked: Setup, views: Views, mesh: zo.Mesh = CAR, label: str = "car", s
 
 
 def ring(n: int, distance: float = 4.0) -> Views:
-    return zo.views.ring(n, 0.0, distance)
+    return zo.views.ring(n, elevation=0, distance=distance)
 
 
 def test_joined_keeps_whose_face_is_whose() -> None:

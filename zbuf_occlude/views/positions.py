@@ -89,26 +89,27 @@ def modelnet8(distance: float = PAPER_DISTANCE) -> Views:
     return _product(np.radians([-80.0, -40.0, 0.0, 40.0, 80.0]), 5, distance)
 
 
-def ring(n_views: int, elevation: float, distance: float = PAPER_DISTANCE) -> Views:
-    """Return `n_views` equally spaced azimuths at one elevation (radians).
+def ring(n_views: int, *, elevation: float, distance: float = PAPER_DISTANCE) -> Views:
+    """Return `n_views` equally spaced azimuths at one elevation, degrees.
 
     Examples
     --------
-    >>> np.degrees(zo.views.ring(4, np.radians(20)).azimuth).tolist()
+    >>> np.degrees(zo.views.ring(4, elevation=20).azimuth).tolist()
     [0.0, 90.0, 180.0, 270.0]
     """
-    return _product(np.asarray([elevation]), n_views, distance)
+    return _product(np.asarray(_band((elevation, elevation))[:1]), n_views, distance)
 
 
 def grid(
     n_elevations: int,
     n_azimuths: int,
-    elevations: tuple[float, float] = (-np.pi / 2, np.pi / 2),
+    *,
+    elevation: tuple[float, float] = (-90.0, 90.0),
     distance: float = PAPER_DISTANCE,
 ) -> Views:
-    """Return equally spaced elevations (ends included, radians) by equally spaced azimuths.
+    """Return equally spaced elevations between two, degrees, ends included, by equally spaced azimuths.
 
-    Section 4.3 suggests ``elevations=(0, radians(50))`` for automated driving.
+    Section 4.3 suggests ``elevation=(0, 50)`` for automated driving.
 
     Examples
     --------
@@ -116,7 +117,7 @@ def grid(
     12
     """
     _positive(n_elevations, "n_elevations")
-    low, high = elevations
+    low, high = _band(elevation)
     levels = np.linspace(low, high, n_elevations) if n_elevations > 1 else np.asarray([(low + high) / 2])
     return _product(levels, n_azimuths, distance)
 
@@ -137,23 +138,22 @@ def fibonacci(n_views: int, distance: float = PAPER_DISTANCE) -> Views:
 
 def random(
     n_views: int,
-    elevations: tuple[float, float] = (-np.pi / 2, np.pi / 2),
+    *,
+    elevation: tuple[float, float] = (-90.0, 90.0),
     distance: float = PAPER_DISTANCE,
     seed: Seed = 0,
 ) -> Views:
-    """Return `n_views` positions uniform over the sphere's band between two elevations (radians).
+    """Return `n_views` positions uniform over the sphere's band between two elevations, degrees.
 
     Examples
     --------
-    >>> bool((zo.views.random(9, elevations=(0.0, 0.5), seed=1).elevation >= 0).all())
+    >>> bool((zo.views.random(9, elevation=(0, 30), seed=1).elevation >= 0).all())
     True
     """
     rng = generator(seed)
-    if not -np.pi / 2 <= elevations[0] <= elevations[1] <= np.pi / 2:
-        raise OptionError(f"elevations must run upwards within -pi/2..pi/2; got {elevations[0]:g}..{elevations[1]:g}.")
-    low, high = np.sin(elevations[0]), np.sin(elevations[1])
-    elevation = np.arcsin(np.clip(rng.uniform(low, high, _positive(n_views, "n_views")), -1, 1))
-    return Views(rng.uniform(0, 2 * np.pi, n_views), elevation, np.asarray(distance))
+    low, high = np.sin(_band(elevation))
+    elevations = np.arcsin(np.clip(rng.uniform(low, high, _positive(n_views, "n_views")), -1, 1))
+    return Views(rng.uniform(0, 2 * np.pi, n_views), elevations, np.asarray(distance))
 
 
 def random_so3(n_views: int, distance: float = PAPER_DISTANCE, seed: Seed = 0) -> Views:
@@ -218,15 +218,15 @@ class Specification:
 
 
 def _ring(found: Sequence[Any], distance: float, seed: Seed) -> Views:
-    return ring(int(found[0]), _band(found[1], found[1])[0], distance)
+    return ring(int(found[0]), elevation=float(found[1]), distance=distance)
 
 
 def _grid(found: Sequence[Any], distance: float, seed: Seed) -> Views:
-    return grid(int(found[0]), int(found[1]), _band(*found[2:]), distance)
+    return grid(int(found[0]), int(found[1]), elevation=_typed(*found[2:]), distance=distance)
 
 
 def _random(found: Sequence[Any], distance: float, seed: Seed) -> Views:
-    return random(int(found[0]), _band(*found[1:]), distance, seed)
+    return random(int(found[0]), elevation=_typed(*found[1:]), distance=distance, seed=seed)
 
 
 SPECIFICATIONS: tuple[Specification, ...] = (
@@ -377,8 +377,16 @@ def _wrong_part(spec: str) -> str:
     return f" After {word}: must come {form}; got {rest!r:.40}." if colon else f" {word} takes nothing after it."
 
 
-def _band(low: str | None = None, high: str | None = None) -> tuple[float, float]:
-    low_degrees, high_degrees = float(low or -90.0), float(high or 90.0)
-    if not -90.0 <= low_degrees <= high_degrees <= 90.0:
-        raise OptionError(f"elevations must run upwards within -90..90; got {low_degrees:g}..{high_degrees:g}.")
-    return np.radians(low_degrees), np.radians(high_degrees)
+def _typed(low: str | None = None, high: str | None = None) -> tuple[float, float]:
+    return float(low or -90.0), float(high or 90.0)
+
+
+def _band(elevation: tuple[float, float]) -> tuple[float, float]:
+    """Return two elevations, degrees, as radians."""
+    try:
+        low, high = map(float, elevation)
+    except (TypeError, ValueError):
+        raise OptionError(f"elevation must be numbers of degrees; got {elevation!r:.60}.") from None
+    if not -90.0 <= low <= high <= 90.0:
+        raise OptionError(f"elevations must run upwards within -90..90 degrees; got {low:g}..{high:g}.")
+    return np.radians(low), np.radians(high)

@@ -50,7 +50,7 @@ def test_a_ball_is_seen_as_a_cap_from_everywhere() -> None:
 def test_every_point_is_visible_by_the_oracles_word() -> None:
     """For the one elevation whose eye is known: straight above a ring."""
     mesh = Mesh.from_trimesh(__import__("trimesh").creation.annulus(0.3, 0.5, 0.4))
-    occlude = OnTheFlyOcclusion(200, scale="mesh", elevations=(math.pi / 2, math.pi / 2))  # straight above
+    occlude = OnTheFlyOcclusion(200, scale="mesh", elevation=(90, 90))  # straight above
     eye = mesh.centre + np.array([0, 0, 4 * mesh.longest_side])
     with prepare(mesh, "oracle", contact=1e-4) as oracle:  # positions are float32
         for _ in range(3):
@@ -204,7 +204,7 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"n_points": 0}, "n_points must be a positive int; got 0"),
         ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
         ({"distance": "far"}, "distance must be a positive number; got 'far'"),
-        ({"elevations": (0.5, 90)}, "elevations must run upwards within -pi/2..pi/2"),
+        ({"elevation": (0.5, 91)}, "elevations must run upwards within -90..90"),
         ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
     ],
 )

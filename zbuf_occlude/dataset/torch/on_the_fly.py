@@ -1,7 +1,6 @@
 """Clouds of meshes on the fly: transforms that make another one each time, so that no dataset is stored."""
 
 import copy
-import math
 import os
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -49,8 +48,8 @@ class OnTheFlyOcclusion:
         Points of each cloud.
     distance : float
         Of the eye from the mesh's centre, in longest sides.
-    elevations : (float, float)
-        The eye is anywhere on the sphere between these elevations (radians), uniformly by area.
+    elevation : (float, float)
+        The eye is anywhere on the sphere between these elevations, degrees, uniformly by area.
     method : str
         Of the table of methods; one that needs no GL.
     method_options : mapping, optional
@@ -89,7 +88,7 @@ class OnTheFlyOcclusion:
         n_points: int = 1024,
         *,
         distance: float = PAPER_DISTANCE,
-        elevations: tuple[float, float] = (-math.pi / 2, math.pi / 2),
+        elevation: tuple[float, float] = (-90.0, 90.0),
         method: str = "exact",
         method_options: Mapping[str, Any] | None = None,
         scale: str = "cloud",
@@ -101,8 +100,7 @@ class OnTheFlyOcclusion:
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
         if not isinstance(distance, (int, float, np.floating)) or not distance > 0:
             raise OptionError(f"distance must be a positive number; got {distance!r}.")
-        if not -math.pi / 2 <= elevations[0] <= elevations[1] <= math.pi / 2:
-            raise OptionError(f"elevations must run upwards within -pi/2..pi/2 (radians); got {elevations}.")
+        random_views(1, elevation=elevation)  # for its error
         check_word("scale", scale, SCALES)
         for name in attributes:
             check_word("attribute", name, ATTRIBUTES)
@@ -110,7 +108,7 @@ class OnTheFlyOcclusion:
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))
-        self.n_points, self.distance, self.elevations = n_points, distance, elevations
+        self.n_points, self.distance, self.elevation = n_points, distance, elevation
         self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
         self.eyes_per_sampling, self.cache_megabytes = eyes_per_sampling, cache_megabytes
         self._subjects: OrderedDict[int, _Subject] = OrderedDict()
@@ -195,7 +193,7 @@ class _Subject:
     def _try(self, settings: OnTheFlyOcclusion) -> float:
         """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
         points = sample_surface(self.mesh, n_points=TRIED_POINTS, seed=0)
-        views = random_views(TRIED_EYES, settings.elevations, settings.distance, 0)
+        views = random_views(TRIED_EYES, elevation=settings.elevation, distance=settings.distance)
         mask = self.occluder.visible(points, views.around(self.mesh.centre, self.mesh.longest_side).eyes)
         return float(np.clip(np.quantile(mask.mean(axis=1), 0.25), 0.02, 1.0))
 
@@ -203,7 +201,9 @@ class _Subject:
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         mesh, wanted = self.mesh, settings.n_points
         n_eyes = settings.eyes_per_sampling
-        views = random_views(n_eyes, settings.elevations, settings.distance, int(rng.integers(2**62)))
+        views = random_views(
+            n_eyes, elevation=settings.elevation, distance=settings.distance, seed=int(rng.integers(2**62))
+        )
         eyes = views.around(mesh.centre, mesh.longest_side).eyes
         found: list[list[FloatArray]] = [[] for _ in eyes]
         counts, lacking = np.zeros(n_eyes, dtype=int), np.arange(n_eyes)
