@@ -14,7 +14,7 @@ from mkdocs.structure.files import File
 
 import zbuf_occlude
 
-GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "exact", "--sample-size", "1024")
+GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "exact", "--format", "packed")
 FOLDER = "gallery-3d"
 API = {
     "partial": ("Partial clouds", "", ("occlude", "PartialCloud")),

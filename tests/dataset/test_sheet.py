@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.scenes import sphere
 from zbuf_occlude import views
 from zbuf_occlude.dataset import gallery
 from zbuf_occlude.dataset.gallery import PANEL, TITLE, write_contact_sheet
+from zbuf_occlude.dataset.generate import generate
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.geometry.camera import view_matrices
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 
 
 def cloud_of(positions: np.ndarray, label: int = 0) -> np.ndarray:
@@ -29,7 +33,7 @@ def sheet_of(path: Path, positions: np.ndarray, name: str = "cube") -> np.ndarra
     """The pixels of a sheet of one cloud, (h, w, 3)."""
     cloud = cloud_of(positions)
     plan = SimpleNamespace(classes=(name,), recipe=SimpleNamespace(frame="object"))
-    source: Any = SimpleNamespace(plan=plan, order={"train": [0]}, batches=lambda split, n: iter([cloud]))
+    source: Any = SimpleNamespace(plan=plan, block=None, order={"train": [0]}, batches=lambda split, n: iter([cloud]))
     assert write_contact_sheet(path, source)
     return np.asarray(Image.open(path))
 
@@ -99,7 +103,22 @@ def test_classes_that_the_first_split_lacks_are_shown_too(tmp_path: Path) -> Non
     clouds = {"train": cloud_of(np.eye(3), 1), "val": np.empty(0), "test": cloud_of(np.eye(3), 0)}
     plan = SimpleNamespace(classes=("a", "b"), recipe=SimpleNamespace(frame="object"))
     source: Any = SimpleNamespace(
-        plan=plan, order=clouds, batches=lambda split, n: iter([clouds[split]] if len(clouds[split]) else [])
+        plan=plan,
+        block=None,
+        order=clouds,
+        batches=lambda split, n: iter([clouds[split]] if len(clouds[split]) else []),
     )
     assert write_contact_sheet(tmp_path / "sheet.png", source)
     assert Image.open(tmp_path / "sheet.png").size == (2 * PANEL, 2 * (TITLE + PANEL))
+
+
+def test_what_is_hidden_stands_grey_beside_what_is_seen(tmp_path: Path) -> None:
+    """Of a packed dataset, in the fixed view; from the camera nothing of it would show."""
+    recipe = Recipe(method="exact", views="ring:3@25", n_points=4000, sample_size=1500)
+    plan = Plan(MeshCollection([MeshEntry("ball", "ball", "train", lambda: sphere(24))]), recipe, "packed")
+    generate(plan, tmp_path / "packed")
+    image = np.asarray(Image.open(tmp_path / "packed" / "contact_sheet.png")).astype(int)
+    grey = (np.ptp(image, axis=-1) == 0) & (image[..., 0] > 200) & (image[..., 0] < 240)
+    fixed, camera = grey[TITLE : TITLE + PANEL], grey[2 * TITLE + PANEL :]
+    assert fixed.sum() > 500
+    assert camera.sum() < fixed.sum() / 20

@@ -1,6 +1,6 @@
 /* A point cloud in a canvas: drag turns it, the wheel zooms, arrow keys turn, double click or Home goes back.
  *
- * One file, no dependency, 2D canvas: square marks are splatted into an image with a depth buffer of its own, so it
+ * One file, no dependency, 2D canvas: round marks are splatted into an image with a depth buffer of its own, so it
  * runs wherever a browser does, without WebGL.
  *
  *   const viewer = new CloudViewer(canvas, {background: [255, 255, 255]});
@@ -148,7 +148,7 @@ class CloudViewer {
           const sign = a * back[0] + b * back[1] + c * back[2] < 0 ? -1 : 1;
           shade = 0.45 + 0.55 * Math.max(0, sign * (a * light[0] + b * light[1] + c * light[2]) / 127);
         }
-        shade *= Math.max(0.4, Math.min(1, 1 - 0.35 * (depth - distance)));
+        shade *= Math.max(0.35, Math.min(1, 0.85 - 0.6 * (depth - distance)));
       }
       const [r, g, b] = palette[code];
       const colour = (255 << 24) | ((b * shade) << 16) | ((g * shade) << 8) | (r * shade);
@@ -161,9 +161,11 @@ class CloudViewer {
   splat(px, py, depth, mark, colour, width, height) {
     const left = Math.max(0, Math.round(px - mark / 2)), right = Math.min(width, Math.round(px + mark / 2));
     const top = Math.max(0, Math.round(py - mark / 2)), bottom = Math.min(height, Math.round(py + mark / 2));
+    const round = mark > 2 ? mark * mark / 4 : Infinity;
     for (let row = top; row < bottom; row++) {
+      const down = (row + 0.5 - py) ** 2;
       for (let at = row * width + left, end = row * width + right; at < end; at++) {
-        if (depth < this.depth[at]) {
+        if (depth < this.depth[at] && down + (at - row * width + 0.5 - px) ** 2 <= round) {
           this.depth[at] = depth;
           this.pixels[at] = colour;
         }

@@ -4,7 +4,8 @@
 (() => {
   const data = JSON.parse(document.getElementById("clouds").textContent);
   const place = document.getElementById("classes"), fact = document.getElementById("fact");
-  const all = document.getElementById("all");
+  const all = document.getElementById("all"), ghost = document.getElementById("ghost");
+  const selector = document.getElementById("class");
   const large = new CloudViewer(document.getElementById("large"));
   const small = [];
   const colour = document.getElementById("colour");
@@ -31,7 +32,7 @@
     large.show(painted(cloud), aside(cloud));
     fact.textContent = name + ", " + cloud.mesh + ", variation " + cloud.variation + ": camera at azimuth " +
       cloud.azimuth + "°, elevation " + cloud.elevation + "°; it sees " + cloud.n_visible.toLocaleString("en") +
-      " points, " + (100 * cloud.visible_fraction).toFixed(1) + " % of the object's; " + cloud.n + " are shown.";
+      " points, " + (100 * cloud.visible_fraction).toFixed(1) + " % of the object's; " + cloud.n_own + " are shown.";
   };
 
   for (const row of data.classes) {
@@ -56,9 +57,17 @@
     }
     line.append(title, cells);
     place.append(line);
+    selector.append(new Option(row.name, row.name));
   }
   document.getElementById("camera").addEventListener("click", () => large.turn(large.camera.azimuth, large.camera.elevation));
   document.getElementById("aside").addEventListener("click", () => large.reset());
+  selector.addEventListener("change", () => {
+    [...place.children].forEach((line, i) => { line.hidden = selector.value !== "" && data.classes[i].name !== selector.value; });
+    const shownCell = place.querySelector(".row:not([hidden]) .cell canvas");
+    if (shownCell && selector.value) shownCell.click();
+  });
+  const ghosts = () => [large, ...small].forEach((viewer) => [1, 2].forEach((code) => viewer.setShown(code, ghost.checked)));
+  ghost.addEventListener("change", ghosts);
   all.addEventListener("change", () => large.turn(large.azimuth, large.elevation));
   const colourings = Object.keys((data.classes[0] && data.classes[0].clouds[0].colourings) || {});
   colourings.forEach((name) => colour.append(new Option(name, name)));

@@ -43,7 +43,9 @@ FINER = 3
 """Pixels are painted this many times finer, then averaged, so that marks are round."""
 A_POINT = 110 / 72
 """Pixels of a typographic point."""
-BLACK, GREY = (0, 0, 0), (90, 90, 90)
+BLACK, GREY, GHOST = (0, 0, 0), (90, 90, 90), (222, 222, 222)
+GHOST_POINTS = 1000
+"""Of those that a camera does not see, at most."""
 
 VIEWS, POINTS = 6, 2048
 """Clouds of each class in the gallery, and at most this many points of each."""
@@ -63,6 +65,7 @@ COLOURS = (
 def write_contact_sheet(path: Path, source: Source) -> bool:
     """Draw one cloud of each class (of up to eight classes) from the first clouds, of the first split if it has all.
 
+    Where all points of the objects are kept, what the camera does not see stands pale behind.
     Return whether it was drawn: without Pillow (extra `report`) there is no picture, and a dataset all the same.
     """
     if find_spec("PIL") is None:
@@ -75,10 +78,10 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
     shown = _telling(labels, clouds["pose"])
     picture = Image.new("RGB", (len(shown) * PANEL, 2 * (TITLE + PANEL)), "white")
     for column, index in enumerate(shown):
-        positions, camera, up = upright(clouds[index], in_camera_frame)
+        positions, camera, up, ghost = upright(clouds[index], in_camera_frame, hidden_part(clouds[index], source))
         values = clouds[index]["color"] / 255.0 if "color" in (clouds.dtype.names or ()) else None
-        for row, (eye, above) in enumerate(((FIXED, None), (camera, up))):
-            panel = _drawn(positions, eye, above, values)
+        for row, (eye, above, behind) in enumerate(((FIXED, None, ghost), (camera, up, ghost[:0]))):
+            panel = _drawn(positions, eye, above, values, behind)
             finer = Image.frombuffer("RGBX", panel.shape, panel, "raw", "RGBX", 0, 1)
             picture.paste(finer.reduce(FINER).convert("RGB"), (column * PANEL, _top(row)))
     draw = ImageDraw.Draw(picture)
@@ -86,7 +89,7 @@ def write_contact_sheet(path: Path, source: Source) -> bool:
         azimuth, elevation = np.degrees(clouds[index]["view"][:2])
         lines = (
             (classes[labels[index]], 15, BLACK),
-            (f"from azimuth {azimuth:.0f}, elevation {elevation:.0f}", 12, GREY),
+            (f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°", 12, GREY),
         )
         for row, (line, size, colour) in enumerate(lines):
             text, font = _written(line, size)
@@ -111,16 +114,17 @@ def _top(row: int) -> int:
 
 
 def _drawn(
-    positions: FloatArray, eye: FloatArray, up: FloatArray | None, values: FloatArray | None
+    positions: FloatArray, eye: FloatArray, up: FloatArray | None, values: FloatArray | None, ghost: FloatArray
 ) -> NDArray[np.uint32]:
     """Return the picture of a cloud, RGBA, `FINER` times as fine as it will be."""
     panel = np.full((PANEL * FINER, PANEL * FINER), 0xFFFFFFFF, dtype=np.uint32)
     places, colours = marks_of(positions, eye=eye, target=np.zeros(3), up=up, values=values)
-    middle, half = picture_frame(places, None)
+    behind, _ = marks_of(ghost, eye=eye, target=np.zeros(3), up=up)
+    middle, half = picture_frame(np.concatenate([places, behind]), None)
     half *= MARGIN
     diameter = np.sqrt(area_of_mark(places, half, PANEL / A_POINT)) * A_POINT * FINER
-    pixels = ((places - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel)
-    paint(panel, pixels, float(diameter), colours)
+    for some, tints in ((behind, np.broadcast_to(np.array(GHOST) / 255.0, (len(behind), 3))), (places, colours)):
+        paint(panel, ((some - middle) * (1.0, -1.0) / half + 1.0) / 2.0 * len(panel), float(diameter), tints)
     return panel
 
 
@@ -130,12 +134,12 @@ def _written(text: str, size: int) -> tuple[str, Any]:
 
     file: str | None = None
     font: Any
-    if not text.isascii() and find_spec("matplotlib") is not None:
+    if not text.replace("°", "").isascii() and find_spec("matplotlib") is not None:
         from zbuf_occlude.drawing.pictures import font_file_for  # late: matplotlib takes half a second
 
         file = font_file_for(text)
     if file is None:
-        text, font = text.encode("ascii", "backslashreplace").decode(), ImageFont.load_default(size)
+        text, font = text.encode("latin-1", "backslashreplace").decode("latin-1"), ImageFont.load_default(size)
     else:
         font = ImageFont.truetype(file, size)
     fits = (PANEL - 10) / max(font.getlength(text), 1.0)
@@ -152,8 +156,19 @@ def _telling(labels: NDArray[Any], poses: FloatArray) -> list[int]:
     return [int(np.flatnonzero(labels == label)[awkward[labels == label].argmin()]) for label in picked]
 
 
-def upright(cloud: Any, in_camera_frame: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a cloud in the object's axes, centred, longest side 1, with its camera's position and up there."""
+def hidden_part(record: Any, source: Source) -> FloatArray:
+    """Return points (m, 3) of a cloud's object that its camera does not see, world space; none where none are kept."""
+    if source.block is None or source.plan.recipe.setup is not None:
+        return np.empty((0, 3))
+    block = source.block(int(record["mesh_id"]), int(record["variation"]))
+    hidden = np.flatnonzero(~block.mask[int(record["view_id"])])
+    return block.points.positions[np.random.default_rng(0).permutation(hidden)[:GHOST_POINTS]]
+
+
+def upright(
+    cloud: Any, in_camera_frame: bool, hidden: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a cloud in the object's axes, centred, longest side 1; camera position and up, and `hidden`, there."""
     pose, positions = cloud["pose"], cloud["data"] / cloud["factor"] + cloud["centre"]
     rotation, translation = pose[:3, :3], pose[:3, 3]
     if in_camera_frame:
@@ -161,7 +176,7 @@ def upright(cloud: Any, in_camera_frame: bool) -> tuple[FloatArray, FloatArray, 
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre, longest = (low + high) / 2, float((high - low).max()) or 1.0  # 1: all points are in one place
     eye = -rotation.T @ translation
-    return (positions - centre) / longest, (eye - centre) / longest, rotation[1]
+    return (positions - centre) / longest, (eye - centre) / longest, rotation[1], (hidden - centre) / longest
 
 
 def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: Path) -> None:
@@ -213,13 +228,24 @@ def _far_apart(records: Records) -> Records:
 
 def _packed(record: Any, source: Source, colour: tuple[int, int, int]) -> dict[str, Any]:
     in_camera_frame = source.plan.recipe.frame == "camera"
-    positions, _, _ = upright(record, in_camera_frame)
-    normals = None
+    positions, eye, _, ghost = upright(record, in_camera_frame, hidden_part(record, source))
+    positions, normals = positions[:POINTS], None
+    line = np.linspace(0.4, 0.56, 24)[:, None] * (eye / max(float(np.linalg.norm(eye)), 1e-9))  # towards the camera
     if "normals" in source.plan.recipe.attributes:
         normals = record["normal"][:POINTS] @ (record["pose"][:3, :3] if in_camera_frame else np.eye(3))
+        normals = np.concatenate([normals, np.zeros((len(ghost) + len(line), 3))])
+    codes = np.repeat([0, 1, 2], [len(positions), len(ghost), len(line)])
     azimuth, elevation = np.degrees(record["view"][:2])
     return {
-        **pack_cloud(positions[:POINTS], centre=np.zeros(3), longest=1.0, palette=[colour], normals=normals),
+        **pack_cloud(
+            np.concatenate([positions, ghost, line]),
+            centre=np.zeros(3),
+            longest=1.0,
+            palette=[colour, GHOST, BLACK],
+            codes=codes,
+            normals=normals,
+        ),
+        "n_own": len(positions),
         "mesh": source.plan.meshes[int(record["mesh_id"])].key,
         "variation": int(record["variation"]),
         "azimuth": round(float(azimuth) % 360, 2),
