@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import parse_setup, scan_options
+from zbuf_occlude.cli.scan_options import Vector, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.errors import MeshError, OptionError
@@ -19,7 +19,7 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
-from zbuf_occlude.sensors import Scan, Sensor
+from zbuf_occlude.sensors import Motion, Scan, Sensor, read_trajectory
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
@@ -48,6 +48,14 @@ CASTING = [method.name for method in METHODS if not method.no_first_hits]
     callback=finite,
     help="Where no ground is.",
 )
+@click.option("--velocity", type=Vector(), help="Of the sensor while it scans: m/s forward, left, up.")
+@click.option("--turn", type=float, default=0.0, callback=finite, help="Of it, degrees a second to the left.")
+@click.option(
+    "--trajectory",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Instead of both: lines of t x y z qx qy qz qw.",
+)
+@click.option("--deskew", is_flag=True, help="Undo the sensor's motion: points are where they were met.")
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
@@ -57,6 +65,10 @@ def scan_command(
     meshes: tuple[Path, ...],
     azimuth: float,
     elevation: float,
+    velocity: tuple[float, float, float] | None,
+    turn: float,
+    trajectory: Path | None,
+    deskew: bool,
     method: str | None,
     seed: int,
     picture: Path | None,
@@ -68,12 +80,13 @@ def scan_command(
 
     Points are metres, the middle of the object's box at the origin, z up. With a ground the sensor stands at its height
     above it, --range away along the ground; without one it looks at the object from --azimuth and --elevation. Each
-    point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns and normal.
+    point has range, incidence (radians), intensity, ring, column, instance (0: the object), n_returns, time and normal.
 
     \b
     Examples:
       zbuf-occlude scan car.off --sensor vlp-32c --range 15 --azimuth 30 --out scan.ply
       zbuf-occlude scan car.off --sensor hdl-64e --range 20 --scene street --keep all --out street.ply --picture a.png
+      zbuf-occlude scan car.off --sensor vlp-16 --range 10 --velocity 20,0,0 --turn 30 --out moving.ply
       zbuf-occlude scan chair.off --sensor kinect-v1 --range 2 --scene room --set-sensor noise=0 --out chair.csv
     """
     suffix_of(out, SUFFIXES)
@@ -87,7 +100,14 @@ def scan_command(
     typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
     if typed and setup.height is not None:
         raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
-    capture = scan_once(MeshCollection.from_paths(meshes, up=up), setup, azimuth, elevation, seed)
+    motion = None
+    if velocity or turn or trajectory:
+        rows = None if trajectory is None else read_trajectory(trajectory)
+        motion = Motion(velocity or (0.0, 0.0, 0.0), turn, rows)
+    elif deskew:
+        raise click.UsageError("--deskew must go with --velocity, --turn or --trajectory.")
+    collection = MeshCollection.from_paths(meshes, up=up)
+    capture = scan_once(collection, setup, azimuth, elevation, seed, motion, deskew)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
@@ -100,7 +120,15 @@ def scan_command(
         draw_scan(picture, found, setup.made_sensor)
 
 
-def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
+def scan_once(
+    collection: MeshCollection,
+    setup: Setup,
+    azimuth: float,
+    elevation: float,
+    seed: int,
+    motion: Motion | None = None,
+    deskew: bool = False,
+) -> Any:
     """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
 
     Raises
@@ -126,7 +154,7 @@ def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevatio
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
     pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"))
-    return next(captures(mesh, setup, places, floor, seeds, pool))
+    return next(captures(mesh, setup, places, floor, seeds, pool, motion, deskew))
 
 
 def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import parse_sensor, sensor_options
+from zbuf_occlude.cli.scan_options import Vector, parse_sensor, sensor_options
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.compare.real_scans import compare_scans, write_scan_report
@@ -16,22 +16,6 @@ from zbuf_occlude.sensors.scanning import look_at
 from zbuf_occlude.visibility import METHODS
 
 CASTING = [method.name for method in METHODS if not method.no_first_hits]
-
-
-class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """Three numbers with commas between."""
-
-    name = "X,Y,Z"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return three floats."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            x, y, z = map(float, str(value).split(","))
-        except ValueError:
-            self.fail(f"must be three numbers X,Y,Z; got {value!r}.", param, ctx)
-        return x, y, z
 
 
 @click.command(cls=Command)

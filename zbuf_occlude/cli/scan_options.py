@@ -29,6 +29,22 @@ SCAN_OPTIONS = (
 """Names of the parameters that `scan_options` adds."""
 
 
+class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
+    """Three numbers with commas between."""
+
+    name = "X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return three floats."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y, z = map(float, str(value).split(","))
+        except ValueError:
+            self.fail(f"must be three numbers X,Y,Z; got {value!r}.", param, ctx)
+        return x, y, z
+
+
 def sensor_options(sensor: str) -> Decorator:
     """--sensor and --set-sensor; `sensor` is the default."""
     return _all_of(

@@ -8,6 +8,7 @@ sensor.rays()                            directions in the sensor's frame: x for
 
 from zbuf_occlude.sensors.catalog import SENSORS, make
 from zbuf_occlude.sensors.frames import Frame, frames, write_frames
+from zbuf_occlude.sensors.motion import Motion, read_trajectory
 from zbuf_occlude.sensors.scanning import Scan, look_at, scan
 from zbuf_occlude.sensors.sensor import Imperfections, Rays, Sensor
 
@@ -15,12 +16,14 @@ __all__ = [
     "SENSORS",
     "Frame",
     "Imperfections",
+    "Motion",
     "Rays",
     "Scan",
     "Sensor",
     "frames",
     "look_at",
     "make",
+    "read_trajectory",
     "scan",
     "write_frames",
 ]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from zbuf_occlude.scenes.contents import placed_of
 from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
+from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
@@ -59,6 +61,13 @@ class Capture:
     reached: bool = True
 
 
+class Moving(NamedTuple):
+    """How the sensor moves while it scans, and whether that is undone."""
+
+    motion: Motion | None
+    deskew: bool
+
+
 def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
     """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side."""
     if mesh.longest_side == 0.0:
@@ -93,11 +102,21 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 
 
-def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
+def captures(
+    mesh: Mesh,
+    setup: Setup,
+    places: Views,
+    floor: float,
+    seeds: Seeds,
+    pool: Pool,
+    motion: Motion | None = None,
+    deskew: bool = False,
+) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
-    The occluder of a capture is open until the next one is asked for.
+    The occluder of a capture is open until the next one is asked for. `motion` and `deskew` as `scan` takes them.
     """
+    moving = Moving(motion, deskew)
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
     with prepare(mesh, setup.method) as alone:
@@ -115,7 +134,7 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, moving)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
@@ -123,13 +142,13 @@ def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds
             seen = points.select(shown)
             asked = Asked(target, eye, floor, seen.positions, share, pool)
             arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
-            near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
+            near = _near(arranged.placed, eye, _reach(mesh, setup), setup, moving)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare(scene.mesh, setup.method) as occluder:
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, moving)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
@@ -143,6 +162,7 @@ def _captured(
     places: Views,
     seeds: Seeds,
     view: int,
+    moving: Moving,
 ) -> Capture:
     found = scan(
         scene,
@@ -152,6 +172,8 @@ def _captured(
         occluder=occluder,
         towards=_region(mesh, setup),
         target=alone if setup.keep == "target" and occluder is not alone else None,
+        motion=moving.motion,
+        deskew=moving.deskew,
     )
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
     return Capture(found.select(kept), scene, occluder, pose)
@@ -193,12 +215,13 @@ def _reach(mesh: Mesh, setup: Setup) -> float:
     return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
 
 
-def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> BoolArray:
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup, moving: Moving) -> BoolArray:
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
     sensor = setup.made_sensor
-    if distance <= reach or sensor.rays().origins is not None or len(sensor.imperfections.second_eyes):
+    elsewhere = moving.motion is not None or sensor.rays().origins is not None
+    if distance <= reach or elsewhere or len(sensor.imperfections.second_eyes):
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6
     for number, each in enumerate(placed[1:], 1):

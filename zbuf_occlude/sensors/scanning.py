@@ -17,6 +17,7 @@ from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.catalog import make
+from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
 from zbuf_occlude.visibility import METHODS, find_method, prepare
@@ -38,7 +39,7 @@ ROUGH_BACK = (0.45 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.09)) / (1.0 - 0.5 * ROUGHN
 COLUMNS = (
     ("range", "ranges", "<f8"), ("incidence", "incidences", "<f4"), ("intensity", "intensities", "<f4"),
     ("ring", "rings", "<i4"), ("column", "columns", "<i4"), ("instance", "instances", "<i4"),
-    ("n_returns", "n_returns", "<i4"),
+    ("n_returns", "n_returns", "<i4"), ("time", "times", "<f8"),
 )  # fmt: skip
 """Of a point besides x, y, z, nx, ny, nz: its name in files, in a `Scan`, and its type."""
 
@@ -55,6 +56,8 @@ class Scan(Cloud):
         Unit, world space.
     offsets : (n, 3) float
         From `origin` to where each ray begins, world space: 0 but for a sensor that moves.
+    times : (n,) float
+        When each ray is cast, seconds from the beginning of the turn or picture.
     depths_per_range : (n,) float
         Depth along the sensor's x axis over range: the cosine between them.
     ranges : (n,) float
@@ -76,6 +79,7 @@ class Scan(Cloud):
     origin: FloatArray
     directions: FloatArray
     offsets: FloatArray
+    times: FloatArray
     depths_per_range: FloatArray
     ranges: FloatArray
     clean_ranges: FloatArray
@@ -162,6 +166,8 @@ def scan(
     azimuth: float | None = None,
     elevation: float | None = None,
     size: float | None = None,
+    motion: Motion | None = None,
+    deskew: bool = False,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
     occluder: Occluder | None = None,
@@ -187,6 +193,11 @@ def scan(
         With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
+    motion : Motion, optional
+        How the sensor moves while it scans, from its pose on. Points are then as it reports them: as if it had stood
+        still.
+    deskew : bool
+        With `motion`: points where they are in the world, by the sensor's own motion.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
     method : str, optional
@@ -243,21 +254,27 @@ def scan(
     elif azimuth is not None or elevation is not None:
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
-    rays = sensor.rays()
+    rays = at_rest = sensor.rays()
+    if motion is not None:
+        if len(sensor.imperfections.second_eyes):
+            raise ArgumentError("a sensor with a second eye must stand still. Leave motion out, or set baseline=0.")
+        rays = motion.applied(at_rest)
     if towards is not None and rays.origins is None:
         corners = as_vectors(towards, "towards")
-        rays = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
+        rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
-        met = _beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0
-        rays = rays.select(met.any(axis=1))
+        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=1)
+        rays, at_rest = rays.select(alone), at_rest.select(alone)
     rng = generator(seed)
     if occluder is not None:
-        returns = _returns(scene, occluder, rays, rotation, origin, sensor)
+        returns, met = _returns(scene, occluder, rays, rotation, origin, sensor)
     else:
         name = method or default_caster()
         find_method(name).check_first_hits()
         with prepare(scene.mesh, name, **options) as opened:
-            returns = _returns(scene, opened, rays, rotation, origin, sensor)
+            returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
+    if motion is not None and not deskew:
+        returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
     return imperfect(returns, sensor, rng)
 
 
@@ -355,8 +372,8 @@ def _may_meet(
 
 def _returns(
     scene: Scene, occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, sensor: Sensor
-) -> Scan:
-    """The returns of all beams as they would be without noise."""
+) -> tuple[Scan, NDArray[np.intp]]:
+    """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
     hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
     if hits.face_ids.shape[1] > 1:
@@ -375,10 +392,11 @@ def _returns(
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
     instances = scene.instances[face_ids]
-    return Scan(
+    found = Scan(
         origin=origin,
         directions=directions,
         offsets=offsets[met],
+        times=np.zeros(len(met)) if rays.times is None else rays.times[met],
         depths_per_range=rays.directions[met, 0],
         ranges=ranges,
         clean_ranges=ranges,
@@ -391,6 +409,15 @@ def _returns(
         instances=instances,
         n_returns=n_returns[met],
     )
+    return found, met
+
+
+def _as_at_rest(scan: Scan, rays: Rays, motion: Motion, rotation: FloatArray) -> Scan:
+    """Return a scan as a sensor reports it that knows nothing of its motion: all `rays` are cast from its pose."""
+    turned, _ = motion.poses(scan.times)
+    local = np.einsum("nji,nj->ni", turned, scan.normals @ rotation)
+    offsets = np.zeros((len(scan), 3)) if rays.origins is None else rays.origins @ rotation.T
+    return replace(scan, directions=rays.directions @ rotation.T, offsets=offsets, normals=local @ rotation.T)
 
 
 def _seen_twice(

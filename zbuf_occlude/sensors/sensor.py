@@ -45,12 +45,15 @@ class Rays:
         Firing, counted along the turn; of a camera the column of the picture, 0 the leftmost.
     origins : (n, 3) float, optional
         Where each begins, sensor frame; at the sensor's origin by default.
+    times : (n,) float, optional
+        When each is cast, seconds from the beginning of the turn or picture; all at once by default.
     """
 
     directions: FloatArray
     rings: IntArray
     columns: IntArray
     origins: FloatArray | None = None
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         directions = as_vectors(self.directions, "directions")
@@ -68,6 +71,11 @@ class Rays:
             if len(origins) != len(directions):
                 raise ArgumentError(f"origins must be one per direction ({len(directions)}); got {len(origins)}.")
             object.__setattr__(self, "origins", sealed(origins))
+        if self.times is not None:
+            times = np.asarray(self.times, dtype=np.float64)
+            if times.shape != (len(directions),) or not np.isfinite(times).all():
+                raise ArgumentError(f"times must be one number per direction ({len(directions)}); got {times.shape}.")
+            object.__setattr__(self, "times", sealed(times))
 
     def __len__(self) -> int:
         return len(self.directions)
@@ -78,8 +86,8 @@ class Rays:
     def select(self, which: ArrayLike) -> "Rays":
         """Return the rays that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
-        origins = None if self.origins is None else self.origins[chosen]
-        return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen], origins)
+        origins, times = (None if each is None else each[chosen] for each in (self.origins, self.times))
+        return Rays(self.directions[chosen], self.rings[chosen], self.columns[chosen], origins, times)
 
     def near(self, direction: FloatArray, angle: float) -> NDArray[np.intp]:
         """Return which rays are within an angle (radians) of a unit direction (3,), ascending; runs are asked first."""
@@ -110,6 +118,7 @@ def pinhole(
     fy: float | None = None,
     cx: float | None = None,
     cy: float | None = None,
+    readout: float = 0.0,
 ) -> Rays:
     """Return the rays of a camera without distortion, through its pixels' centres, row by row.
 
@@ -123,14 +132,21 @@ def pinhole(
     rows, columns = np.divmod(np.arange(width * height), width)
     right = (columns + 0.5 - (width / 2.0 if cx is None else cx)) / focal
     down = (rows + 0.5 - (height / 2.0 if cy is None else cy)) / (fy or focal)
-    return Rays(np.stack([np.ones_like(right), -right, -down], axis=1), rows, columns)
+    times = rows * (readout / height) if readout else None
+    return Rays(np.stack([np.ones_like(right), -right, -down], axis=1), rows, columns, times=times)
 
 
-def spinning(*, lasers: Sequence[Sequence[float]], columns: int, azimuths: Sequence[float] = (-180.0, 180.0)) -> Rays:
+def spinning(
+    *,
+    lasers: Sequence[Sequence[float]],
+    columns: int,
+    azimuths: Sequence[float] = (-180.0, 180.0),
+    turns: float = 10.0,
+) -> Rays:
     """Return the rays of a LiDAR that turns about its z axis, firing by firing, `columns` of them per turn.
 
     Each of `lasers` has an elevation and an azimuth offset, the lowest first; `azimuths` are where the firings begin
-    and end; all in degrees.
+    and end; all in degrees. `turns` is how many there are a second.
     """
     _not_too_many(columns * len(lasers))
     angles, (first, last) = np.radians(lasers), np.radians(azimuths)
@@ -141,7 +157,8 @@ def spinning(*, lasers: Sequence[Sequence[float]], columns: int, azimuths: Seque
     elevation = np.tile(angles[:, 0], columns)
     flat = np.cos(elevation)
     directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
-    return Rays(directions, np.tile(np.arange(len(angles)), columns), np.repeat(np.arange(columns), len(angles)))
+    firings, rings = np.divmod(np.arange(columns * len(angles), dtype=np.int32), len(angles))
+    return Rays(directions, rings, firings, times=firings / (columns * turns))
 
 
 def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float) -> Rays:
@@ -160,7 +177,7 @@ def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: fl
         first, second = (_inclined(tilt, 2.0 * np.pi * frequency * (some / rate)) for frequency in frequencies)
         axis = np.broadcast_to([1.0, 0.0, 0.0], first.shape)  # the first prism's plane face stands across the beam
         directions[some] = _refracted(_refracted(_refracted(axis, first, index), second, 1.0 / index), axis, index)
-    return Rays(directions, np.zeros_like(shots), shots)
+    return Rays(directions, np.zeros_like(shots), shots, times=shots / rate)
 
 
 def linear(*, columns: int, spacing: float, rows: int, slopes: Sequence[float]) -> Rays:
@@ -238,6 +255,8 @@ NUMBERS: dict[str, Number] = {
     "wedge": Number(1e-3, 90.0, "degrees"),
     "index": Number(1.0, 5.0),  # no glass bends light more: germanium, of infrared prisms, has 4
     "rate": Number(1e-3, 1e9, "shots a second"),
+    "turns": Number(1e-3, 1e4, "a second"),
+    "readout": Number(0.0, 1e3, "seconds", least=1e-9),
     "seconds": Number(1e-6, 1e6, "seconds"),
     "spacing": Number(1e-9, 1e4, "metres"),
     "slopes": Number(-1e3, 1e3, shapes=((2,),)),

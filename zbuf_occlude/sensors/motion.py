@@ -1,0 +1,127 @@
+"""A sensor that moves while it scans: where it is when each of its rays is cast."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed
+from zbuf_occlude.documents import read_limited
+from zbuf_occlude.errors import ArgumentError, DatasetError, printable
+from zbuf_occlude.sensors.sensor import Rays
+
+STRAIGHT = 1e-9
+"""Radians a second below which an arc is computed as a line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a sensor moves from its pose at time 0 on.
+
+    Parameters
+    ----------
+    velocity : (3,) float
+        Metres a second forward, to the left and up, in the sensor's own frame, which turns with it.
+    turn : float
+        Degrees a second about its z axis; positive turns it to the left.
+    trajectory : (m, 8) float, optional
+        Instead of both: rows of time, x, y, z, qx, qy, qz, qw, the sensor's poses in any one frame, times ascending.
+        Only how it moves from the first row on counts. In between, positions are linear and rotations along the
+        shortest arc; before and after it is at rest.
+
+    Raises
+    ------
+    ArgumentError
+        Wrong shapes, numbers that are not finite, times that do not ascend, quaternions of length 0, or both given.
+    """
+
+    velocity: ArrayLike = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+    trajectory: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "velocity", sealed(as_vectors([np.asarray(self.velocity)], "velocity")[0]))
+        if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
+            raise ArgumentError(f"turn must be degrees a second; got {self.turn!r:.40}.")
+        if self.trajectory is None:
+            return
+        if np.any(self.velocity) or self.turn:
+            raise ArgumentError("give a trajectory, or velocity and turn, not both.")
+        rows = np.asarray(self.trajectory, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1:] != (8,) or len(rows) < 1 or not np.isfinite(rows).all():
+            raise ArgumentError(f"trajectory must be (m, 8) finite numbers: t x y z qx qy qz qw; got {rows.shape}.")
+        lengths = np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
+        if not ((np.diff(rows[:, 0]) > 0.0).all() and (lengths > 1e-9).all()):
+            raise ArgumentError("trajectory must have ascending times, and quaternions of length 1; it has not.")
+        object.__setattr__(self, "trajectory", sealed(np.concatenate([rows[:, :4], rows[:, 4:] / lengths], axis=1)))
+
+    def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return rotations (n, 3, 3) and positions (n, 3) at some times (n,), in the sensor's frame at time 0."""
+        if self.trajectory is not None:
+            return self._along(times)
+        rate, (forward, left, up) = np.radians(self.turn), np.asarray(self.velocity)
+        angle = rate * times
+        cosine, sine, none = np.cos(angle), np.sin(angle), np.zeros_like(times)
+        rotations = np.stack([cosine, -sine, none, sine, cosine, none, none, none, none + 1.0], axis=1)
+        along, across = times, 0.5 * rate * times**2
+        if abs(rate) > STRAIGHT:
+            along, across = sine / rate, (1.0 - cosine) / rate
+        positions = np.stack([forward * along - left * across, forward * across + left * along, up * times], axis=1)
+        return rotations.reshape(-1, 3, 3), positions
+
+    def _along(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows = np.asarray(self.trajectory)
+        at, places, turned = rows[:, 0] - rows[0, 0], rows[:, 1:4], rows[:, 4:]
+        where = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(len(at) - 2, 0))
+        after = np.minimum(where + 1, len(at) - 1)
+        share = np.clip((times - at[where]) / np.maximum(at[after] - at[where], 1e-300), 0.0, 1.0)[:, None]
+        positions = places[where] * (1.0 - share) + places[after] * share
+        first, last = turned[where], turned[after]
+        cosine = np.einsum("ij,ij->i", first, last)[:, None]
+        last, cosine = np.where(cosine < 0.0, -last, last), np.minimum(np.abs(cosine), 1.0)
+        angle = np.arccos(cosine)
+        sine = np.where(angle < 1e-9, 1.0, np.sin(angle))
+        weights = (
+            np.where(angle < 1e-9, 1.0 - share, np.sin((1.0 - share) * angle) / sine),
+            np.where(angle < 1e-9, share, np.sin(share * angle) / sine),
+        )
+        rotations = _rotations(weights[0] * first + weights[1] * last)
+        start = _rotations(turned[:1])[0]
+        return np.asarray(start.T @ rotations), np.asarray((positions - places[0]) @ start)
+
+    def applied(self, rays: Rays) -> Rays:
+        """Return rays as they are cast by the moving sensor, in its frame at time 0."""
+        rotations, positions = self.poses(np.zeros(len(rays)) if rays.times is None else rays.times)
+        directions = np.einsum("nij,nj->ni", rotations, rays.directions)
+        if rays.origins is not None:
+            positions = positions + np.einsum("nij,nj->ni", rotations, rays.origins)
+        return Rays(directions, rays.rings, rays.columns, positions, rays.times)
+
+
+def _rotations(quaternions: FloatArray) -> FloatArray:
+    """Return the rotations (n, 3, 3) of quaternions (n, 4), x y z w, of any length but 0."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def read_trajectory(path: Path) -> FloatArray:
+    """Read a trajectory (m, 8) as the TUM benchmark has it: lines of t x y z qx qy qz qw; # begins a comment.
+
+    Raises
+    ------
+    DatasetError
+        Not readable, or lines of other numbers.
+    """
+    name = printable(str(path))
+    try:
+        lines = read_limited(path).decode("utf-8", "replace").splitlines()
+        rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
+        return as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{name}: cannot read a trajectory: {printable(str(error))}") from None
