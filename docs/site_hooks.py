@@ -34,7 +34,8 @@ API = {
     "visibility": ("Visibility", "", ("prepare", "visibility.interface.Occluder")),
     "methods": ("Methods", "", ("visibility.interface.Method",)),
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
-    "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections", "Motion", "read_trajectory")),
+    "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
+    "motion": ("Moving sensors", "sensors.", ("Motion", "read_trajectory")),
     "real_scans": ("Real scans", "", ("compare_scans", "compare.real_scans.ScanComparison")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
     "torch": (

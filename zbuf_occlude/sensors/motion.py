@@ -110,14 +110,21 @@ def _rotations(quaternions: FloatArray) -> FloatArray:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def read_trajectory(path: Path) -> FloatArray:
+def read_trajectory(path: str | Path) -> FloatArray:
     """Read a trajectory (m, 8) as the TUM benchmark has it: lines of t x y z qx qy qz qw; # begins a comment.
 
     Raises
     ------
     DatasetError
         Not readable, or lines of other numbers.
+
+    Examples
+    --------
+    >>> np.savetxt("drive.txt", [[0, 0, 0, 0, 0, 0, 0, 1], [1, 15, 0, 0, 0, 0, 0, 1]])  # 15 m forward in a second
+    >>> zo.sensors.read_trajectory("drive.txt").shape
+    (2, 8)
     """
+    path = Path(path)
     name = printable(str(path))
     try:
         lines = read_limited(path).decode("utf-8", "replace").splitlines()
