@@ -154,7 +154,7 @@ def test_a_wrong_file(tmp_path: Path, name: str, text: str, words: str) -> None:
         ("vlp-16", {"sigma": [[1, 1e300]]}, r"sigma .* from 0 to 10000 metres; got 1e\+300"),
         ("vlp-16", {"lasers": 3}, "lasers .* rows of 2 numbers.*; got 3"),
         ("vlp-16", {"lasers": [[1, 2, 3]]}, "lasers .* rows of 2 numbers"),
-        ("vlp-16", {"returns": "best"}, "one of first, strongest, last; got 'best'"),
+        ("vlp-16", {"returns": "best"}, "one of first, strongest, last, all; got 'best'"),
         ("vlp-16", {"range_min": 200}, r"range_min must be less than range_max; got 200\.0 and 100\.0"),
         ("vls-128", {"columns": 10**6}, "1 to 8,500,000 rays; this has 128,000,000"),
         ("mid-40", {"frequencies": 3}, "frequencies .* 2 numbers"),

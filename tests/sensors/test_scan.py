@@ -136,6 +136,45 @@ def test_first_strongest_last() -> None:
     assert counts["first"] > counts["strongest"] > counts["last"]
 
 
+def test_all_returns_are_what_the_beams_split_into() -> None:
+    """Two plates before a wall: each beam's five rays are told apart by where they cross the plates' planes."""
+    near, far = ([0.0, 0.3], [-0.2, 0.2]), ([0.1, 0.4], [-0.3, 0.3])  # y and z of the plates' corners
+    plates = [
+        np.array([[x, y[0], z[0]], [x, y[1], z[0]], [x, y[1], z[1]], [x, y[0], z[1]]])
+        for x, (y, z) in ((10.0, near), (12.0, far))
+    ]
+    mesh = stacked(*plates, ACROSS * 20 + [15.0, 0, 0])
+    beam = 0.01
+    sensor = make("pinhole:width=60,height=60,fov=6", axial=False, divergence=beam, returns="all")
+    scan = zo.scan(mesh, sensor, method="exact")
+    axis = sensor.rays().directions
+    least = np.eye(3)[np.abs(axis).argmin(axis=1)]
+    across = np.cross(axis, least)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    upwards = np.cross(axis, across)
+    counted, shared = {}, {}
+    offsets = [(0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+    rays = np.stack([axis + 0.25 * beam * (x * across + y * upwards) for x, y in offsets], axis=1)
+    at = {x: rays[..., 1:] / rays[..., :1] * x for x in (10.0, 12.0)}
+    inside = {
+        x: (at[x][..., 0] > y[0]) & (at[x][..., 0] < y[1]) & (at[x][..., 1] > z[0]) & (at[x][..., 1] < z[1])
+        for x, (y, z) in ((10.0, near), (12.0, far))
+    }
+    surface = np.where(inside[10.0], 0, np.where(inside[12.0], 1, 2))
+    for pixel, met in enumerate(surface):
+        counted[pixel] = len(set(met.tolist()))
+        shared[pixel] = [float((met == each).mean()) for each in sorted(set(met.tolist()))]
+    pixels = scan.rings * 60 + scan.columns
+    assert set(counted.values()) == {1, 2, 3}
+    assert len(scan) == sum(counted.values())
+    assert np.array_equal(scan.n_returns, [counted[pixel] for pixel in pixels])
+    assert np.array_equal(scan.shares, np.concatenate([shared[pixel] for pixel in range(3600)]))
+    assert (np.diff(scan.ranges)[np.diff(pixels) == 0] > 1.0).all()
+    first, last = (zo.scan(mesh, sensor.with_numbers(returns=each)) for each in ("first", "last"))
+    assert np.array_equal(first.ranges, scan.ranges[scan.return_numbers == 1])
+    assert np.array_equal(last.ranges, scan.ranges[scan.return_numbers == scan.n_returns])
+
+
 def test_lost_pixels_at_edges() -> None:
     mesh = stacked(ACROSS * 0.3 + [10.0, 0, 0], ACROSS * 9 + [15.0, 0, 0])
     sensor = make("pinhole:width=60,height=60,fov=6")

@@ -3,7 +3,7 @@
 import warnings
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,8 @@ ROUGH_BACK = (0.45 * ROUGHNESS**2 / (ROUGHNESS**2 + 0.09)) / (1.0 - 0.5 * ROUGHN
 COLUMNS = (
     ("range", "ranges", "<f8"), ("incidence", "incidences", "<f4"), ("intensity", "intensities", "<f4"),
     ("ring", "rings", "<i4"), ("column", "columns", "<i4"), ("instance", "instances", "<i4"),
-    ("n_returns", "n_returns", "<i4"), ("time", "times", "<f8"),
+    ("n_returns", "n_returns", "<i4"), ("return_number", "return_numbers", "<i4"), ("share", "shares", "<f4"),
+    ("time", "times", "<f8"),
 )  # fmt: skip
 """Of a point besides x, y, z, nx, ny, nz: its name in files, in a `Scan`, and its type."""
 
@@ -74,6 +75,10 @@ class Scan(Cloud):
         Albedo times the cosine of the incidence over the range squared (the clean one, metres).
     rings, columns, instances, n_returns : (n,) int
         Laser, firing, object, and how many returns the beam has in all, before any is lost.
+    return_numbers : (n,) int
+        Which of these it is, from 1, the nearest first.
+    shares : (n,) float
+        Of the beam's rays that met what it is from.
     """
 
     origin: FloatArray
@@ -91,6 +96,8 @@ class Scan(Cloud):
     columns: IntArray
     instances: IntArray
     n_returns: IntArray
+    return_numbers: IntArray
+    shares: FloatArray
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -376,23 +383,20 @@ def _returns(
     """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
     hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
-    if hits.face_ids.shape[1] > 1:
-        face_ids, ranges, n_returns = _echoes(hits, sensor.imperfections)
-    else:
-        face_ids, ranges = hits.face_ids[:, 0], hits.distances[:, 0]
-        n_returns = np.ones(len(rays), dtype=np.int32)
-    met = np.flatnonzero(face_ids >= 0)
+    found = _echoes(hits, sensor.imperfections)
     offsets = np.zeros((len(rays), 3)) if rays.origins is None else rays.origins @ rotation.T
     if len(sensor.imperfections.second_eyes):
-        points = origin + offsets[met] + ranges[met, None] * directions[met]
-        met = met[_seen_twice(occluder, scene.mesh, points, face_ids[met], origin + offsets[met], rotation, sensor)]
-    face_ids, ranges, directions = face_ids[met], ranges[met], directions[met]
+        starts = origin + offsets[found.rays]
+        points = starts + found.ranges[:, None] * directions[found.rays]
+        found = found.select(_seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor))
+    met, face_ids, ranges = found.rays, found.face_ids, found.ranges
+    directions = directions[met]
     normals = _unit(scene.mesh.face_normals[face_ids])
     cosines = -np.einsum("ij,ij->i", normals, directions)
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
     instances = scene.instances[face_ids]
-    found = Scan(
+    made = Scan(
         origin=origin,
         directions=directions,
         offsets=offsets[met],
@@ -407,9 +411,11 @@ def _returns(
         rings=rays.rings[met],
         columns=rays.columns[met],
         instances=instances,
-        n_returns=n_returns[met],
+        n_returns=found.n_returns,
+        return_numbers=found.numbers,
+        shares=found.shares,
     )
-    return found, met
+    return made, met
 
 
 def _as_at_rest(scan: Scan, rays: Rays, motion: Motion, rotation: FloatArray) -> Scan:
@@ -463,11 +469,31 @@ def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> Bo
     return seen
 
 
-def _echoes(hits: FirstHits, faults: Imperfections) -> tuple[IntArray, FloatArray, IntArray]:
-    """Face, range and number of returns of each beam of five rays.
+class _Echoes(NamedTuple):
+    """Returns of beams, in the order of the rays, those of one beam the nearest first; (m,) each."""
 
-    Surfaces that are near to each other run together; of what is apart one is kept.
+    rays: NDArray[np.intp]
+    face_ids: IntArray
+    ranges: FloatArray
+    n_returns: IntArray
+    numbers: IntArray
+    shares: FloatArray
+
+    def select(self, which: NDArray[Any]) -> "_Echoes":
+        """Return those that a mask or indices pick."""
+        return _Echoes._make(each[which] for each in self)
+
+
+def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
+    """Return what comes back of each beam: surfaces that are near to each other run together.
+
+    Of what is apart one is kept, or all; a return's share is that of the beam's rays that met it.
     """
+    n_rays = hits.face_ids.shape[1]
+    if n_rays == 1:
+        some = np.flatnonzero(hits.face_ids[:, 0] >= 0)
+        ones = np.ones(len(some), dtype=np.int32)
+        return _Echoes(some, hits.face_ids[some, 0], hits.distances[some, 0], ones, ones, np.ones(len(some)))
     order = np.argsort(hits.distances, axis=1, kind="stable")
     # (5, n): numpy is slow along short rows
     ranges = np.ascontiguousarray(np.take_along_axis(hits.distances, order, axis=1).T)
@@ -477,23 +503,36 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> tuple[IntArray, FloatArra
         apart = np.diff(ranges, axis=0) > faults.echo_separation
     echo = np.zeros(ranges.shape, dtype=np.int32)
     np.cumsum(apart & met[1:], axis=0, out=echo[1:])
-    n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0)
+    n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0).astype(np.int32)
     energy = np.where(met, 1.0 / np.where(met, ranges, 1.0) ** 2, 0.0)
     if faults.returns == "first":
-        chosen = np.zeros(ranges.shape[1], dtype=int)
+        kept = [np.zeros(ranges.shape[1], dtype=int)]
     elif faults.returns == "last":
-        chosen = np.maximum(n_returns - 1, 0)
+        kept = [np.maximum(n_returns - 1, 0)]
+    elif faults.returns == "all":
+        kept = [np.full(ranges.shape[1], number) for number in range(int(n_returns.max(initial=0)))]
     else:
-        chosen = np.stack([(energy * (echo == number)).sum(axis=0) for number in range(len(_CROSS))]).argmax(axis=0)
-    mine = met & (echo == chosen)
-    weights = np.where(mine, energy, 0.0)
-    total = weights.sum(axis=0)
-    moments = (weights * np.where(met, ranges, 0.0)).sum(axis=0)
-    mean = np.divide(moments, total, out=np.full(len(total), np.inf), where=total > 0)
-    with np.errstate(invalid="ignore"):
-        best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
-    face_ids = np.where(total > 0, faces[best, np.arange(len(best))], -1)
-    return face_ids.astype(np.int32), mean, n_returns.astype(np.int32)
+        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(n_rays)]).argmax(axis=0)]
+    parts = []
+    for chosen in kept:
+        mine = met & (echo == chosen)
+        weights = np.where(mine, energy, 0.0)
+        total = weights.sum(axis=0)
+        moments = (weights * np.where(met, ranges, 0.0)).sum(axis=0)
+        mean = np.divide(moments, total, out=np.full(len(total), np.inf), where=total > 0)
+        with np.errstate(invalid="ignore"):
+            best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
+        rays = np.flatnonzero(total > 0)
+        face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
+        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, mine[:, rays].mean(axis=0)))
+    if len(parts) == 1:
+        return parts[0]
+    whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True)) if parts else _NONE
+    return whole.select(np.argsort(whole.rays, kind="stable"))
+
+
+_NO_NUMBERS = np.empty(0, dtype=np.int32)
+_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, np.empty(0), _NO_NUMBERS, _NO_NUMBERS, np.empty(0))
 
 
 def _beams(

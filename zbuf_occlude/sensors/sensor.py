@@ -236,7 +236,7 @@ def _not_too_many(n: int) -> None:
         raise OptionError(f"a sensor must have 1 to {MOST_RAYS:,} rays; this has {n:,}.")
 
 
-RETURNS = ("first", "strongest", "last")
+RETURNS = ("first", "strongest", "last", "all")
 GRAZING_FROM = np.radians(60.0)
 """From this incidence on, `sigma_grazing` counts (Nguyen, Izadi, Lovell 2012, section 3)."""
 STEEPEST = np.radians(89.9)
@@ -311,7 +311,8 @@ class Imperfections:
     echo_separation : float
         Surfaces within one beam nearer to each other than this give one return, at a range between them.
     returns : str
-        Which return is kept: "first", "strongest" (the greatest share of the beam over range squared) or "last".
+        Which return is kept: "first", "strongest" (the greatest share of the beam over range squared), "last", or
+        "all".
     drop : float
         Share of the returns that is lost anyway.
     attenuation, drop_limit, drop_zero : float
