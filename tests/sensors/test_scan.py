@@ -1,6 +1,7 @@
 """Scans: closed forms, and each imperfection alone."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -307,3 +308,23 @@ def test_the_seed_alone_decides_and_detection_has_ends() -> None:
     with np.errstate(all="raise", under="ignore"):
         ends = detection([0.2, 0.2, 0.0, 1e-320], [1.0, 0.0, 1.0, 1.0], [1e-300, np.inf, 1.0, 500.0], 130.0)
     assert ends.tolist() == [1.0, 0.0, 0.0, 0.0]  # no path no loss; what is black or far is never detected
+
+
+def test_paint_is_the_albedo(tmp_path: Path) -> None:
+    """A wall, black on the left, white in the middle, mid grey (sRGB 188, half the light) on the right."""
+    lines = ["ply", "format ascii 1.0", "element vertex 12", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["element face 3", "property list uchar int vertex_indices"]
+    lines += [*(f"property uchar {name}" for name in ("red", "green", "blue")), "end_header"]
+    for k in range(3):
+        lines += [f"5 {1.5 - k - dy} {z}" for dy, z in ((0, -1), (1, -1), (1, 1), (0, 1))]
+    lines += [
+        f"4 {4 * k} {4 * k + 1} {4 * k + 2} {4 * k + 3} {tint} {tint} {tint}" for k, tint in enumerate((0, 255, 188))
+    ]
+    (tmp_path / "wall.ply").write_text("\n".join(lines) + "\n")
+    painted = zo.load_mesh(tmp_path / "wall.ply", colors=True)
+    scan = zo.scan(painted, "pinhole:width=90,height=30,fov=30,noise=0")
+    albedos = scan.intensities * scan.ranges**2 / np.cos(scan.incidences)
+    part = np.clip(np.floor(1.5 - scan.points[:, 1]), 0, 2).astype(int)
+    assert albedos == pytest.approx(np.array([0.0, 1.0, 0.503])[part], abs=0.002)
+    plain = zo.scan(zo.load_mesh(tmp_path / "wall.ply"), "pinhole:width=90,height=30,fov=30,noise=0")
+    assert plain.intensities * plain.ranges**2 / np.cos(plain.incidences) == pytest.approx(TYPICAL)

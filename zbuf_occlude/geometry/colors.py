@@ -162,6 +162,11 @@ def _along(places: FloatArray, size: int, wrap: str) -> NDArray[np.intp]:
     return np.clip(np.floor(places * size), 0, size - 1).astype(np.intp)
 
 
+def luminance(colors: Bytes) -> FloatArray:
+    """Return the share of light (n,) that sRGB colours (n, 3) send back, by ITU-R BT.709's weights."""
+    return _decoded(colors / 255.0) @ np.array([0.2126, 0.7152, 0.0722])
+
+
 def _decoded(srgb: FloatArray) -> FloatArray:
     """Return linear light (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

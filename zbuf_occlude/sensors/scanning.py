@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
-from zbuf_occlude.geometry.colors import Bytes
+from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
@@ -72,7 +72,8 @@ class Scan(Cloud):
     incidences : (n,) float
         Between the ray and the normal, radians.
     intensities : (n,) float
-        Albedo times the cosine of the incidence over the range squared (the clean one, metres).
+        Albedo times the cosine of the incidence over the range squared (the clean one, metres). The albedo is the
+        luminance of the base colour where the mesh has colours (``load_mesh(path, colors=True)``), else its object's.
     rings, columns, instances, n_returns : (n,) int
         Laser, firing, object, and how many returns the beam has in all, before any is lost.
     return_numbers : (n,) int
@@ -395,7 +396,7 @@ def _returns(
     cosines = -np.einsum("ij,ij->i", normals, directions)
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
-    instances = scene.instances[face_ids]
+    starts, squares = origin + offsets[met], np.maximum(ranges, 1e-6) ** 2
     made = Scan(
         origin=origin,
         directions=directions,
@@ -407,15 +408,22 @@ def _returns(
         face_ids=face_ids,
         normals=normals,
         incidences=np.arccos(cosines),
-        intensities=scene.albedos[instances] * cosines / np.maximum(ranges, 1e-6) ** 2,
+        intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * cosines / squares,
         rings=rays.rings[met],
         columns=rays.columns[met],
-        instances=instances,
+        instances=scene.instances[face_ids],
         n_returns=found.n_returns,
         return_numbers=found.numbers,
         shares=found.shares,
     )
     return made, met
+
+
+def _albedos(scene: Scene, face_ids: IntArray, points: FloatArray) -> FloatArray:
+    """Return the albedo where faces are met: the luminance of the mesh's colour if it has any, else the object's."""
+    if scene.mesh.colors is None:
+        return np.asarray(scene.albedos[scene.instances[face_ids]])
+    return luminance(scene.mesh.colors.at(face_ids, barycentric(scene.mesh.corners[face_ids], points)))
 
 
 def _as_at_rest(scan: Scan, rays: Rays, motion: Motion, rotation: FloatArray) -> Scan:
