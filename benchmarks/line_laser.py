@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import zbuf_occlude as zo
-from zbuf_occlude.compare.real_scans import compare_scans
+from zbuf_occlude.compare.scan_comparison import compare_scans
 from zbuf_occlude.sensors import look_at
 
 CHOSEN_ON = ("bun000", "bun090", "bun270", "top3", "chin")

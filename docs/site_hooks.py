@@ -36,7 +36,7 @@ API = {
     "scans": ("Scans", "", ("scan", "sensors.Scan")),
     "sensors": ("Sensors", "sensors.", ("make", "look_at", "Sensor", "Imperfections")),
     "motion": ("Moving sensors", "sensors.", ("Motion", "read_trajectory")),
-    "real_scans": ("Real scans", "", ("compare_scans", "compare.real_scans.ScanComparison")),
+    "real_scans": ("Real scans", "", ("compare_scans", "compare.scan_comparison.ScanComparison")),
     "scenes": ("Scenes", "scenes.", ("Placed", "moved", "Scene")),
     "torch": (
         "PyTorch",

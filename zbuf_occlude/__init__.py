@@ -17,7 +17,7 @@ interrupts.end_quietly()
 
 if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it when a name is first used
     from zbuf_occlude import scenes, sensors, views
-    from zbuf_occlude.compare.real_scans import compare_scans
+    from zbuf_occlude.compare.scan_comparison import compare_scans
     from zbuf_occlude.errors import (
         ArgumentError,
         DatasetError,
@@ -88,7 +88,7 @@ _HOMES = {
         "OptionError",
         "UnavailableError",
     ),
-    "compare.real_scans": ("compare_scans",),
+    "compare.scan_comparison": ("compare_scans",),
     "geometry.mesh": ("Mesh",),
     "meshes.collection": ("MeshCollection",),
     "meshes.load": ("load_mesh",),

@@ -9,7 +9,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run
-from zbuf_occlude.compare.real_scans import NOT_SEEN
+from zbuf_occlude.compare.scan_comparison import NOT_SEEN
 from zbuf_occlude.sensors import look_at, make
 
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")

@@ -1,5 +1,6 @@
 """Sensors that move while they scan, against closed forms and against scans at rest."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,12 @@ def lidar(**numbers: Any) -> zo.sensors.Sensor:
 
 def test_a_turning_lidar_closes_its_sweep_early_or_late() -> None:
     """Turned by 36 degrees a second, ten sweeps a second: the ends of a sweep are 3.6 degrees apart."""
-    scan = zo.scan(ROOM, lidar(), motion=Motion(turn=36.0), deskew=True)
+    scan = zo.scan(ROOM, lidar(), motion=Motion(turn=36.0, deskew=True))
     azimuth = np.degrees(np.unwrap(np.arctan2(scan.directions[:, 1], scan.directions[:, 0])[scan.rings == 8]))
     assert len(azimuth) == 360
     assert azimuth[-1] - azimuth[0] == pytest.approx(359.0 + 3.6 * 359 / 360, abs=1e-9)
     assert scan.times[scan.rings == 8] == pytest.approx(np.arange(360) / 3600.0)
-    twice = zo.scan(ROOM, lidar(turns=20.0), motion=Motion(turn=36.0), deskew=True)
+    twice = zo.scan(ROOM, lidar(turns=20.0), motion=Motion(turn=36.0, deskew=True))
     other = np.degrees(np.unwrap(np.arctan2(twice.directions[:, 1], twice.directions[:, 0])[twice.rings == 8]))
     assert other[-1] - other[0] == pytest.approx(359.0 + 1.8 * 359 / 360, abs=1e-9)
 
@@ -37,7 +38,7 @@ def test_a_lidar_that_drives_at_a_wall_measures_it_nearer_and_nearer() -> None:
     depth = scan.points[:, 0]
     assert depth == pytest.approx(20.0 - 30.0 * scan.times, rel=1e-12)
     assert (scan.offsets == 0).all()
-    undone = zo.scan(wall, lidar(), motion=Motion(velocity=(30.0, 0.0, 0.0)), deskew=True)
+    undone = zo.scan(wall, lidar(), motion=Motion(velocity=(30.0, 0.0, 0.0), deskew=True))
     assert undone.points[:, 0] == pytest.approx(20.0)
     assert np.array_equal(undone.ranges, scan.ranges)
     assert undone.offsets[:, 0] == pytest.approx(30.0 * undone.times)
@@ -47,7 +48,7 @@ def test_deskewed_points_lie_where_a_scan_at_rest_has_the_surface() -> None:
     """Each wall of a room keeps its plane, whatever the motion; as reported, the walls are bent."""
     motion = Motion(velocity=(15.0, -4.0, 0.5), turn=90.0)
     pose = look_at([2.0, 1.0, 0.3], [5.0, 3.0, 0.3])
-    undone = zo.scan(ROOM, lidar(), pose, motion=motion, deskew=True)
+    undone = zo.scan(ROOM, lidar(), pose, motion=replace(motion, deskew=True))
     half = np.array([10.0, 8.0, 3.0])
     off = np.abs(np.abs(undone.points - ROOM.centre) - half).min(axis=1)
     assert off.max() < 1e-9
@@ -124,6 +125,7 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
         ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 0]]}, "quaternions"),
         ({"trajectory": [[1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 0, 1]]}, "ascending"),
         ({"trajectory": [[0, 0, 0]]}, "trajectory must be"),
+        ({"trajectory": [[0], [1, 2]]}, "trajectory must be"),
         ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 1]], "turn": 3.0}, "not both"),
     ],
 )
@@ -135,3 +137,5 @@ def test_motions_that_are_none(given: dict[str, Any], words: str) -> None:
 def test_a_second_eye_stands_still() -> None:
     with pytest.raises(zo.ArgumentError, match="second eye"):
         zo.scan(ROOM, "kinect-v1", motion=Motion(turn=1.0))
+    with pytest.raises(zo.ArgumentError, match="motion must be"):
+        zo.scan(ROOM, "vlp-16", motion=(1.0, 0.0, 0.0))  # type: ignore[arg-type]

@@ -33,6 +33,7 @@ def test_every_sensor_of_the_table(name: str) -> None:
     assert len({(r, c) for r, c in zip(rays.rings.tolist(), rays.columns.tolist(), strict=True)}) == len(rays)
     for number in sensor.numbers():
         assert sensor.sources[number], f"{name}: {number} must have a source"
+        assert "{" not in sensor.sources[number], f"{name}: {number} names a variable"
 
 
 def test_the_sensors_asked_for_are_there() -> None:

@@ -38,7 +38,7 @@ _MODULES = {
     "lists": ("methods", "sensors", "doctor"),
     "one_view": ("visible", "depth"),
     "one_scan": ("scan",),
-    "real_scans": ("compare-scans",),
+    "compare_scans": ("compare-scans",),
     # commands that go on working, and say by what they are replaced
     "experiment": ("experiment",),
     "figure": ("figure",),

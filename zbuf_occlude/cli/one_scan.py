@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import Vector, parse_setup, scan_options
+from zbuf_occlude.cli.scan_options import CASTING, Vector, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.errors import MeshError, OptionError
@@ -24,9 +24,6 @@ from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS
-
-CASTING = [method.name for method in METHODS if not method.no_first_hits]
 
 
 @click.command(cls=Command)
@@ -103,11 +100,11 @@ def scan_command(
     motion = None
     if velocity or turn or trajectory:
         rows = None if trajectory is None else read_trajectory(trajectory)
-        motion = Motion(velocity or (0.0, 0.0, 0.0), turn, rows)
+        motion = Motion(velocity or (0.0, 0.0, 0.0), turn, rows, deskew)
     elif deskew:
         raise click.UsageError("--deskew must go with --velocity, --turn or --trajectory.")
     collection = MeshCollection.from_paths(meshes, up=up)
-    capture = scan_once(collection, setup, azimuth, elevation, seed, motion, deskew)
+    capture = scan_once(collection, setup, azimuth, elevation, seed, motion)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
@@ -127,7 +124,6 @@ def scan_once(
     elevation: float,
     seed: int,
     motion: Motion | None = None,
-    deskew: bool = False,
 ) -> Any:
     """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
 
@@ -154,7 +150,7 @@ def scan_once(
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
     pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"))
-    return next(captures(mesh, setup, places, floor, seeds, pool, motion, deskew))
+    return next(captures(mesh, setup, places, floor, seeds, pool, motion))
 
 
 def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:

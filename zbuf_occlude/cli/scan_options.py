@@ -19,7 +19,7 @@ from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
 from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
-from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visibility import METHODS, find_method
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -27,6 +27,10 @@ SCAN_OPTIONS = (
     "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
+
+
+CASTING = [method.name for method in METHODS if not method.no_first_hits]
+"""Methods that cast rays."""
 
 
 class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import FloatArray, as_numbers
-from zbuf_occlude.errors import DatasetError, MeshError, OptionError, printable
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError, in_words, printable
 from zbuf_occlude.extras import importing
 from zbuf_occlude.meshes.ply import read_ply_points
 from zbuf_occlude.sensors.sensor import Sensor
@@ -20,7 +20,7 @@ CAMERA_TO_SENSOR = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]
 MOST_BYTES = 2_000_000_000
 
 
-def read_scan(path: Path, sensor: Sensor, depth_unit: float = 0.001) -> FloatArray:
+def read_scan_file(path: Path, sensor: Sensor, depth_unit: float = 0.001) -> FloatArray:
     """Read the points (n, 3) of a scan, in the frame and unit of its file; those that are not finite or 0 are left out.
 
     Parameters
@@ -51,7 +51,7 @@ def read_scan(path: Path, sensor: Sensor, depth_unit: float = 0.001) -> FloatArr
             raise DatasetError(f"{name}: a scan must have at most {MOST_BYTES:,} bytes.")
         points = _read(path, suffix, sensor, depth_unit)
     except (OSError, ValueError, KeyError, MeshError) as error:
-        raise DatasetError(f"{name}: cannot read the scan: {printable(str(error))}") from None
+        raise DatasetError(f"{name}: cannot read the scan: {printable(in_words(error))}") from None
     points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
     if not len(points):
         raise DatasetError(f"{name}: a scan must have points; this one has none.")
@@ -130,7 +130,7 @@ def read_poses(path: Path, scans: Sequence[Path]) -> list[FloatArray]:
                 rows = [[number for row in rows for number in row]]
             poses = [_square(row) for row in rows]
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise DatasetError(f"{name}: cannot read poses: {printable(str(error))}") from None
+        raise DatasetError(f"{name}: cannot read poses: {printable(in_words(error))}") from None
     if len(poses) != len(scans):
         raise DatasetError(f"{name} must hold a pose for each of {len(scans)} scans; it has {len(poses)}.")
     return [rigid(pose, f"a pose of {name}") for pose in poses]

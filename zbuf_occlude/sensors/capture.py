@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -61,13 +60,6 @@ class Capture:
     reached: bool = True
 
 
-class Moving(NamedTuple):
-    """How the sensor moves while it scans, and whether that is undone."""
-
-    motion: Motion | None
-    deskew: bool
-
-
 def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
     """Return a mesh in metres with the middle of its box at the origin, and the metres of its longest side."""
     if mesh.longest_side == 0.0:
@@ -110,13 +102,11 @@ def captures(
     seeds: Seeds,
     pool: Pool,
     motion: Motion | None = None,
-    deskew: bool = False,
 ) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
-    The occluder of a capture is open until the next one is asked for. `motion` and `deskew` as `scan` takes them.
+    The occluder of a capture is open until the next one is asked for. `motion` is as in `scan`.
     """
-    moving = Moving(motion, deskew)
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
     with prepare(mesh, setup.method) as alone:
@@ -134,7 +124,7 @@ def captures(
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, moving)
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, motion)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
@@ -142,13 +132,13 @@ def captures(
             seen = points.select(shown)
             asked = Asked(target, eye, floor, seen.positions, share, pool)
             arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
-            near = _near(arranged.placed, eye, _reach(mesh, setup), setup, moving)
+            near = _near(arranged.placed, eye, _reach(mesh, setup), setup, motion)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare(scene.mesh, setup.method) as occluder:
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, moving)
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
@@ -162,7 +152,7 @@ def _captured(
     places: Views,
     seeds: Seeds,
     view: int,
-    moving: Moving,
+    motion: Motion | None,
 ) -> Capture:
     found = scan(
         scene,
@@ -172,8 +162,7 @@ def _captured(
         occluder=occluder,
         towards=_region(mesh, setup),
         target=alone if setup.keep == "target" and occluder is not alone else None,
-        motion=moving.motion,
-        deskew=moving.deskew,
+        motion=motion,
     )
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
     return Capture(found.select(kept), scene, occluder, pose)
@@ -215,12 +204,12 @@ def _reach(mesh: Mesh, setup: Setup) -> float:
     return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
 
 
-def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup, moving: Moving) -> BoolArray:
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup, motion: Motion | None) -> BoolArray:
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
     sensor = setup.made_sensor
-    elsewhere = moving.motion is not None or sensor.rays().origins is not None
+    elsewhere = motion is not None or sensor.rays().origins is not None
     if distance <= reach or elsewhere or len(sensor.imperfections.second_eyes):
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6

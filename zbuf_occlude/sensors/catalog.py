@@ -388,7 +388,7 @@ ROWS: tuple[SensorRow, ...] = (
             "slopes": ((-0.1283, 0.0967), "measured from the points of these scans, row by row, within 0.0007"),
             "baseline": (
                 ((0.0, 0.722, 0.22), (0.0, -0.722, 0.22)),
-                "30 degrees to either side and 10 above, 1.25 m away: {_ON_FIVE}",
+                f"30 degrees to either side and 10 above, 1.25 m away: {_ON_FIVE}",
             ),
             "incidence_max": (82.0, f"degrees, {_ON_FIVE}"),
             "baseline_incidence_max": (80.0, f"degrees, {_ON_FIVE}"),

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed
+from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed, shape_and_dtype
 from zbuf_occlude.documents import read_limited
-from zbuf_occlude.errors import ArgumentError, DatasetError, printable
+from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
 from zbuf_occlude.sensors.sensor import Rays
 
 STRAIGHT = 1e-9
@@ -29,6 +29,8 @@ class Motion:
         Instead of both: rows of time, x, y, z, qx, qy, qz, qw, the sensor's poses in any one frame, times ascending.
         Only how it moves from the first row on counts. In between, positions are linear and rotations along the
         shortest arc; before and after it is at rest.
+    deskew : bool
+        Undo it: points are where they were met. Else they are as the sensor reports them, as if it had stood still.
 
     Raises
     ------
@@ -39,6 +41,7 @@ class Motion:
     velocity: ArrayLike = (0.0, 0.0, 0.0)
     turn: float = 0.0
     trajectory: ArrayLike | None = None
+    deskew: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "velocity", sealed(as_vectors([np.asarray(self.velocity)], "velocity")[0]))
@@ -48,9 +51,13 @@ class Motion:
             return
         if np.any(self.velocity) or self.turn:
             raise ArgumentError("give a trajectory, or velocity and turn, not both.")
-        rows = np.asarray(self.trajectory, dtype=np.float64)
+        try:
+            rows = np.asarray(self.trajectory, dtype=np.float64)
+        except (TypeError, ValueError):
+            rows = np.empty(0)
         if rows.ndim != 2 or rows.shape[1:] != (8,) or len(rows) < 1 or not np.isfinite(rows).all():
-            raise ArgumentError(f"trajectory must be (m, 8) finite numbers: t x y z qx qy qz qw; got {rows.shape}.")
+            found = shape_and_dtype(self.trajectory)
+            raise ArgumentError(f"trajectory must be (m, 8) finite numbers: t x y z qx qy qz qw; got {found}.")
         lengths = np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
         if not ((np.diff(rows[:, 0]) > 0.0).all() and (lengths > 1e-9).all()):
             raise ArgumentError("trajectory must have ascending times, and quaternions of length 1; it has not.")
@@ -131,4 +138,4 @@ def read_trajectory(path: str | Path) -> FloatArray:
         rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
         return as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{name}: cannot read a trajectory: {printable(str(error))}") from None
+        raise DatasetError(f"{name}: cannot read a trajectory: {printable(in_words(error))}") from None

@@ -175,7 +175,6 @@ def scan(
     elevation: float | None = None,
     size: float | None = None,
     motion: Motion | None = None,
-    deskew: bool = False,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
     occluder: Occluder | None = None,
@@ -202,10 +201,7 @@ def scan(
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
     motion : Motion, optional
-        How the sensor moves while it scans, from its pose on. Points are then as it reports them: as if it had stood
-        still.
-    deskew : bool
-        With `motion`: points where they are in the world, by the sensor's own motion.
+        How the sensor moves while it scans, from its pose on.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
     method : str, optional
@@ -264,6 +260,8 @@ def scan(
     rotation, origin = _rigid(pose)
     rays = at_rest = sensor.rays()
     if motion is not None:
+        if not isinstance(motion, Motion):
+            raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
         if len(sensor.imperfections.second_eyes):
             raise ArgumentError("a sensor with a second eye must stand still. Leave motion out, or set baseline=0.")
         rays = motion.applied(at_rest)
@@ -281,7 +279,7 @@ def scan(
         find_method(name).check_first_hits()
         with prepare(scene.mesh, name, **options) as opened:
             returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
-    if motion is not None and not deskew:
+    if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
     return imperfect(returns, sensor, rng)
 
@@ -462,6 +460,7 @@ def _seen_twice(
 
 
 EYES_AT_A_TIME = 16
+"""Of a sensor whose eyes move: so many share a question, about the points of all of them."""
 
 
 def seen_from(occluder: Occluder, points: SurfacePoints, eyes: FloatArray) -> BoolArray:

@@ -29,8 +29,32 @@ NEIGHBOURS = 64
 """Clouds of a group where files hold them in random order."""
 
 
-class _Split:
-    """One split, its files opened by whichever process reads them."""
+class _Opened:
+    """One split of a dataset, opened by whichever process reads it."""
+
+    _process = -1
+
+    def __init__(self, folder: str | os.PathLike[str], split: str) -> None:
+        self.folder, self.split = Path(folder), split
+        check_word("split", split, self.source.order)
+        self.classes, self.numbers = self.source.plan.classes, self.source.order[split]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
+
+    @property
+    def source(self) -> Source:
+        """The dataset, opened by this process."""
+        if self._process != os.getpid():
+            self._source, self._process = self._open(), os.getpid()
+        return self._source
+
+    def _open(self) -> Source:
+        return open_dataset(self.folder)
+
+
+class _Split(_Opened):
+    """One split, and what of its clouds is taken."""
 
     def __init__(
         self,
@@ -41,9 +65,8 @@ class _Split:
         transform: Transform | None = None,
         attributes: Sequence[str] = (),
     ) -> None:
-        self.folder, self.split, self.transform = Path(folder), split, transform
-        source = self._open()
-        check_word("split", split, source.order)
+        super().__init__(folder, split)
+        source, self.transform = self.source, transform
         size = source.plan.recipe.sample_size
         if n_points is not None and not 1 <= n_points <= (size or n_points):
             most = f"lie in 1..{size}, the size of the clouds in {folder}" if size else "be at least 1"
@@ -52,25 +75,11 @@ class _Split:
             check_word("attribute", name, source.plan.recipe.attributes)
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
         self.n_points = n_points or size
-        self.classes = source.plan.classes
-        self.numbers = source.order[split]
 
     def __repr__(self) -> str:
         points = "all points" if self.n_points is None else f"{self.n_points} points"
         held = f"{len(self.numbers)} clouds of {points}, {len(self.classes)} classes"
         return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {held})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
-
-    @property
-    def source(self) -> Source:
-        """The dataset, opened by this process."""
-        return self._source if self._process == os.getpid() else self._open()
-
-    def _open(self) -> Source:
-        self._source, self._process = open_dataset(self.folder), os.getpid()
-        return self._source
 
     def sample(self, record: Any) -> Sample:
         """Turn a record into what a training loop takes; points are stored in random order, so the first will do."""
@@ -199,7 +208,7 @@ class CloudStream(_Split, IterableDataset[Sample]):
                 yield self.sample(records[row])
 
 
-class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
+class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
     """Partial and complete clouds of the objects of one split, in one frame, by index; worker-safe.
 
     Parameters
@@ -233,19 +242,12 @@ class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
     ) -> None:
         if n_partial < 1 or n_complete < 1:
             raise OptionError(f"n_partial and n_complete must be at least 1; got {n_partial} and {n_complete}.")
-        self.folder, self.split = Path(folder), split
         self.n_partial, self.n_complete = n_partial, n_complete
-        source = self._open()
-        check_word("split", split, source.order)
-        self.classes = source.plan.classes
-        self.numbers = source.order[split]
+        super().__init__(folder, split)
 
     def __repr__(self) -> str:
         pairs = f"{len(self)} pairs of {self.n_partial} and {self.n_complete} points, {len(self.classes)} classes"
         return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {pairs})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -259,11 +261,6 @@ class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
         partial, whole = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
         return partial, whole, torch.tensor(int(record["label"][0]))
 
-    @property
-    def source(self) -> Source:
-        """The dataset, opened by this process."""
-        return self._source if self._process == os.getpid() else self._open()
-
     def _open(self) -> Source:
         plan, manifest = read_finished(self.folder)
         if plan.format != PACKED:
@@ -273,10 +270,8 @@ class CompletionPairs(Dataset[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]):
             )
         scale = "object" if plan.recipe.scale == "cloud" else plan.recipe.scale
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
-        read = find_format(PACKED).load().read
-        self._source: Source = read(self.folder, replace(plan, recipe=drawn), manifest["files"])
-        self._process = os.getpid()
-        return self._source
+        read: Callable[..., Source] = find_format(PACKED).load().read
+        return read(self.folder, replace(plan, recipe=drawn), manifest["files"])
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

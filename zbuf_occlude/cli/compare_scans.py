@@ -6,16 +6,11 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import Vector, parse_sensor, sensor_options
+from zbuf_occlude.cli.scan_options import CASTING, Vector, parse_sensor, sensor_options
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import echo
-from zbuf_occlude.compare.real_scans import compare_scans, write_scan_report
-from zbuf_occlude.errors import OptionError
-from zbuf_occlude.meshes.load import load_mesh
+from zbuf_occlude.compare.scan_comparison import compare_scans, write_scan_report
 from zbuf_occlude.sensors.scanning import look_at
-from zbuf_occlude.visibility import METHODS
-
-CASTING = [method.name for method in METHODS if not method.no_first_hits]
 
 
 @click.command(cls=Command)
@@ -28,7 +23,9 @@ CASTING = [method.name for method in METHODS if not method.no_first_hits]
     help="Scans to the mesh: .conf, BOP's scene_gt.json, 4 x 4.  [default: one frame]",
 )
 @click.option("--eye", type=Vector(), help="Where the sensor is, in the scans' frame.  [default: at its origin]")
-@click.option("--look-at", type=Vector(), help="What the sensor looks at, in the scans' frame; goes with --eye.")
+@click.option(
+    "--look-at", "target", type=Vector(), help="What the sensor looks at, in the scans' frame; goes with --eye."
+)
 @click.option("--up-axis", type=Vector(), help="What is up for the sensor.  [default: 0,0,1]")
 @click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="A vertex this near a point is scanned.")
 @click.option("--slack", type=click.FloatRange(0, min_open=True), help="A mesh this far before a point hides it.")
@@ -49,10 +46,10 @@ def compare_scans_command(
     sensor: str,
     set_sensor: Settings,
     poses: Path | None,
-    eye: tuple[float, ...] | None,
-    look_at_: tuple[float, ...] | None = None,
-    up_axis: tuple[float, ...] | None = None,
-    out: Path = Path(),
+    eye: tuple[float, float, float] | None,
+    target: tuple[float, float, float] | None,
+    up_axis: tuple[float, float, float] | None,
+    out: Path,
     **given: Any,
 ) -> None:
     """Compare real SCANS of MESH with what a sensor predicts of them.
@@ -67,17 +64,14 @@ def compare_scans_command(
           --eye 0,0.178,1.3 --look-at 0,0.178,0 --up-axis 0,1,0 --out bunny
       zbuf-occlude compare-scans room.ply depth.png --sensor kinect-v1 --poses pose.txt --out room
     """
-    look_at_ = given.pop("look_at", look_at_)
-    if (eye is None) != (look_at_ is None):
+    if (eye is None) != (target is None):
         raise click.UsageError("--eye and --look-at must go together. Give both.")
     if up_axis is not None and eye is None:
         raise click.UsageError("--up-axis must go with --eye and --look-at. Give them.")
     made = parse_sensor(sensor, set_sensor)
-    mounted = None if eye is None else look_at(eye, look_at_, up_axis)
-    found = compare_scans(load_mesh(mesh), list(scans), made, poses=poses, sensor_pose=mounted, **given)
+    mounted = None if eye is None or target is None else look_at(eye, target, up_axis)
+    found = compare_scans(mesh, scans, made, poses=poses, sensor_pose=mounted, **given)
     for each in found:
         echo(f"{each.name}: {each.agreement:.1%} of vertices agree, {each.false_hidden:.2%} of the real points hidden")
-    if not found:
-        raise OptionError("there must be a scan.")
     written = write_scan_report(out, found, made)
     echo(f"report    {next(path for path in written if path.suffix == '.html')}")

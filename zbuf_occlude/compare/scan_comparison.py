@@ -6,6 +6,7 @@ points there are by range and incidence (density).
 """
 
 import json
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, as_vectors
-from zbuf_occlude.compare.scan_files import read_poses, read_scan, rigid
+from zbuf_occlude.compare.scan_files import read_poses, read_scan_file, rigid
 from zbuf_occlude.drawing.pages import Picture, Section, Table, as_png, verbatim, write_pages
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.errors import ArgumentError, printable
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
+from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.scanning import default_caster, scan
@@ -118,7 +120,7 @@ class ScanComparison:
 
 def compare_scans(
     mesh: MeshLike,
-    scans: Sequence[str | Path | ArrayLike],
+    scans: Sequence[str | Path | ArrayLike] | str | Path,
     sensor: Sensor | str | Path,
     *,
     poses: str | Path | Sequence[ArrayLike] | None = None,
@@ -135,9 +137,9 @@ def compare_scans(
     Parameters
     ----------
     mesh : mesh, or its path
-        The scanned object, in the unit of the scans.
-    scans : sequence of paths, or of (n, 3) float
-        See `scan_files.read_scan`.
+        The scanned object, in the unit of the scans. A file's own axes are kept, whatever is up in it.
+    scans : sequence of paths, or of (n, 3) float; or a path
+        See `scan_files.read_scan_file`.
     sensor : Sensor, name or file
         As `zbuf_occlude.sensors.make` takes it.
     poses : path, or sequence of (4, 4) float, optional
@@ -180,13 +182,19 @@ def compare_scans(
     >>> found.false_hidden
     0.0
     """
+    if isinstance(mesh, str | os.PathLike):
+        mesh = load_mesh(mesh, up="z")  # its own axes, which the poses lead to
     mesh, sensor = as_mesh(mesh), sensor if isinstance(sensor, Sensor) else make(sensor)
+    for name, value in (("tolerance", tolerance), ("slack", slack), ("depth_unit", depth_unit)):
+        if value is not None and not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
+            raise ArgumentError(f"{name} must be a length above 0; got {value!r:.40}.")
+    scans = [scans] if isinstance(scans, str | Path) else scans
     if not len(scans):
         raise ArgumentError("scans must be one or more; there is none.")
     names = [each.name if isinstance(each, Path) else each if isinstance(each, str) else "" for each in scans]
     names = [Path(name).name or f"scan {number}" for number, name in enumerate(names)]
     clouds = [
-        read_scan(Path(each), sensor, depth_unit) if isinstance(each, str | Path) else as_vectors(each, "a scan")
+        read_scan_file(Path(each), sensor, depth_unit) if isinstance(each, str | Path) else as_vectors(each, "a scan")
         for each in scans
     ]
     if isinstance(poses, str | Path):
@@ -227,7 +235,14 @@ class _Question:
 
     def ask(self, name: str, cloud: FloatArray, pose: FloatArray) -> ScanComparison:
         """Compare one scan."""
+        cloud = cloud[(cloud != self.mounted[:3, 3]).any(axis=1)]  # what is in the sensor itself has no direction
+        if not len(cloud):
+            raise ArgumentError(f"a scan must have points; {printable(name)} has none.")
         spacing = float(np.median(_distances(cloud, cloud, 2)[:, 1]))
+        if not (spacing > 0.0 or (self.tolerance and self.slack)):
+            raise ArgumentError(
+                f"a scan must have points apart from each other; {printable(name)} has not. Give tolerance and slack."
+            )
         tolerance = self.tolerance or 2.0 * spacing
         slack = self.slack or 4.0 * spacing
         if self.refine:
@@ -413,7 +428,7 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
     document = {"sensor": sensor.document, "scans": [each.document for each in found]}
     data.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     mean, hidden = (float(np.mean([getattr(each, name) for each in found])) for name in ("agreement", "false_hidden"))
-    pictures = [Picture(f"scan_{i}", as_png(picture(each)), verbatim(each.name)) for i, each in enumerate(found)]
+    pictures = [Picture(f"scan_{i}", as_png(draw_cases(each)), verbatim(each.name)) for i, each in enumerate(found)]
     sections: list[Section] = [_table_of_scans(found), *pictures, _table_by_incidence(found), _table_by_range(found)]
     answers = [
         f"**{verbatim(sensor.name)}** predicts which vertices were scanned for {mean:.1%} of them, "
@@ -493,7 +508,7 @@ def _densities(spans: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
     return f"{real:,}", f"{made:,}", f"{real / made:.2f}" if made else "-"
 
 
-def picture(found: ScanComparison) -> Any:
+def draw_cases(found: ScanComparison) -> Any:
     """Return a figure of the mesh as the sensor sees it, its vertices coloured by case."""
     with importing("matplotlib", "pictures"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere, together
-from zbuf_occlude.compare.real_scans import BOTH, NOT_SCANNED
+from zbuf_occlude.compare.scan_comparison import BOTH, NOT_SCANNED
 from zbuf_occlude.sensors import look_at, make
 
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
@@ -142,3 +143,31 @@ def test_poses_of_all_kinds(thing: zo.Mesh, tmp_path: Path) -> None:
         (found,) = zo.compare_scans(thing, [tmp_path / "a.npy"], CAMERA, poses=tmp_path / name)
         assert found.pose == pytest.approx(STANDS, abs=1e-6)
         assert found.false_hidden == 0.0
+
+
+@pytest.mark.parametrize(
+    ("scans", "given", "words"),
+    [
+        ([np.empty((0, 3))], {}, "must have points"),
+        ([[[1.0, 0.0, 0.0]]], {}, "apart from each other"),
+        ([[[1.0, 0.0, 0.0]] * 9], {"slack": 0.1}, "apart from each other"),
+        ([[[0.0, 0.0, 0.0]] * 9], {}, "must have points"),  # in the sensor itself
+        ([np.eye(3)], {"tolerance": -1.0}, "tolerance must be"),
+        ([np.eye(3)], {"slack": np.nan}, "slack must be"),
+        ([np.eye(3)], {"poses": []}, "poses must be one per scan"),
+        ([], {}, "one or more"),
+    ],
+)
+def test_scans_that_are_none(thing: zo.Mesh, scans: list[Any], given: dict[str, Any], words: str) -> None:
+    with pytest.raises(zo.ArgumentError, match=words):
+        zo.compare_scans(thing, scans, CAMERA, **given)
+
+
+def test_a_files_own_axes_are_the_meshs(thing: zo.Mesh, tmp_path: Path) -> None:
+    """glTF has y up, and `load_mesh` turns it; poses lead to the axes that are in the file."""
+    import trimesh
+
+    trimesh.Trimesh(thing.vertices, thing.faces, process=False).export(tmp_path / "thing.glb")
+    (found,) = zo.compare_scans(tmp_path / "thing.glb", [seen_by(thing, CAMERA)], CAMERA, poses=[STANDS], slack=0.01)
+    assert found.false_hidden == 0.0
+    assert found.agreement > 0.95
