@@ -1,7 +1,6 @@
 """`compare-scans` as it is typed: ten real scans of the bunny; what is no scan, no pose, or half an option."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +8,13 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run
+from tests.scenes import DATA
 from zbuf_occlude.compare.scan_comparison import NOT_SEEN
 from zbuf_occlude.sensors import look_at, make
 
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
 
-BUNNY = Path(os.environ.get("ZBUF_OCCLUDE_DATA", "../shared/data"), "scans", "bunny")
+BUNNY = DATA / "scans" / "bunny"
 SCANS = ("bun000", "bun045", "bun090", "bun180", "bun270", "top2", "top3", "bun315", "chin", "ear_back")
 
 
@@ -70,7 +70,7 @@ def test_options_that_need_each_other(run: Run, tmp_path: Path) -> None:
 
 @pytest.fixture
 def bunny() -> Path:
-    if not BUNNY.is_dir():
+    if not (BUNNY / "bun.conf").exists():
         pytest.skip(f"no scans of the bunny in {BUNNY}; set ZBUF_OCCLUDE_DATA")
     return BUNNY
 

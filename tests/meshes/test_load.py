@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.scenes import box
+from tests.scenes import DATA, box
 from zbuf_occlude import MeshError, OptionError, SurfacePoints, load_mesh, prepare
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.meshes.load import load_cloud
 
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 HARD = DATA / "hard"
 needs_data = pytest.mark.skipif(not HARD.is_dir(), reason=f"{HARD} is not there; set ZBUF_OCCLUDE_DATA")
 

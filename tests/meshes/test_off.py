@@ -1,8 +1,6 @@
 """OFF as it really occurs: every way of writing one cube gives one cube."""
 
-import os
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.scenes import DATA
 from zbuf_occlude import MeshError, load_mesh
 from zbuf_occlude.meshes.off import read_off
 from zbuf_occlude.meshes.polygons import Polygons
@@ -19,7 +18,6 @@ QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [
 V_LINES = [" ".join(map(repr, vertex)) for vertex in VERTICES]
 F_LINES = ["4 " + " ".join(map(str, quad)) for quad in QUADS]
 BODY = "\n".join(V_LINES + F_LINES)
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 GLUED = DATA / "malformed" / "glued_header_bathtub_0002.off"
 PLAIN = DATA / "modelnet" / "bathtub" / "train" / "bathtub_0002.off"
 

@@ -1,6 +1,5 @@
 """Real scans: files written here by struct and by hand, the published counts and folds, and which way is up."""
 
-import os
 import struct
 from collections import Counter
 from pathlib import Path
@@ -15,6 +14,7 @@ from pyarrow import feather
 
 import zbuf_occlude as zo
 from tests.paper.drives import THINGS, write_argoverse, write_kitti
+from tests.scenes import DATA
 from zbuf_occlude import shapes
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.paper import real_scans
@@ -31,8 +31,8 @@ from zbuf_occlude.paper.real_scans import (
     read_scans,
 )
 
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data")) / "sydney"
-needs_counts = pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there; set ZBUF_OCCLUDE_DATA")
+SYDNEY = DATA / "sydney"
+needs_counts = pytest.mark.skipif(not SYDNEY.is_dir(), reason=f"{SYDNEY} is not there; set ZBUF_OCCLUDE_DATA")
 
 
 def write_bin(path: Path, points: np.ndarray) -> None:
@@ -91,11 +91,11 @@ def test_clouds(root: Path) -> None:
 @needs_counts
 def test_the_published_folds_and_counts(tmp_path: Path) -> None:
     """A dataset with every published name and number of points: what the paper counts comes out."""
-    rows = [line.split("\t") for line in (DATA / "point_counts.tsv").read_text().splitlines()[1:]]
+    rows = [line.split("\t") for line in (SYDNEY / "point_counts.tsv").read_text().splitlines()[1:]]
     counts = {name: int(n) for name, _, n, _ in rows}
     folds = {name: fold for name, _, _, fold in rows}
     (tmp_path / "objects").mkdir()
-    (tmp_path / "folds").symlink_to(DATA / "folds")
+    (tmp_path / "folds").symlink_to(SYDNEY / "folds")
     rng = np.random.default_rng(0)
     for name, n_points in counts.items():
         np.zeros(n_points, real_scans.RECORD).tofile(tmp_path / "objects" / f"{name}.bin")

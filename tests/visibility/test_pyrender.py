@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ import trimesh
 
 import zbuf_occlude as zo
 from tests.processes import ended
+from tests.scenes import DATA
 from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, view_matrices
 from zbuf_occlude.visibility import find_method, oracle, pyrender
 from zbuf_occlude.visibility.pyrender import PyrenderOccluder
@@ -23,7 +23,6 @@ reason = find_method("pyrender").missing()
 pytestmark = pytest.mark.skipif(bool(reason), reason=f"pyrender {reason}")
 
 EYES = zo.views.paper100().eyes[::16]
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 TORUS = zo.Mesh.from_trimesh(trimesh.creation.torus(1.0, 0.4, major_sections=60, minor_sections=30)).normalized()
 HALF_SPHERE = zo.Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=0.5))
