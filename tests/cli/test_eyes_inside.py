@@ -26,11 +26,10 @@ def warned(text: str) -> int:
     return sum("warning: " in line and "inside" in line for line in text.splitlines())
 
 
-@pytest.mark.parametrize("sensor", [(), ("--sensor", "vlp-16")])
 @pytest.mark.parametrize(("distance", "expected"), [(0.1, 1), (2, 0)])
-def test_visible(run: Run, cube: Path, tmp_path: Path, distance: float, expected: int, sensor: tuple[str, ...]) -> None:
+def test_visible(run: Run, cube: Path, tmp_path: Path, distance: float, expected: int) -> None:
     at = ("--azimuth", 30, "--elevation", 20, "--distance", distance, "--method", "exact")
-    outcome = run("visible", cube, *(at if not sensor else at[:-2]), *sensor, "--out", tmp_path / "a.ply")
+    outcome = run("visible", cube, *at, "--out", tmp_path / "a.ply")
     assert outcome.code == 0, outcome.err
     assert warned(outcome.err) == expected
 

@@ -111,7 +111,7 @@ NAMES = "return [...document.getElementById('{}').options].map((option) => optio
 @needs_browser
 def test_in_a_browser_the_cloud_is_drawn_and_turns(folder: Path, tmp_path: Path) -> None:
     with open_page(folder / "report.html", tmp_path) as page:
-        assert page.ask(NAMES.format("mesh")) == ["a <b>box</b>", "plates"]
+        assert page.ask(NAMES.format("mesh")) == ["plates", "a <b>box</b>"], "the one with more errors is first"
         page.ask(SELECT.format("mesh", "a <b>box</b>"))
         assert sorted(page.ask(NAMES.format("subject"))) == sorted(s.label for s in SUBJECTS)
         page.ask(SELECT.format("subject", "occupancy_grid:n=4"))

@@ -158,7 +158,7 @@ def _cut(measurement: Any, k: int, n: int) -> Any:
 def test_the_reference_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     question = plates(50)
     first = Reference(tmp_path).answer(question)
-    monkeypatch.setattr("zbuf_occlude.compare.run.prepare_oracle", lambda mesh: pytest.fail("asked again"))
+    monkeypatch.setattr("zbuf_occlude.visibility.oracle.prepare", lambda mesh: pytest.fail("asked again"))
     second = Reference(tmp_path).answer(plates(50))
     assert all((getattr(first, name) == getattr(second, name)).all() for name in vars(first))
 

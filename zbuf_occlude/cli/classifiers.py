@@ -37,7 +37,7 @@ HELD_OUT = 0.1
     type=click.IntRange(1),
     default=20,
     show_default=True,
-    help="Stop after this many epochs without a better validation.",
+    help="Epochs without a better validation after which training stops.",
 )
 @click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
 @click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Initial learning rate of Adam.")
@@ -57,7 +57,7 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
     Clouds of the split train are learnt from; those of val say which epoch is best and when to stop. Without a split
     val, 10 % of the objects of train are held out for that. Several DIRs must have the same classes, such as
-    a dataset and the complete clouds beside it.
+    a dataset and the complete clouds of its preset.
 
     \b
     Writes into --out:

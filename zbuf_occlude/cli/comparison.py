@@ -22,7 +22,6 @@ from zbuf_occlude.cli.shared_options import (
 )
 from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
 from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, of_meshes, scaling
-from zbuf_occlude.compare.comparison_report import write_report
 from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
 from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run
 from zbuf_occlude.dataset.auto import AUTO
@@ -71,7 +70,7 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     type=click.IntRange(1),
     default=MOST_VIEWS,
     show_default=True,
-    help="Ask at most this many of the views, evenly chosen.",
+    help="Views that are compared, evenly chosen.",
 )
 @click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
 @click.option(
@@ -229,6 +228,8 @@ def report_command(folder: Path) -> None:
 
 def write_and_summarise(folder: Path) -> Path:
     """Write the report, print its first screen, and return its page."""
+    from zbuf_occlude.compare.comparison_report import write_report  # late: takes Matplotlib
+
     written = write_report(folder, paper_tables)
     echo(first_screen(folder))
     return written[0]

@@ -40,7 +40,7 @@ from zbuf_occlude.workers import Run
 def status_command(folder: Path, as_json: bool) -> None:
     """Say how far the dataset in DIR is: batches done, clouds, failures, time left at the speed so far.
 
-    Likewise of the complete clouds that a preset puts beside it.
+    The complete clouds of a preset are reported too.
     """
     first, *others = reports = [{"folder": str(each)} | gather(each) for each in datasets_in(folder)]
     if as_json:
@@ -121,7 +121,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @up_option
-@click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds to ask of the oracle.")
+@click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds that the oracle checks.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
 @click.pass_context
@@ -138,7 +138,7 @@ def verify_command(
     """Verify the finished dataset in DIR: checksums, counts, readability; and ask some clouds again of the oracle.
 
     For the oracle give the meshes the dataset was made of; built-in shapes are known. Complete clouds that
-    a preset put beside it are verified too. Exit code 1 when something is not sound.
+    a preset made are verified too. Exit code 1 when something is not sound.
 
     \b
     Example:

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import CASTING, Vector, parse_setup, scan_options
-from zbuf_occlude.cli.shared_options import MeshPlace, check_place, finite, suffix_of, up_option
+from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
@@ -25,26 +25,14 @@ from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import from_angles
 
+_azimuth, _elevation = angle_options("Degrees above the xy plane, where no ground is.")
+
 
 @click.command(cls=Command)
 @click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
 @scan_options("vlp-32c")
-@click.option(
-    "--azimuth",
-    type=float,
-    default=0.0,
-    show_default=True,
-    callback=finite,
-    help="Of the sensor: degrees from +x towards +y.",
-)
-@click.option(
-    "--elevation",
-    type=click.FloatRange(-90, 90),
-    default=0.0,
-    show_default=True,
-    callback=finite,
-    help="Where no ground is.",
-)
+@_azimuth
+@_elevation
 @click.option("--velocity", type=Vector(), help="Of the sensor while it scans: m/s forward, left, up.")
 @click.option("--turn", type=float, default=0.0, callback=finite, help="Of it, degrees a second to the left.")
 @click.option(

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.cli.panels import Command
-from zbuf_occlude.cli.scan_options import named_caster, parse_sensor, sensor_options
 from zbuf_occlude.cli.shared_options import (
     MeshPlace,
     Settings,
@@ -32,9 +32,6 @@ from zbuf_occlude.errors import check_word
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
-from zbuf_occlude.sensors import Sensor, scan
-from zbuf_occlude.sensors.scanning import pose_of_camera
-from zbuf_occlude.sensors.setup import SURFACE
 from zbuf_occlude.visibility import find_method
 
 PIXELS = click.IntRange(1, 8192)
@@ -42,11 +39,18 @@ MESHES = (".obj", ".off")
 """Endings of `--out` that hold faces."""
 
 
+def scans_now(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+    """Refuse an option that scan has."""
+    if value:
+        raise click.UsageError(f"{parameter.opts[0]} is of `zbuf-occlude scan`; its --size file keeps the unit.")
+
+
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @camera_options
 @method_options()
-@sensor_options(SURFACE)
+@click.option("--sensor", hidden=True, expose_value=False, callback=scans_now)
+@click.option("--set-sensor", hidden=True, expose_value=False, callback=scans_now)
 @click.option(
     "--points",
     type=click.IntRange(1),
@@ -68,8 +72,6 @@ def visible_command(
     camera: Callable[[Mesh], Views],
     method: str,
     settings: Settings,
-    sensor: str,
-    set_sensor: Settings,
     points: int,
     seed: int,
     attributes: list[str],
@@ -81,14 +83,13 @@ def visible_command(
     PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
     hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
     OBJ and OFF hold the visible part of the mesh, cut along the edge of what is seen.
-    With --sensor points are its first hits, the file's unit taken as metres (`zbuf-occlude scan` has sizes and scenes).
+    `zbuf-occlude scan` has the points of a LiDAR or depth camera.
 
     \b
     Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out partial.obj
       zbuf-occlude visible chair.glb --with colors --azimuth 30 --elevation 20 --out cloud.ply
-      zbuf-occlude visible car.off --sensor hdl-64e --azimuth 30 --elevation 5 --out scan.ply
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
     as_mesh = suffix_of(out, (".ply", ".npy", ".csv", *MESHES)) in MESHES
@@ -97,11 +98,6 @@ def visible_command(
     if as_mesh:
         write_part(context, mesh, camera, settings, up, out)
         return
-    if sensor != SURFACE:
-        write_scan(context, mesh, camera, parse_sensor(sensor, set_sensor), seed, up, out)
-        return
-    if set_sensor:
-        raise click.UsageError("--set-sensor needs a sensor; give --sensor NAME.")
     choice = chosen_method(context, method, settings)
     method = choice.method
     options = parse_settings(method, settings)
@@ -141,7 +137,7 @@ def write_part(
     out: Path,
 ) -> None:
     """Write the part of a mesh that a camera sees, as a mesh."""
-    if idle := given(context, ("points", "seed", "sensor", "set_sensor", "attributes", "fov")):
+    if idle := given(context, ("points", "seed", "attributes", "fov")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
     method = context.params["method"] if given(context, ("method",)) else "exact"
     with Limits().watch(), warnings.catch_warnings():
@@ -154,27 +150,6 @@ def write_part(
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces, by {method}: {out}")
-
-
-def write_scan(
-    context: click.Context,
-    path: Path,
-    camera: Callable[[Mesh], Views],
-    sensor: Sensor,
-    seed: int,
-    up: str | None,
-    out: Path,
-) -> None:
-    """Write what a sensor at the camera's place measures of a mesh, whose unit is the metre."""
-    if idle := given(context, ("points", "settings", "fov", "attributes")):
-        raise click.UsageError(f"{', '.join(idle)} must go without a sensor, which decides itself. Leave it out.")
-    caster = named_caster(context)
-    mesh = load_mesh(path, up=up)
-    view = camera(mesh)
-    warn_inside(mesh, view.eyes)
-    found = scan(mesh, sensor, pose_of_camera(view.poses[0]), seed=seed, method=caster)
-    _write_cloud(out, found.positions, found.normals)
-    echo(f"{len(found)} returns by {sensor.name}, rays by {caster}: {out}")
 
 
 def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:

@@ -49,11 +49,11 @@ class Command(click.Command):
             with formatter.section("Options"):
                 formatter.write_dl([row for panel in rows.values() for row in panel])
             return
-        formatter.write("\nOptions:\n")
-        for panel, of_panel in rows.items():
-            if of_panel:
-                with formatter.section(panel):
-                    formatter.write_dl(of_panel)
+        with formatter.section("Options"):
+            for panel, of_panel in rows.items():
+                if of_panel:
+                    with formatter.section(panel):
+                        formatter.write_dl(of_panel)
 
 
 def _plain(names: str, text: str) -> tuple[str, str]:

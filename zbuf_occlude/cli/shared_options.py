@@ -119,7 +119,8 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
             type=MethodName([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
-            help="Method of hidden-surface removal; without OpenGL the default is exact.",
+            metavar="NAME",
+            help="Of hidden-surface removal, a name of `zbuf-occlude methods`; without OpenGL the default is exact.",
         )(function)
 
     return decorate
@@ -173,14 +174,36 @@ distance_option = click.option(
 )
 
 
+def angle_options(of_elevation: str) -> tuple[Callable[..., Any], ...]:
+    """--azimuth and --elevation: where a camera or sensor stands about the mesh."""
+    return (
+        click.option(
+            "--azimuth",
+            type=float,
+            default=0.0,
+            show_default=True,
+            callback=finite,
+            help="Degrees from +x towards +y.",
+        ),
+        click.option(
+            "--elevation",
+            type=click.FloatRange(-90, 90),
+            default=0.0,
+            show_default=True,
+            callback=finite,
+            help=of_elevation,
+        ),
+    )
+
+
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units."""
 
     @functools.wraps(function)
     def command(
         *,
-        azimuth: float | None,
-        elevation: float | None,
+        azimuth: float,
+        elevation: float,
         distance: float,
         roll: float,
         look_at: tuple[float, float, float] | None,
@@ -189,8 +212,6 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         index: int,
         **others: Any,
     ) -> Any:
-        if (cameras is None) == (azimuth is None or elevation is None):
-            raise click.UsageError("give --azimuth and --elevation, or --cameras.")
         angles_of_one = ("azimuth", "elevation", "distance", "roll")
         if idle := given(click.get_current_context(), ("index",) if cameras is None else angles_of_one):
             how = "with" if cameras is None else "without"
@@ -201,7 +222,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
             view = views.select([index])
         else:
-            view = from_angles(azimuth or 0.0, elevation or 0.0, distance, roll)
+            view = from_angles(azimuth, elevation, distance, roll)
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)
@@ -210,13 +231,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return function(camera=camera, **others)
 
     options = (
-        click.option("--azimuth", type=float, callback=finite, help="Degrees from +x towards +y."),
-        click.option(
-            "--elevation",
-            type=click.FloatRange(-90, 90),
-            callback=finite,
-            help="Degrees above the xy plane; 90 is +z.",
-        ),
+        *angle_options("Degrees above the xy plane; 90 is +z."),
         click.option(
             "--distance",
             type=click.FloatRange(0, min_open=True),

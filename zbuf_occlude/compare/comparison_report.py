@@ -4,6 +4,7 @@ import base64
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.compare.metrics import (
     Row,
     Standing,
@@ -242,9 +244,24 @@ def worst_views(store: ComparisonFolder, rows: Sequence[Row], ranking: Sequence[
             "false_visible": row["worst"]["false_visible"],
             "false_hidden": row["worst"]["false_hidden"],
         }
+    first = subject_shown_first(ranking)
+    worst = {case: cloud["worst"].get(first) for case, cloud in clouds.items()}
+    errors = {case: one["false_visible"] + one["false_hidden"] for case, one in worst.items() if one}
+    return {
+        "clouds": dict(sorted(clouds.items(), key=lambda item: -errors.get(item[0], 0.0))),
+        "palette": [colour for _, colour, _ in OUTCOMES],
+        "first": first,
+    }
+
+
+def subject_shown_first(ranking: Sequence[Standing]) -> str:
+    """Return whose worst views the page opens on: the default method's, at its default resolution where it has rows."""
+    subjects = [one.subject for one in ranking]
+    for subject in ("depth_buffer", "depth_buffer:resolution=512"):
+        if subject in subjects:
+            return subject
     telling = [s for s in ranking if s.method == "depth_buffer"] or [s for s in ranking if s.wrong > 0] or [*ranking]
-    palette, first = [colour for _, colour, _ in OUTCOMES], telling[-1].subject if telling else ""
-    return {"clouds": clouds, "palette": palette, "first": first}
+    return telling[0].subject if telling else ""
 
 
 def pack_outcomes(outcomes: Any) -> str:
@@ -338,7 +355,7 @@ def brief(subject: str) -> str:
 def label_points(
     figure: Figure, axes: Axes, labels: Sequence[tuple[tuple[float, float], str, str]], sides: Sequence[str] = SIDES
 ) -> None:
-    """Write a label beside each place, moved up or down until none covers another or a mark.
+    """Write a label beside each place, moved up or down until none covers another, a mark or a line.
 
     Places are in data coordinates, labels (place, text, colour). Greedy: each label takes the first free of some
     places around its mark.
@@ -350,6 +367,7 @@ def label_points(
     places = [axes.transData.transform(place) * to_points for place, _, _ in labels]
     box = axes.get_window_extent()
     taken = [(x - 4, y - 4, x + 4, y + 4) for x, y in places]
+    taken += [(x - 1, y - 1, x + 1, y + 1) for line in axes.lines for x, y in _along(line, to_points)]
     shifts = [sign * 9.0 * step for step in range(12) for sign in (1.0, -1.0)]
     for (x, y), (place, text, tint) in sorted(zip(places, labels, strict=True), key=lambda item: -item[0][1]):
         span = width * len(text)
@@ -359,7 +377,7 @@ def label_points(
                 left = x + 8 if side == "left" else x - 8 - span
                 candidate = (left, y + shift - height / 2, left + span, y + shift + height / 2)
                 inside = candidate[0] > box.x0 * to_points and candidate[2] < box.x1 * to_points
-                inside &= candidate[1] > box.y0 * to_points
+                inside &= candidate[1] > box.y0 * to_points and candidate[3] < box.y1 * to_points + height
                 if inside and not any(_overlap(candidate, other) for other in taken):
                     free = (candidate, shift, side)
                     break
@@ -373,6 +391,16 @@ def label_points(
             ha=side, va="center", fontsize=8, color=tint,
             arrowprops={"arrowstyle": "-", "color": tint, "linewidth": 0.5, "alpha": 0.6} if abs(shift) > 9 else None,
         )  # fmt: skip
+
+
+def _along(line: Any, to_points: float) -> FloatArray:
+    """Return places (n, 2) all along a drawn line, in points of text, some 3 apart."""
+    corners = line.axes.transData.transform(line.get_xydata()) * to_points
+    corners = corners[np.isfinite(corners).all(axis=1)]
+    if not line.get_alpha() and line.get_alpha() is not None:
+        return np.zeros((0, 2))
+    steps = np.linspace(0.0, 1.0, 64)[:, None]
+    return np.concatenate([np.zeros((0, 2)), *(a + steps * (b - a) for a, b in pairwise(corners))])
 
 
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
@@ -413,9 +441,10 @@ def error_against_setting(rows: Sequence[Row]) -> Figure | None:
 
 
 def error_against_elevation(rows: Sequence[Row], ranking: Sequence[Standing]) -> Figure | None:
-    """Error against the camera's elevation, mean over meshes and azimuths."""
+    """Error against the camera's elevation, mean over meshes and azimuths; None of a single elevation."""
     shown = [s for s in representatives(ranking) if s.wrong > 0]
-    if not shown:
+    judged = [row["judged"]["views"] for row in rows if row["status"] == "ok"]
+    if not shown or len({round(view["elevation"]) for views in judged for view in views}) < 2:
         return None
     figure, (axes,) = canvas(7.2, 4.2)
     labels = []

@@ -31,7 +31,6 @@ from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.provenance import n_cores, versions
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
-from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
 ROWS, REFERENCE = "rows.jsonl", "judge"
 """In a comparison's folder: the rows; the folder of the reference's answers."""
@@ -143,6 +142,8 @@ class Reference:
 
     def answer(self, question: Question) -> ReferenceAnswer:
         """Answer the question, from the folder where it is stored."""
+        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: takes Numba
+
         affordable = int(MOST_TESTS / (PASSES * len(question.views) * len(question.mesh.faces)))
         n = min(len(question.points), self._n_points or max(FEWEST_POINTS, affordable))
         path = self._folder / f"{question.fingerprint}-{n}.npz"
@@ -165,6 +166,8 @@ class Reference:
 
     def truth_of_view(self, question: Question, view: int) -> BoolArray:
         """Answer for the question's first points from one eye, as many as `SHOWN_TESTS` allows; (n,) bool."""
+        from zbuf_occlude.visibility.oracle import prepare as prepare_oracle  # late: takes Numba
+
         n = min(len(question.points), max(FEWEST_POINTS, int(SHOWN_TESTS / len(question.mesh.faces))))
         with prepare_oracle(question.mesh) as oracle:
             oracle.warns_of_eyes_inside = False  # the method asked does

@@ -19,8 +19,6 @@ from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
-from zbuf_occlude.visibility.oracle import BAND
-from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
@@ -218,6 +216,9 @@ def _ask_oracle(
     verdict: Verdict,
 ) -> None:
     """Ask about some points of some clouds which fraction of them is hidden."""
+    from zbuf_occlude.visibility.oracle import BAND  # late: takes Numba
+    from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
+
     by_key = {entry.key: entry for entry in meshes}
     n_checked = n_hidden = 0
     for record in records:
