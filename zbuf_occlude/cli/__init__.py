@@ -13,6 +13,7 @@ COMMANDS = {
     "generate": "Make a dataset of occluded point clouds.",
     "visible": "Write the occluded cloud that one camera sees of one mesh.",
     "scan": "Write one scan of a mesh by a LiDAR or depth camera, alone or in a scene.",
+    "views": "List the cameras of a view set about a mesh; how much of it they see.",
     "sensors": "List the sensors (LiDARs, depth cameras), their numbers and where each is from.",
     "depth": "Write the depth buffer of one mesh as an image or array.",
     "compare": "Measure methods against the exact reference and each other: rows, report.",
@@ -38,6 +39,7 @@ _MODULES = {
     "lists": ("methods", "sensors", "doctor"),
     "one_view": ("visible", "depth"),
     "one_scan": ("scan",),
+    "view_set": ("views",),
     "compare_scans": ("compare-scans",),
     # commands that go on working, and say by what they are replaced
     "experiment": ("experiment",),

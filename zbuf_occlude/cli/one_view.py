@@ -60,6 +60,7 @@ def scans_now(context: click.Context, parameter: click.Parameter, value: Any) ->
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @with_option("Attributes of the points: normals towards the camera, base colours.")
+@click.option("--union", is_flag=True, help="What any of the cameras of --cameras sees.")
 @up_option
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="cloud.ply, .npy, .csv, or partial.obj, .off"
@@ -75,6 +76,7 @@ def visible_command(
     points: int,
     seed: int,
     attributes: list[str],
+    union: bool,
     up: str | None,
     out: Path,
 ) -> None:
@@ -89,6 +91,7 @@ def visible_command(
     Examples:
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out cloud.ply
       zbuf-occlude visible chair.off --azimuth 30 --elevation 20 --out partial.obj
+      zbuf-occlude visible chair.off --cameras rig.json --union --out seen.ply
       zbuf-occlude visible chair.glb --with colors --azimuth 30 --elevation 20 --out cloud.ply
       zbuf-occlude visible scan.ply --method hidden_point_removal --azimuth 30 --elevation 20 --out cloud.ply
     """
@@ -117,15 +120,17 @@ def visible_command(
     warn_inside(box, eyes)
     with prepare(asked, method, **options) as occluder:
         occluder.warns_of_eyes_inside = False
-        cloud = samples.select((occluder.visible(samples, eyes) & view.shows(samples.positions))[0])
+        seen = occluder.visible(samples, eyes) & view.shows(samples.positions)
         renderer = occluder.renderer
-    normals = cloud.normals_towards(eyes[0]) if positions is None else None
+    cloud, by = samples.select(seen.any(axis=0)), eyes[seen.argmax(axis=0)[seen.any(axis=0)]]
+    normals = cloud.normals_towards(by) if positions is None else None
     _write_cloud(out, cloud.positions, normals, cloud.colors, attributes)
     if isinstance(asked, Mesh) and asked.colors is not None and not asked.colors.is_whole:
         lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
         echo(f"warning: {mesh} {lacking}", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
-    echo(f"{len(cloud)} of {len(samples)} points visible, by {method}{on(renderer)}: {out}{why}")
+    n_cameras = f" to any of {len(eyes)} cameras" if union else ""
+    echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on(renderer)}: {out}{why}")
 
 
 def write_part(

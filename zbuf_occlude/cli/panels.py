@@ -15,7 +15,7 @@ WIDTH = 118
 
 PANELS = {
     "Input": "shapes preset up labels classes splits limit modelnet scans scans_up real voxels mesh_file sydney",
-    "Views": "views distance azimuth elevation roll look_at fov cameras index most_views",
+    "Views": "views distance azimuth elevation roll look_at fov cameras index union coverage most_views",
     "Sampling": "refine tolerance slack method methods presets settings points density variations sample_size subset "
     "overlap seed attributes seconds row_seconds judge_points",
     "Sensor": "sensor set_sensor range_ size scene hidden keep keep_clean sensor_height velocity turn trajectory "

@@ -197,7 +197,10 @@ def angle_options(of_elevation: str) -> tuple[Callable[..., Any], ...]:
 
 
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units."""
+    """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units.
+
+    A command that has ``--union`` is passed the views of all cameras of the file.
+    """
 
     @functools.wraps(function)
     def command(
@@ -213,14 +216,18 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
         **others: Any,
     ) -> Any:
         angles_of_one = ("azimuth", "elevation", "distance", "roll")
-        if idle := given(click.get_current_context(), ("index",) if cameras is None else angles_of_one):
+        context = click.get_current_context()
+        if idle := given(context, ("index", "union") if cameras is None else angles_of_one):
             how = "with" if cameras is None else "without"
             raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
+        union = bool(others.get("union"))
+        if union and given(context, ("index",)):
+            raise click.UsageError("--index chooses one camera, --union takes all. Leave one out.")
         if cameras is not None:
             views = parse_views(cameras)
             if index >= len(views):
                 raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
-            view = views.select([index])
+            view = views if union else views.select([index])
         else:
             view = from_angles(azimuth, elevation, distance, roll)
 
