@@ -33,7 +33,7 @@ if typing.TYPE_CHECKING:  # for readers and type checkers; `__getattr__` does it
     from zbuf_occlude.meshes.load import load_mesh
     from zbuf_occlude.partial import PartialCloud, depth_image, occlude
     from zbuf_occlude.scenes import Scene
-    from zbuf_occlude.sensors import Frame, frames, scan, write_frames
+    from zbuf_occlude.sensors import Frame, frames, scan, write_bop, write_frames
     from zbuf_occlude.views import Views
     from zbuf_occlude.visibility import METHODS, prepare
     from zbuf_occlude.visible_space import blockers, occlusion_graph, visibility_grid
@@ -75,6 +75,7 @@ __all__ = [
     "visible_faces",
     "visible_mesh",
     "visible_vertices",
+    "write_bop",
     "write_frames",
 ]
 
@@ -95,7 +96,7 @@ _HOMES = {
     "partial": ("PartialCloud", "depth_image", "occlude"),
     "geometry.sampling": ("SurfacePoints", "sample_surface"),
     "scenes": ("Scene",),
-    "sensors": ("Frame", "frames", "scan", "write_frames"),
+    "sensors": ("Frame", "frames", "scan", "write_bop", "write_frames"),
     "views": ("Views",),
     "visibility": ("METHODS", "prepare"),
     "visible_space": ("blockers", "occlusion_graph", "visibility_grid"),

@@ -18,9 +18,10 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.sensors import Sensor, scan
+from zbuf_occlude.sensors.frames import MOST_PIXELS
 from zbuf_occlude.sensors.scanning import pose_of_camera
 from zbuf_occlude.views import PAPER_DISTANCE, Views, from_angles
-from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility import check_keywords, find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 N_POINTS = 2048
@@ -165,6 +166,7 @@ def occlude(
     [0.0, 0.0, 0.0]
     """
     check_word("frame", frame, FRAMES)
+    check_keywords(occlude, method, options)
     mesh = as_mesh(mesh, colors=colors)
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if n_points is not None and density is not None:
@@ -232,9 +234,12 @@ def depth_image(
     >>> depth.shape, bool(np.isinf(depth[0, 0]))
     ((64, 64), True)
     """
+    check_keywords(depth_image, method, options)
+    find_method(method).check_first_hits()
     mesh = as_mesh(mesh)
     check_int("resolution", resolution, 1)
-    find_method(method).check_first_hits()
+    if resolution**2 > MOST_PIXELS:
+        raise ArgumentError(f"resolution must be at most {math.isqrt(MOST_PIXELS)} pixels; got {resolution}.")
     view, at = _view(mesh, azimuth, elevation, distance, eye)
     if fov is not None:
         if not (isinstance(fov, int | float | np.number) and 0.0 < fov < 180.0):
@@ -254,8 +259,12 @@ def _view(
     mesh: Mesh, azimuth: float | None, elevation: float | None, distance: float, eye: ArrayLike | Views | None
 ) -> tuple[Views, FloatArray]:
     """Return the one view that a person described, world units, and its eye (3,)."""
-    if (eye is None) == (azimuth is None and elevation is None):
+    if eye is None and azimuth is None and elevation is None:
         raise ArgumentError("give azimuth and elevation, degrees, or eye: where the camera stands.")
+    if eye is not None and (azimuth is not None or elevation is not None or distance != PAPER_DISTANCE):
+        raise ArgumentError("azimuth, elevation and distance must go without eye, which says all. Leave them out.")
+    if mesh.longest_side == 0.0:
+        raise MeshError(f"a mesh must have an extent to be seen; all vertices of {mesh.name} coincide.")
     if eye is None:
         view = from_angles(azimuth or 0.0, elevation or 0.0, distance).around(mesh.centre, mesh.longest_side)
         return view, view.eyes[0]
@@ -264,9 +273,11 @@ def _view(
             raise ArgumentError(f"eye must be one view; got {len(eye)}. Take one: views[0].")
         return eye, eye.eyes[0]
     at = as_numbers(eye, "eye", (3,))
+    if not np.isfinite(at).all():
+        raise ArgumentError(f"eye must be finite; got {at.tolist()}.")
     turned = Views.of_cameras(at[None], np.eye(3)[None], target=mesh.centre)
-    if not (np.isfinite(at).all() and turned.distance.all()):
-        raise ArgumentError(f"eye must be finite, and not the mesh's centre; got {at.tolist()}.")
+    if not turned.distance.all():
+        raise ArgumentError(f"eye must not be the mesh's centre, at which it looks; got {at.tolist()}.")
     return Views(turned.azimuth, turned.elevation, turned.distance, mesh.centre), at
 
 
@@ -292,6 +303,10 @@ def _visible(
             break
         share = max(n_found / max(n_sampled, 1), LEAST_FRACTION)
         asked = {"n_points": math.ceil(1.15 * (wanted - n_found) / share)}
+    if not n_sampled:
+        raise MeshError(
+            f"density must give a point at least; {density:g} gives none on an area of {mesh.areas.sum():g}."
+        )
     if not n_found:
         raise MeshError(f"a mesh must show something to the eye; of {n_sampled} points of {mesh.name} none is visible.")
     chosen = draw(np.arange(n_found), None if density is not None else wanted, rng)

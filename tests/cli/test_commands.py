@@ -180,7 +180,6 @@ def test_visible_of_a_point_cloud(run: Run, tmp_path: Path, suffix: str) -> None
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("--elevation=30", "--out=x.ply"), 2, "give --azimuth and --elevation, or --cameras."),
         (("--azimuth=0", "--elevation=91", "--out=x.ply"), 2, "91.0 is not in the range -90<=x<=90"),
         (("--azimuth=0", "--elevation=9", "--distance=0", "--out=x.ply"), 2, "0.0 is not in the range x>0"),
         (("--azimuth=0", "--elevation=9", "--out=x.xyz"), 2, "got 'x.xyz'"),

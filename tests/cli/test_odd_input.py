@@ -79,7 +79,6 @@ def test_what_nothing_would_look_at_is_a_usage_error(
         (("--azimuth", 0, "--elevation", 0, "--index", 3), "--index must go with --cameras"),
         (("--azimuth", 0, "--elevation", 0, "--look-at", "nan", 0, 0), "nan is not a finite number"),
         (("--azimuth", 0, "--elevation", 0, "--fov", "nan"), "nan is not a finite number"),
-        (("--azimuth", 0, "--elevation", 0, "--fov", 30, "--sensor", "vlp-16"), "--fov must go without a sensor"),
     ],
 )
 def test_a_camera_is_said_in_one_way(

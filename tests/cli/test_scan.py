@@ -57,7 +57,10 @@ def test_a_street(run: Run, car: Path, tmp_path: Path) -> None:
     ("given", "words"),
     [
         (("--range", "0"), "--range must be metres above 0"),
-        (("--range", "2"), "the range must be more than half the object's 4.5 m; it is 2 m. Raise --range."),
+        (
+            ("--range", "2"),
+            "--range must be more than half of every object; one of class car has 4.5 m, the range is 2 m.",
+        ),
         (("--range", "near"), "--range must be a number, or two as A..B; got 'near'."),
         (("--sensor", "vlp-17"), "sensor must be one of vlp-16,"),
         (("--sensor", "surface"), "scan needs a sensor; `zbuf-occlude visible` samples the surface."),
@@ -104,3 +107,18 @@ def test_a_scan_in_the_unit_of_the_file(run: Run, car: Path, tmp_path: Path) -> 
     positions = np.stack([found[axis] for axis in "xyz"], axis=1)
     assert len(positions) > 200
     assert (abs(positions) <= half + 1e-6).all()
+
+
+def test_a_scan_of_nothing_says_so(run: Run, car: Path, tmp_path: Path) -> None:
+    outcome = run("scan", car, "--size", 4, "--range", 10_000, "--method", "embree", "--out", tmp_path / "s.ply")
+    assert outcome.code == 0
+    assert "warning: no ray met the object" in outcome.err
+    for more, words in (
+        (("--velocity", "nan,0,0"), "three finite numbers"),
+        (("--size", "banana=2"), "classes that there are"),
+        (("--sensor", "surface", "--range", 5), "scan needs a sensor"),
+        (("--scene", "ground", "--sensor-height", -1), "above 0"),
+    ):
+        refused = run("scan", car, "--out", tmp_path / "s.ply", *more)
+        assert refused.code == 2
+        assert words in refused.err

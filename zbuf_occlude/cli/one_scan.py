@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import CASTING, Vector, parse_setup, scan_options
+from zbuf_occlude.cli.scan_options import CASTING, Vector, check_sizes, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, finite, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.errors import MeshError, OptionError
@@ -22,7 +22,7 @@ from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Motion, Scan, Sensor, read_trajectory
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import default_caster
-from zbuf_occlude.sensors.setup import Setup
+from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
 
 _azimuth, _elevation = angle_options("Degrees above the xy plane, where no ground is.")
@@ -75,13 +75,14 @@ def scan_command(
       zbuf-occlude scan chair.off --sensor kinect-v1 --range 2 --scene room --set-sensor noise=0 --out chair.csv
     """
     suffix_of(out, SUFFIXES)
+    if given["sensor"] == SURFACE:
+        raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
     if picture is not None:
         if picture.suffix.lower() != ".png":
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
     setup = parse_setup(method or default_caster(), given)
-    if setup is None:
-        raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
+    assert setup is not None
     typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
     if typed and setup.height is not None:
         raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
@@ -92,6 +93,7 @@ def scan_command(
     elif deskew:
         raise click.UsageError("--deskew must go with --velocity, --turn or --trajectory.")
     collection = MeshCollection.from_paths(meshes, up=up)
+    check_sizes(setup, collection)
     capture = scan_once(collection, setup, azimuth, elevation, seed, motion)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
@@ -101,6 +103,11 @@ def scan_command(
         if not capture.reached:
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
+    if not len(found):
+        echo(
+            "warning: no ray met the object within the sensor's range. Lower --range.",
+            err=True,
+        )
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 

@@ -129,6 +129,8 @@ def visible_command(
         lacking = "; ".join(asked.colors.lacking) or "has no colours, or not for all faces; there points are grey"
         echo(f"warning: {mesh} {lacking}", err=True)
     why = f", because {choice.reason}" if choice.reason else ""
+    if not len(cloud):
+        echo("warning: the camera sees no point. Raise --fov or --points, or turn it by --look-at.", err=True)
     n_cameras = f" to any of {len(eyes)} cameras" if union else ""
     echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on(renderer)}: {out}{why}")
 

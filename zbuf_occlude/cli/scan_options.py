@@ -1,5 +1,6 @@
 """Options of everything that scans: sensor, range, size, scene; and how they become a setup."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,8 @@ class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter b
             x, y, z = map(float, str(value).split(","))
         except ValueError:
             self.fail(f"must be three numbers X,Y,Z; got {value!r}.", param, ctx)
+        if not all(map(math.isfinite, (x, y, z))):
+            self.fail(f"must be three finite numbers X,Y,Z; got {value!r}.", param, ctx)
         return x, y, z
 
 

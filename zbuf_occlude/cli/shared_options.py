@@ -119,8 +119,7 @@ def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) ->
             type=MethodName([*(method.name for method in METHODS), *also]),
             default=default,
             show_default=True,
-            metavar="NAME",
-            help="Of hidden-surface removal, a name of `zbuf-occlude methods`; without OpenGL the default is exact.",
+            help="Method of hidden-surface removal; without OpenGL the default is exact.",
         )(function)
 
     return decorate

@@ -6,6 +6,7 @@ sensors.make("mine.yaml")                a user's own
 sensor.rays()                            directions in the sensor's frame: x forward, y left, z up
 """
 
+from zbuf_occlude.sensors.bop import write_bop
 from zbuf_occlude.sensors.catalog import SENSORS, make
 from zbuf_occlude.sensors.frames import Frame, frames, write_frames
 from zbuf_occlude.sensors.motion import Motion, read_trajectory
@@ -25,6 +26,7 @@ __all__ = [
     "make",
     "read_trajectory",
     "scan",
+    "write_bop",
     "write_frames",
 ]
 

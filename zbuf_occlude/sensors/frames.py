@@ -222,14 +222,8 @@ def _frame(
     face_ids, instances = np.full((2, *size), -1, np.int32)
     if mesh.colors is not None:
         colors = np.zeros((*size, 3), np.uint8)
-    part = _around(mesh.bounds, matrix, pose, size)
-    (fx, _, cx), (_, fy, cy), _ = matrix
-    y, x = (
-        (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
-    )
-    if len(x) and len(y):
-        directions = np.empty((len(y), len(x), 3))
-        _point(x, y, TO_OPENCV @ pose[:3, :3], directions)
+    part, y, x, directions = pixel_rays(mesh.bounds, matrix, pose, size)
+    if directions.size:
         hits = occluder.first_hits(eye[None], directions.reshape(-1, 3))
         drawn = depth[part], face_ids[part], instances[part], normals[part]
         _draw(x, y, directions, *hits, mesh.face_normals, scene.instances, *drawn)
@@ -238,6 +232,24 @@ def _frame(
             faces, places = face_ids[part][met], eye + directions[met] * depth[part][met][:, None]
             colors[part][met] = mesh.colors.at(faces, barycentric(mesh.corners[faces], places))
     return Frame(depth, face_ids, instances, normals, colors, matrix, pose)
+
+
+def pixel_rays(
+    bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]
+) -> tuple[tuple[slice, slice], FloatArray, FloatArray, FloatArray]:
+    """Return the rays through the pixels of a picture (h, w) that may show anything of a box (2, 3).
+
+    `matrix` is K, `pose` the view matrix. Returned are rows and columns of the part, the places y (h',) and x (w',) of
+    its pixels at depth 1, and the rays of depth 1 (h', w', 3), world space.
+    """
+    part = _around(bounds, matrix, pose, size)
+    (fx, _, cx), (_, fy, cy), _ = matrix
+    y, x = (
+        (np.arange(each.start, each.stop) + 0.5 - c) / f for each, c, f in zip(part, (cy, cx), (fy, fx), strict=True)
+    )
+    directions = np.empty((len(y), len(x), 3))
+    _point(x, y, TO_OPENCV @ pose[:3, :3], directions)
+    return part, y, x, directions
 
 
 @njit(cache=True, nogil=True)
@@ -409,10 +421,11 @@ def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
     }
     matrix = io.BytesIO()
     np.save(matrix, frame.pose[:3])
-    return {**{name: _png(pixels) for name, pixels in pictures.items()}, f"{stem}.npy": matrix.getvalue()}
+    return {**{name: png(pixels) for name, pixels in pictures.items()}, f"{stem}.npy": matrix.getvalue()}
 
 
-def _png(pixels: NDArray[Any]) -> bytes:
+def png(pixels: NDArray[Any]) -> bytes:
+    """Return a picture as PNG."""
     with importing("PIL", "frames as files"):
         from PIL import Image
     file = io.BytesIO()

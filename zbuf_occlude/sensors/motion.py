@@ -136,6 +136,8 @@ def read_trajectory(path: str | Path) -> FloatArray:
     try:
         lines = read_limited(path).decode("utf-8", "replace").splitlines()
         rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
+        if not rows:
+            raise ValueError("it must have lines of t x y z qx qy qz qw; it has none")
         return as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
     except (OSError, ValueError) as error:
         raise DatasetError(f"{name}: cannot read a trajectory: {printable(in_words(error))}") from None

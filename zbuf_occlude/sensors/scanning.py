@@ -20,7 +20,7 @@ from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, find_method, prepare
+from zbuf_occlude.visibility import METHODS, check_keywords, find_method, prepare
 from zbuf_occlude.visibility.interface import FirstHits, Occluder
 
 CASTERS = ("exact", "embree", "oracle")
@@ -241,6 +241,11 @@ def scan(
     True
     >>> found.save("scan.npz")
     """
+    if options:
+        check_keywords(scan, method or default_caster(), options)
+    for part, given in (("occluder", occluder), ("target", target)):
+        if given is not None and not isinstance(given, Occluder):
+            raise ArgumentError(f"{part} must be an Occluder, made by prepare; got {type(given).__name__}.")
     if isinstance(sensor, str | Path):
         sensor = make(sensor)
     if not isinstance(sensor, Sensor):

@@ -84,7 +84,7 @@ class Setup:
             self.kind.sensor_height is not None and 0.0 < self.sensor_height < np.inf
         ):
             raise OptionError(
-                f"--sensor-height must be metres above a ground, which --scene {self.scene} "
+                f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
             )
         _ = self.kind, self.box  # read for their errors

@@ -1,8 +1,10 @@
 """The table of methods, and `prepare`, the one way to use them. A new method is one file and one row here."""
 
+from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
-from zbuf_occlude.errors import ArgumentError, OptionError, find_row
+from zbuf_occlude.errors import ArgumentError, OptionError, did_you_mean, find_row
 from zbuf_occlude.geometry.mesh import MeshLike, as_mesh, box_around
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import Method, Occluder
@@ -107,6 +109,20 @@ def find_method(name: str) -> Method:
         No such method; the message lists those there are.
     """
     return find_row("method", name, METHODS)
+
+
+def check_keywords(function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
+    """Raise OptionError for a keyword that neither a public function nor the method that it passes options to has."""
+    own = [
+        name for name, parameter in signature(function).parameters.items() if parameter.kind is parameter.KEYWORD_ONLY
+    ]
+    known = [*own, *find_method(method).options()]
+    for name in options:
+        if name not in known:
+            raise OptionError(
+                f"{function.__name__} must be given its own options or those of {method!r}, {', '.join(known)}; "
+                f"got {name!r}.{did_you_mean(name, known)}"
+            )
 
 
 def prepare(

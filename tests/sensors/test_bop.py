@@ -1,0 +1,131 @@
+"""`write_bop` against projection by hand and first hits of the whole scene; Pillow and json read what it wrote."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+pytest.importorskip("PIL", reason="Pillow is not installed: pip install 'zbuf-occlude[report]'")
+
+from PIL import Image
+
+import zbuf_occlude as zo
+from tests.scenes import box
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.kinds import plate_mesh
+
+WIDTH, HEIGHT = 96, 64
+SCENE = Scene.joined(
+    [
+        Placed(box(), "crate", moved(yaw=0.4, to=(0.0, 0.0, 0.5))),
+        Placed(box(), "crate", moved(yaw=1.1, to=(1.3, 0.2, 0.5))),
+        Placed(plate_mesh(3.0), "ground"),
+        Placed(box(), "bin", moved(to=(-0.2, 2.2, 0.5))),
+    ]
+)
+VIEWS = zo.views.parse("ring:3@20").around(np.zeros(3), 1.1)
+
+
+def pixels(path: Path) -> Any:
+    return np.asarray(Image.open(path))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bop")
+    names = zo.write_bop(folder, [SCENE, SCENE], VIEWS, width=WIDTH, height=HEIGHT, fov=45)
+    assert len(names) == len(set(names))
+    assert set(names) == {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return folder
+
+
+def test_each_pixel_is_of_what_is_met_first(written: Path) -> None:
+    found = list(zo.frames(SCENE, VIEWS, width=WIDTH, height=HEIGHT, fov=45))
+    place = written / "train" / "000001"
+    scales = json.loads((place / "scene_camera.json").read_text())
+    for view, frame in enumerate(found):
+        visible = [pixels(place / "mask_visib" / f"{view:06d}_{row:06d}.png") > 0 for row in range(3)]
+        whole = [pixels(place / "mask" / f"{view:06d}_{row:06d}.png") > 0 for row in range(3)]
+        for row, instance in enumerate((0, 1, 3)):
+            assert (visible[row] == (frame.instances == instance)).all()
+            assert not (visible[row] & ~whole[row]).any()
+        assert (np.sum(visible, axis=0) + (frame.instances == 2) == frame.mask).all()
+        scale = scales[str(view)]["depth_scale"]
+        depth = pixels(place / "depth" / f"{view:06d}.png") * scale
+        assert np.abs(depth - 1000 * np.where(frame.mask, frame.depth, 0)).max() <= scale / 2 + 1e-3
+        assert pixels(place / "rgb" / f"{view:06d}.png").shape == (HEIGHT, WIDTH, 3)
+
+
+def test_models_in_their_poses_lie_on_their_masks(written: Path) -> None:
+    """A box is convex: its silhouette is the hull of its corners, which BOP's own formula projects."""
+    place = written / "train" / "000000"
+    cameras, poses, counts = (
+        json.loads((place / f"scene_{name}.json").read_text()) for name in ("camera", "gt", "gt_info")
+    )
+    assert [each["obj_id"] for each in poses["0"]] == [1, 2, 3]
+    second = json.loads((written / "train" / "000001" / "scene_gt.json").read_text())
+    assert [each["obj_id"] for each in second["2"]] == [4, 5, 6]
+    outside = 0
+    for view in range(3):
+        matrix = np.reshape(cameras[str(view)]["cam_K"], (3, 3))
+        for row, pose in enumerate(poses[str(view)]):
+            corners = trimesh.load(written / "models" / f"obj_{pose['obj_id']:06d}.ply", process=False).vertices
+            at = corners @ np.reshape(pose["cam_R_m2c"], (3, 3)).T + pose["cam_t_m2c"]
+            x, y = ((at @ matrix.T)[:, :2] / at[:, 2:]).T
+            info = counts[str(view)][row]
+            if info["px_count_visib"] == 0:
+                assert info["bbox_obj"] == [-1, -1, -1, -1]
+                continue
+            left, top, width, height = info["bbox_obj"]
+            assert 0 <= left - x.min() <= 1.001
+            assert 0 <= top - y.min() <= 1.001
+            assert 0 <= x.max() - left - width <= 1.001
+            assert 0 <= y.max() - top - height <= 1.001
+            outside += left < 0 or top < 0 or left + width >= WIDTH or top + height >= HEIGHT
+            mask, visible = (pixels(place / name / f"{view:06d}_{row:06d}.png") > 0 for name in ("mask", "mask_visib"))
+            assert info["px_count_valid"] == mask.sum()
+            assert info["px_count_visib"] == visible.sum()
+            assert info["px_count_all"] >= mask.sum()
+            assert info["visib_fract"] == visible.sum() / info["px_count_all"]
+    assert outside, "one at least is cut by the picture's border"
+
+
+def test_models_info(written: Path) -> None:
+    info = json.loads((written / "models" / "models_info.json").read_text())
+    assert list(info) == list("123456")
+    assert info["3"]["diameter"] == pytest.approx(1000 * np.sqrt(3))
+    assert [info["3"][f"{what}_{axis}"] for what in ("min", "size") for axis in "xyz"] == [-500] * 3 + [1000] * 3
+    for name in info:
+        vertices = trimesh.load(written / "models" / f"obj_{int(name):06d}.ply", process=False).vertices
+        apart = np.linalg.norm(vertices[:, None] - vertices, axis=2).max()
+        assert info[name]["diameter"] == pytest.approx(apart, abs=1e-3)
+        assert np.allclose(vertices.min(axis=0), -vertices.max(axis=0), atol=1e-3)
+    camera = json.loads((written / "camera.json").read_text())
+    assert (camera["width"], camera["height"]) == (WIDTH, HEIGHT)
+    assert camera["cx"] == WIDTH / 2 - 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "words"),
+    [
+        ((Scene.joined([Placed(plate_mesh(1.0), "ground")]), VIEWS), {}, "beside the background"),
+        (([], VIEWS), {}, "views must be one"),
+        (([SCENE], [VIEWS, VIEWS]), {}, "got 2 for 1"),
+        ((SCENE, VIEWS), {"split": "a/b"}, "split must be"),
+        ((SCENE, VIEWS), {"width": 0}, "width"),
+    ],
+)
+def test_what_cannot_be_written(tmp_path: Path, arguments: Any, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(zo.OccludeError, match=words):
+        zo.write_bop(tmp_path / "bop", *arguments, **options)
+    assert not (tmp_path / "bop").exists()
+
+
+def test_a_flat_object_has_a_diameter(tmp_path: Path) -> None:
+    scene = Scene.joined([Placed(plate_mesh(0.5), "sheet")])
+    zo.write_bop(tmp_path, scene, VIEWS, width=32, height=32, background=())
+    info = json.loads((tmp_path / "models" / "models_info.json").read_text())
+    assert info["1"]["diameter"] == pytest.approx(1000 * np.sqrt(2))

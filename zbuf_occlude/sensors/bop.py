@@ -1,0 +1,245 @@
+"""A scene's frames as BOP, the benchmark for 6D poses of objects, has them: models, poses, masks without tolerance."""
+
+import json
+import os
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.mesh import Mesh
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.frames import Frame, depth_unit, frames, pixel_rays, png
+from zbuf_occlude.views import Views
+from zbuf_occlude.visibility import prepare
+from zbuf_occlude.visibility.interface import Occluder
+
+BACKGROUND = ("ground", "room", "wall")
+"""Labels of what the drawn scenes stand on and in."""
+MILLIMETRES = 1000.0
+"""Of a metre: BOP's models and translations are millimetres."""
+NO_BOX = [-1, -1, -1, -1]
+PER_BLOCK = 512
+
+
+def write_bop(
+    folder: str | os.PathLike[str],
+    scenes: Scene | Sequence[Scene],
+    views: Views | Sequence[Views],
+    *,
+    width: int = 640,
+    height: int = 480,
+    fov: float | None = None,
+    background: Collection[str] = BACKGROUND,
+    split: str = "train",
+    method: str = "exact",
+    **options: Any,
+) -> list[str]:
+    """Write the pictures of scenes and whose each pixel is, as loaders of BOP (BOP-scenewise) expect them.
+
+    ==============================  ===================================================================================
+    models/obj_000001.ply           the first object: millimetres, the middle of its box at the origin
+    models/models_info.json         diameter, corner and sides of each model's box
+    camera.json                     the first picture's camera
+    SPLIT/000000/rgb/000000.png     of the first scene and view: base colours, or grey lit from the camera
+    .../depth/000000.png            16 bits: depth along the axis over ``depth_scale``, millimetres; 0 where nothing is
+    .../mask/000000_000001.png      255 where the scene's second object would be met if it were alone
+    .../mask_visib/...              255 where it is met
+    .../scene_camera.json           K, R, t (world to camera) and ``depth_scale`` of each view
+    .../scene_gt.json               ``obj_id`` and the pose, model to camera, of each object
+    .../scene_gt_info.json          pixels and boxes of the masks, ``visib_fract``
+    ==============================  ===================================================================================
+
+    Parameters
+    ----------
+    folder : path-like
+        Made when missing.
+    scenes : Scene or sequence of Scene
+        Metres. Each object has a model of its own; ``obj_id`` counts them from 1 through all scenes.
+    views : Views or sequence of Views
+        World units. One for all scenes, or one for each.
+    width, height, fov
+        As in `frames`.
+    background : collection of str
+        Labels of what hides others and has no model, pose or mask: by default ground, room and walls.
+    split : str
+        Name of the folder of scenes.
+    method : str
+        Who casts the rays. Those of ``exact`` have no error.
+    **options
+        The method's own.
+
+    Returns
+    -------
+    list of str
+        The names of the files.
+
+    Raises
+    ------
+    ArgumentError
+        A scene without an object beside the background, or a value out of range.
+    OptionError, UnavailableError, GlError
+        As `frames`; SciPy, trimesh or Pillow is not installed.
+
+    Notes
+    -----
+    A pixel belongs to the object that its centre's ray meets first. So ``mask_visib`` of different objects share no
+    pixel, and with the background they are all that is met. bop_toolkit compares depths with a tolerance of 15 mm.
+    BOP counts from the first pixel's centre: its cx and cy are smaller than those of `Frame.intrinsics` by 0.5. Pixels
+    of ``px_count_all`` and ``bbox_obj`` may lie outside the picture, by its width and height at most.
+
+    Examples
+    --------
+    >>> scene = zo.Scene.joined([zo.scenes.Placed(zo.load_mesh("chair.off"), "chair")])
+    >>> views = zo.views.for_mesh(scene.mesh, "ring:2@30")
+    >>> zo.write_bop("bop", scene, views, width=64, height=48)[:2]
+    ['camera.json', 'train/000000/rgb/000000.png']
+    """
+    scenes = [scenes] if isinstance(scenes, Scene) else list(scenes)
+    placed = [views] * len(scenes) if isinstance(views, Views) else list(views)
+    if not split or Path(split).name != split:
+        raise ArgumentError(f"split must be the name of a folder; got {split!r}.")
+    if not scenes or len(placed) != len(scenes):
+        raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
+    objects = [
+        [i for i, label in enumerate(scene.labels) if label not in background and (scene.instances == i).any()]
+        for scene in scenes
+    ]
+    for number, of_scene in enumerate(objects):
+        if not of_scene:
+            words = ", ".join(scenes[number].labels)
+            raise ArgumentError(f"scene {number} must have an object beside the background; it has {words}.")
+    names, models, n_models = list[str](), dict[str, Any](), 0
+
+    def write(name: str, content: bytes) -> None:
+        (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
+        (Path(folder) / name).write_bytes(content)
+        names.append(name)
+
+    for number, (scene, of_scene, eyes) in enumerate(zip(scenes, objects, placed, strict=True)):
+        found = list(frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options))
+        unit = depth_unit(max(float(frame.depth[frame.mask].max(initial=0.0)) for frame in found))
+        if number == 0:
+            write("camera.json", _json(_lens(found[0], unit)))
+        meshes, ids = [_alone(scene, i) for i in of_scene], range(n_models + 1, n_models + 1 + len(of_scene))
+        poses, counts = ({str(view): list[Any]() for view in range(len(found))} for _ in range(2))
+        place = f"{split}/{number:06d}"
+        for view, frame in enumerate(found):
+            steps = np.zeros(frame.depth.shape, np.uint16)
+            steps[frame.mask] = np.round(frame.depth[frame.mask].astype(np.float64) / unit)
+            write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
+            write(f"{place}/depth/{view:06d}.png", png(steps))
+        for row, (i, obj_id, mesh) in enumerate(zip(of_scene, ids, meshes, strict=True)):
+            model, centre, models[str(obj_id)] = _model(mesh)
+            write(f"models/obj_{obj_id:06d}.ply", model)
+            with prepare(mesh, method, **options) as alone:
+                alone.warns_of_eyes_inside = False
+                for view, frame in enumerate(found):
+                    whole, visible = silhouette(alone, mesh.bounds, frame), frame.instances == i
+                    inside = whole[height : 2 * height, width : 2 * width]
+                    for name, mask in (("mask", inside), ("mask_visib", visible)):
+                        content = png(mask.astype(np.uint8) * np.uint8(255))
+                        write(f"{place}/{name}/{view:06d}_{row:06d}.png", content)
+                    poses[str(view)].append({**_pose(frame, centre, "m2c"), "obj_id": obj_id})
+                    counts[str(view)].append(_counted(whole, inside, visible))
+        n_models += len(of_scene)
+        lenses = [{"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES} for frame in found]
+        cameras = {
+            str(view): {**lens, **_pose(frame, np.zeros(3), "w2c")}
+            for view, (lens, frame) in enumerate(zip(lenses, found, strict=True))
+        }
+        for name, document in (("camera", cameras), ("gt", poses), ("gt_info", counts)):
+            write(f"{place}/scene_{name}.json", _json(document))
+    write("models/models_info.json", _json(models))
+    return names
+
+
+def _pose(frame: Frame, origin: FloatArray, name: str) -> dict[str, list[float]]:
+    """Return rotation and translation, millimetres, to the camera of a space that has its origin there, unturned."""
+    rotation, translation = frame.extrinsics[:, :3], frame.extrinsics[:, 3]
+    moved = (rotation @ origin + translation) * MILLIMETRES
+    return {f"cam_R_{name}": rotation.ravel().tolist(), f"cam_t_{name}": moved.tolist()}
+
+
+def silhouette(occluder: Occluder, bounds: FloatArray, frame: Frame) -> BoolArray:
+    """Return which pixels of three by three pictures (3 h, 3 w), the frame's in the middle, show a mesh alone."""
+    height, width = frame.depth.shape
+    found = np.zeros((3 * height, 3 * width), dtype=bool)
+    matrix = frame.intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
+    part, _, _, directions = pixel_rays(bounds, matrix, frame.pose, found.shape)
+    if directions.size:
+        eye = -frame.pose[:3, :3].T @ frame.pose[:3, 3]
+        met = occluder.first_hits(eye[None], directions.reshape(-1, 3)).face_ids
+        found[part] = (met >= 0).reshape(directions.shape[:2])
+    return found
+
+
+def _counted(whole: BoolArray, inside: BoolArray, visible: BoolArray) -> dict[str, Any]:
+    """Return what scene_gt_info.json says of an object in a picture."""
+    n_all, n_visible = int(whole.sum()), int(visible.sum())
+    return {
+        "px_count_all": n_all,
+        "px_count_valid": int(inside.sum()),
+        "px_count_visib": n_visible,
+        "visib_fract": n_visible / n_all if n_all else 0.0,
+        "bbox_obj": _box(whole, inside.shape) if n_visible else NO_BOX,
+        "bbox_visib": _box(visible) if n_visible else NO_BOX,
+    }
+
+
+def _box(mask: BoolArray, offset: tuple[int, ...] = (0, 0)) -> list[int]:
+    """Return x, y and the steps from the first pixel to the last along both, as bop_toolkit counts them."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    x, y = int(columns[0]), int(rows[0])
+    return [x - offset[1], y - offset[0], int(columns[-1]) - x, int(rows[-1]) - y]
+
+
+def _alone(scene: Scene, i: int) -> Mesh:
+    used, faces = np.unique(scene.mesh.faces[scene.instances == i], return_inverse=True)
+    return Mesh(scene.mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), f"{scene.labels[i]}_{i}")
+
+
+def _model(mesh: Mesh) -> tuple[bytes, FloatArray, Mapping[str, float]]:
+    """Return a model's file, where the middle of its box is, metres, and what models_info.json says of it."""
+    low, high = mesh.bounds
+    middle = (low + high) / 2
+    model = Mesh((mesh.vertices - middle) * MILLIMETRES, mesh.faces, mesh.name)
+    text = model.to_trimesh().export(file_type="ply", encoding="ascii", vertex_normal=True)
+    sides = (high - low) * MILLIMETRES
+    info = {"diameter": _diameter(model.vertices)}
+    info |= {f"min_{axis}": -float(side) / 2 for axis, side in zip("xyz", sides, strict=True)}
+    info |= {f"size_{axis}": float(side) for axis, side in zip("xyz", sides, strict=True)}
+    return text if isinstance(text, bytes) else text.encode(), middle, info
+
+
+def _diameter(vertices: FloatArray) -> float:
+    """Return the largest distance of two vertices."""
+    with importing("scipy", "write_bop"):
+        from scipy.spatial import ConvexHull, QhullError
+    try:
+        ends = vertices[ConvexHull(vertices).vertices]
+    except QhullError:  # flat, or fewer than four
+        ends = vertices
+    blocks = (ends[i : i + PER_BLOCK, None] - ends for i in range(0, len(ends), PER_BLOCK))
+    return float(max(np.linalg.norm(block, axis=2).max() for block in blocks))
+
+
+def _bop_matrix(frame: Frame) -> FloatArray:
+    """Return K counted from the first pixel's centre."""
+    return frame.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+
+def _lens(frame: Frame, unit: float) -> dict[str, Any]:
+    (fx, _, cx), (_, fy, cy), _ = _bop_matrix(frame).tolist()
+    height, width = frame.depth.shape
+    return {
+        "cx": cx, "cy": cy, "fx": fx, "fy": fy, "width": width, "height": height, "depth_scale": unit * MILLIMETRES
+    }  # fmt: skip
+
+
+def _json(document: Any) -> bytes:
+    return json.dumps(document, indent=1).encode()
