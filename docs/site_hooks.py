@@ -19,7 +19,8 @@ FOLDER = "gallery-3d"
 API = {
     "partial": ("Partial clouds", "", ("occlude", "PartialCloud")),
     "depth": ("Depth images", "", ("depth_image",)),
-    "frames": ("Frames", "", ("frames", "Frame", "write_frames", "write_bop")),
+    "frames": ("Frames", "", ("frames", "Frame", "write_frames")),
+    "bop": ("BOP", "", ("write_bop",)),
     "surface": ("Visible surfaces", "", ("visible_faces", "visible_vertices", "visible_mesh", "coverage")),
     "space": ("Visible space", "", ("visibility_grid", "blockers", "occlusion_graph")),
     "mesh": ("Mesh", "", ("Mesh",)),
