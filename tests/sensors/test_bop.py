@@ -114,6 +114,7 @@ def test_models_info(written: Path) -> None:
         ((Scene.joined([Placed(plate_mesh(1.0), "ground")]), VIEWS), {}, "beside the background"),
         (([], VIEWS), {}, "views must be one"),
         (([SCENE], [VIEWS, VIEWS]), {}, "got 2 for 1"),
+        ((SCENE, VIEWS.select(np.zeros(0, dtype=int))), {}, "views must be one at least"),
         ((SCENE, VIEWS), {"split": "a/b"}, "split must be"),
         ((SCENE, VIEWS), {"width": 0}, "width"),
     ],

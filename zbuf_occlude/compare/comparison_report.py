@@ -395,10 +395,10 @@ def label_points(
 
 def _along(line: Any, to_points: float) -> FloatArray:
     """Return places (n, 2) all along a drawn line, in points of text, some 3 apart."""
+    if line.get_alpha() == 0:  # it joins nothing
+        return np.zeros((0, 2))
     corners = line.axes.transData.transform(line.get_xydata()) * to_points
     corners = corners[np.isfinite(corners).all(axis=1)]
-    if not line.get_alpha() and line.get_alpha() is not None:
-        return np.zeros((0, 2))
     steps = np.linspace(0.0, 1.0, 64)[:, None]
     return np.concatenate([np.zeros((0, 2)), *(a + steps * (b - a) for a, b in pairwise(corners))])
 

@@ -105,6 +105,8 @@ def write_bop(
         raise ArgumentError(f"split must be the name of a folder; got {split!r}.")
     if not scenes or len(placed) != len(scenes):
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
+    if not all(map(len, placed)):
+        raise ArgumentError("views must be one at least for each scene; got none. Give some.")
     objects = [
         [i for i, label in enumerate(scene.labels) if label not in background and (scene.instances == i).any()]
         for scene in scenes
@@ -141,6 +143,7 @@ def write_bop(
                 for view, frame in enumerate(found):
                     whole, visible = silhouette(alone, mesh.bounds, frame), frame.instances == i
                     inside = whole[height : 2 * height, width : 2 * width]
+                    inside |= visible  # in `whole` too: its rays are rounded differently, by the last bit
                     for name, mask in (("mask", inside), ("mask_visib", visible)):
                         content = png(mask.astype(np.uint8) * np.uint8(255))
                         write(f"{place}/{name}/{view:06d}_{row:06d}.png", content)
