@@ -41,6 +41,21 @@ def test_free_voxels_are_the_visible_points_and_eyes_are_joined() -> None:
         zo.visibility_grid(box(), [0.0, 0.0, 0.0], n=1)
 
 
+def test_distances_of_eyes_on_both_sides_are_fused() -> None:
+    """Two eyes on the axis of a plate's middle: each knows its own side; where both know, the mean."""
+    grid = zo.visibility_grid(two_plates(0.5), [[0.5, 0.5, 50.0], [0.5, 0.5, -50.0]], n=20)
+    found, t = grid.tsdf(0.2), 0.2
+    x, y, z = np.moveaxis(grid.centres, -1, 0)
+    over = (np.abs(x - 0.5) < 0.45) & (np.abs(y - 0.5) < 0.45)
+    assert found[over & (z > 0.71)] == pytest.approx(t, abs=1e-3)
+    assert found[over & (z < -0.21)] == pytest.approx(t, abs=1e-3)
+    between = over & (z > 0.31) & (z < 0.49)
+    assert found[between] == pytest.approx((z - 0.5)[between], abs=1e-3)
+    assert (found[over & (z > 0.21) & (z < 0.29)] == -np.float32(t)).all(), "behind the surface for both"
+    with pytest.raises(zo.ArgumentError, match="truncation"):
+        grid.tsdf(0.0)
+
+
 def test_a_hidden_point_has_the_nearest_face_before_it() -> None:
     mesh = two_plates()  # faces 0, 1 below 2, 3
     points = zo.sample_surface(mesh, n_points=500, seed=0)

@@ -61,6 +61,18 @@ class VisibilityGrid:
         near = (np.abs(self.distances) <= self.step * np.sqrt(3.0) / 2.0).any(axis=0)
         return np.where(near, SURFACE, np.where(self.free, FREE, HIDDEN)).astype(np.uint8)
 
+    def tsdf(self, truncation: float) -> NDArray[np.float32]:
+        """Fuse the eyes' distances, cut off at `truncation` world units, (n, n, n).
+
+        The mean of the eyes for which the centre is not farther behind the surface; where it is for all, minus
+        `truncation`.
+        """
+        if not 0.0 < truncation < np.inf:
+            raise ArgumentError(f"truncation must be a length above 0, in the mesh's unit; got {truncation!r}.")
+        known = self.distances > -truncation
+        total = np.where(known, np.minimum(self.distances, truncation), 0.0).sum(axis=0)
+        return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), -truncation).astype(np.float32)
+
 
 @dataclass(frozen=True, eq=False)
 class OcclusionGraph:

@@ -50,7 +50,7 @@ def collection(format: str) -> MeshCollection:
 def plan(format: str, **changes: object) -> Plan:
     row = find_format(format)
     recipe = Recipe(method="exact", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
-    if format == "frames":
+    if format in ("frames", "bop"):
         recipe = replace(recipe, scanning=camera(), attributes=("normals",))
     return Plan(collection(format), replace(row.redrawn(recipe), **changes), format)
 

@@ -281,7 +281,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     recipe = Recipe(
         method="exact", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
     )
-    if row.name == "frames":
+    if row.name in ("frames", "bop"):
         recipe = replace(recipe, scanning=camera(), attributes=("normals",))
     entries = [
         MeshEntry(f"m{i}", ("bed", "table")[i % 2], "test" if i % 3 == 0 else "train", partial(tetrahedron, i))

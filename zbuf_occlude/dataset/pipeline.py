@@ -20,7 +20,8 @@ from zbuf_occlude.geometry.sampling import SurfacePoints, curve_order, sample_su
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
-from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
@@ -184,11 +185,7 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
-        views = plan.views_of(key)
-        if views.rotations is not None:  # cameras of a file, which stand where the mesh is
-            eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
-            views = Views.of_cameras(eyes, views.rotations, views.windows)
-        places = sensor_places(views, size, floor, setup, seeds)
+        places = _places(mesh, size, floor, setup, plan, key, seeds)
         if recipe.complete:
             whole = standing_points(mesh, label, recipe, key, variation)
             mask = np.ones((len(places), len(whole)), dtype=bool)
@@ -223,6 +220,32 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
         counts += count_clouds(lengths, recipe) + Counts(n_inside=int(standing.in_box(places.eyes).sum()))
         yield Sampling(points, mask, places, counts, renderer)
+
+
+def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key: str, seeds: Seeds) -> Views:
+    """Return where the sensor stands about a mesh that is `size` metres long."""
+    views = plan.views_of(key)
+    if views.rotations is not None:  # cameras of a file, which stand where the mesh is
+        eyes = (views.eyes - mesh.centre) * (size / mesh.longest_side)
+        views = Views.of_cameras(eyes, views.rotations, views.windows)
+    return sensor_places(views, size, floor, setup, seeds)
+
+
+def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
+    """Yield the whole scene that each view of a variation of a mesh scans.
+
+    Raises
+    ------
+    MeshError
+        The mesh's file is not what it was.
+    """
+    entry, setup = plan.meshes[mesh_id], plan.recipe.setup
+    assert setup is not None
+    mesh = entry.load()
+    standing, size = in_metres(mesh, entry.label, setup)
+    floor, seeds = float(standing.bounds[0, 2]), partial(_seed, plan.recipe.seed, entry.key, variation)
+    places = _places(mesh, size, floor, setup, plan, entry.key, seeds)
+    return captured_scenes(standing, setup, places, floor, seeds, plan.pool)
 
 
 def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:

@@ -76,6 +76,8 @@ class Scene:
         What each object is.
     albedos : (o,) float
         Of each object.
+    placed : tuple of Placed, optional
+        Each object by itself, where that is known.
 
     Examples
     --------
@@ -88,6 +90,7 @@ class Scene:
     instances: IntArray
     labels: tuple[str, ...]
     albedos: FloatArray
+    placed: tuple[Placed, ...] = ()
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -137,7 +140,7 @@ class Scene:
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
         drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos))
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed))
 
 
 def moved(

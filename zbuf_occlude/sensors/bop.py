@@ -2,9 +2,11 @@
 
 import json
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import ExitStack
+from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +26,8 @@ MILLIMETRES = 1000.0
 """Of a metre: BOP's models and translations are millimetres."""
 NO_BOX = [-1, -1, -1, -1]
 PER_BLOCK = 512
+ROUNDING = 1e-9
+"""Of a model's diagonal, and of a rotation's entries."""
 
 
 def write_bop(
@@ -59,7 +63,8 @@ def write_bop(
     folder : path-like
         Made when missing.
     scenes : Scene or sequence of Scene
-        Metres. Each object has a model of its own; ``obj_id`` counts them from 1 through all scenes.
+        Metres. ``obj_id`` counts the models from 1 through all scenes. Objects that are the same mesh, turned and
+        moved (`Scene.joined`), share one.
     views : Views or sequence of Views
         World units. One for all scenes, or one for each.
     width, height, fov
@@ -107,65 +112,136 @@ def write_bop(
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
     if not all(map(len, placed)):
         raise ArgumentError("views must be one at least for each scene; got none. Give some.")
-    objects = [
-        [i for i, label in enumerate(scene.labels) if label not in background and (scene.instances == i).any()]
-        for scene in scenes
-    ]
-    for number, of_scene in enumerate(objects):
-        if not of_scene:
-            words = ", ".join(scenes[number].labels)
+    for number, scene in enumerate(scenes):
+        if not _foreground(scene, background):
+            words = ", ".join(scene.labels)
             raise ArgumentError(f"scene {number} must have an object beside the background; it has {words}.")
-    names, models, n_models = list[str](), dict[str, Any](), 0
+    writer = BopWriter(folder, background=background, method=method, **options)
+    for number, (scene, eyes) in enumerate(zip(scenes, placed, strict=True)):
+        found = frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options)
+        writer.write_scene(f"{split}/{number:06d}", zip(repeat(scene), found))
+    return writer.finish()
 
-    def write(name: str, content: bytes) -> None:
-        (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
-        (Path(folder) / name).write_bytes(content)
-        names.append(name)
 
-    for number, (scene, of_scene, eyes) in enumerate(zip(scenes, objects, placed, strict=True)):
-        found = list(frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options))
-        unit = depth_unit(max(float(frame.depth[frame.mask].max(initial=0.0)) for frame in found))
-        if number == 0:
-            write("camera.json", _json(_lens(found[0], unit)))
-        meshes, ids = [_alone(scene, i) for i in of_scene], range(n_models + 1, n_models + 1 + len(of_scene))
-        poses, counts = ({str(view): list[Any]() for view in range(len(found))} for _ in range(2))
-        place = f"{split}/{number:06d}"
-        for view, frame in enumerate(found):
-            steps = np.zeros(frame.depth.shape, np.uint16)
-            steps[frame.mask] = np.round(frame.depth[frame.mask].astype(np.float64) / unit)
-            write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
-            write(f"{place}/depth/{view:06d}.png", png(steps))
-        for row, (i, obj_id, mesh) in enumerate(zip(of_scene, ids, meshes, strict=True)):
-            model, centre, models[str(obj_id)] = _model(mesh)
-            write(f"models/obj_{obj_id:06d}.ply", model)
-            with prepare(mesh, method, **options) as alone:
-                alone.warns_of_eyes_inside = False
-                for view, frame in enumerate(found):
-                    whole, visible = silhouette(alone, mesh.bounds, frame), frame.instances == i
-                    inside = whole[height : 2 * height, width : 2 * width]
-                    inside |= visible  # in `whole` too: its rays are rounded differently, by the last bit
-                    for name, mask in (("mask", inside), ("mask_visib", visible)):
-                        content = png(mask.astype(np.uint8) * np.uint8(255))
-                        write(f"{place}/{name}/{view:06d}_{row:06d}.png", content)
-                    poses[str(view)].append({**_pose(frame, centre, "m2c"), "obj_id": obj_id})
-                    counts[str(view)].append(_counted(whole, inside, visible))
-        n_models += len(of_scene)
-        lenses = [{"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES} for frame in found]
-        cameras = {
-            str(view): {**lens, **_pose(frame, np.zeros(3), "w2c")}
-            for view, (lens, frame) in enumerate(zip(lenses, found, strict=True))
-        }
+class _Object(NamedTuple):
+    """An object of a scene: its number there, its model, the model's pose in the world, metres, and it alone."""
+
+    instance: int
+    obj_id: int
+    pose: FloatArray
+    bounds: FloatArray
+    alone: Occluder
+
+
+class BopWriter:
+    """Writes one BOP folder, scene by scene, and at the end what is said of all models; parameters as `write_bop`."""
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        background: Collection[str] = BACKGROUND,
+        method: str = "exact",
+        **options: Any,
+    ) -> None:
+        self._folder, self._background, self._method, self._options = Path(folder), background, method, options
+        self._models, self._info, self._names = list[Mesh](), dict[str, Any](), list[str]()
+
+    def write_scene(self, place: str, images: Iterable[tuple[Scene, Frame]]) -> None:
+        """Write the images of one scene into a folder, each with what stands there: a scene may differ by image."""
+        cameras, poses, counts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+        with ExitStack() as opened:
+            last, objects = None, list[_Object]()
+            for view, (scene, frame) in enumerate(images):
+                if scene is not last:
+                    opened.close()
+                    last = scene
+                    objects = [self._object(scene, i, opened) for i in _foreground(scene, self._background)]
+                unit = depth_unit(float(frame.depth[frame.mask].max(initial=0.0)))
+                if "camera.json" not in self._names:
+                    self._write("camera.json", _json(_lens(frame, unit)))
+                steps = np.zeros(frame.depth.shape, np.uint16)
+                steps[frame.mask] = np.round(frame.depth[frame.mask].astype(np.float64) / unit)
+                self._write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
+                self._write(f"{place}/depth/{view:06d}.png", png(steps))
+                lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
+                cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
+                poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
+                counts[str(view)] = [
+                    self._write_masks(place, view, row, each, frame) for row, each in enumerate(objects)
+                ]
         for name, document in (("camera", cameras), ("gt", poses), ("gt_info", counts)):
-            write(f"{place}/scene_{name}.json", _json(document))
-    write("models/models_info.json", _json(models))
-    return names
+            self._write(f"{place}/scene_{name}.json", _json(document))
+
+    def finish(self) -> list[str]:
+        """Write ``models_info.json``; return the names of all files."""
+        self._write("models/models_info.json", _json(self._info))
+        return self._names
+
+    def _write(self, name: str, content: bytes) -> None:
+        (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (self._folder / name).write_bytes(content)
+        self._names.append(name)
+
+    def _write_masks(self, place: str, view: int, row: int, each: _Object, frame: Frame) -> dict[str, Any]:
+        """Write both masks of an object; return what scene_gt_info.json says of it."""
+        whole, visible = silhouette(each.alone, each.bounds, frame), frame.instances == each.instance
+        height, width = visible.shape
+        inside = whole[height : 2 * height, width : 2 * width]
+        inside |= visible  # in `whole` too: its rays are rounded differently, by the last bit
+        for name, mask in (("mask", inside), ("mask_visib", visible)):
+            self._write(f"{place}/{name}/{view:06d}_{row:06d}.png", png(mask.astype(np.uint8) * np.uint8(255)))
+        return _counted(whole, inside, visible)
+
+    def _object(self, scene: Scene, i: int, opened: ExitStack) -> _Object:
+        own, pose = _alone(scene, i), np.eye(4)
+        mesh = own
+        if scene.placed and _is_rigid(scene.placed[i].pose):
+            mesh, pose = scene.placed[i].mesh, scene.placed[i].pose
+        middle = mesh.bounds.mean(axis=0)
+        moved = np.eye(4)
+        moved[:3, 3] = middle
+        alone = opened.enter_context(prepare(own, self._method, **self._options))
+        alone.warns_of_eyes_inside = False
+        obj_id = self._model_of(Mesh((mesh.vertices - middle) * MILLIMETRES, mesh.faces, mesh.name))
+        return _Object(i, obj_id, pose @ moved, own.bounds, alone)
+
+    def _model_of(self, model: Mesh) -> int:
+        """Return the number of a model, millimetres; it is written unless one like it, but for rounding, has been."""
+        for number, other in enumerate(self._models, 1):
+            if (
+                other.vertices.shape == model.vertices.shape
+                and np.array_equal(other.faces, model.faces)
+                and np.abs(other.vertices - model.vertices).max() <= ROUNDING * model.diagonal
+            ):
+                return number
+        self._models.append(model)
+        number, sides = len(self._models), np.ptp(model.bounds, axis=0)
+        text = model.to_trimesh().export(file_type="ply", encoding="ascii", vertex_normal=True)
+        self._write(f"models/obj_{number:06d}.ply", text if isinstance(text, bytes) else text.encode())
+        info = {"diameter": _diameter(model.vertices)}
+        info |= {f"min_{axis}": -float(side) / 2 for axis, side in zip("xyz", sides, strict=True)}
+        info |= {f"size_{axis}": float(side) for axis, side in zip("xyz", sides, strict=True)}
+        self._info[str(number)] = info
+        return number
 
 
-def _pose(frame: Frame, origin: FloatArray, name: str) -> dict[str, list[float]]:
-    """Return rotation and translation, millimetres, to the camera of a space that has its origin there, unturned."""
+def _foreground(scene: Scene, background: Collection[str]) -> list[int]:
+    """Return which objects of a scene have a face and are not background."""
+    present = set(np.unique(scene.instances).tolist())
+    return [i for i, label in enumerate(scene.labels) if label not in background and i in present]
+
+
+def _is_rigid(pose: FloatArray) -> bool:
+    turn = pose[:3, :3]
+    return bool(np.abs(turn @ turn.T - np.eye(3)).max() <= ROUNDING and np.linalg.det(turn) > 0)
+
+
+def _pose(frame: Frame, to_world: FloatArray, name: str) -> dict[str, list[float]]:
+    """Return rotation and translation, millimetres, to the camera of a space that has this rigid pose in the world."""
     rotation, translation = frame.extrinsics[:, :3], frame.extrinsics[:, 3]
-    moved = (rotation @ origin + translation) * MILLIMETRES
-    return {f"cam_R_{name}": rotation.ravel().tolist(), f"cam_t_{name}": moved.tolist()}
+    moved = (rotation @ to_world[:3, 3] + translation) * MILLIMETRES
+    return {f"cam_R_{name}": (rotation @ to_world[:3, :3]).ravel().tolist(), f"cam_t_{name}": moved.tolist()}
 
 
 def silhouette(occluder: Occluder, bounds: FloatArray, frame: Frame) -> BoolArray:
@@ -204,19 +280,6 @@ def _box(mask: BoolArray, offset: tuple[int, ...] = (0, 0)) -> list[int]:
 def _alone(scene: Scene, i: int) -> Mesh:
     used, faces = np.unique(scene.mesh.faces[scene.instances == i], return_inverse=True)
     return Mesh(scene.mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), f"{scene.labels[i]}_{i}")
-
-
-def _model(mesh: Mesh) -> tuple[bytes, FloatArray, Mapping[str, float]]:
-    """Return a model's file, where the middle of its box is, metres, and what models_info.json says of it."""
-    low, high = mesh.bounds
-    middle = (low + high) / 2
-    model = Mesh((mesh.vertices - middle) * MILLIMETRES, mesh.faces, mesh.name)
-    text = model.to_trimesh().export(file_type="ply", encoding="ascii", vertex_normal=True)
-    sides = (high - low) * MILLIMETRES
-    info = {"diameter": _diameter(model.vertices)}
-    info |= {f"min_{axis}": -float(side) / 2 for axis, side in zip("xyz", sides, strict=True)}
-    info |= {f"size_{axis}": float(side) for axis, side in zip("xyz", sides, strict=True)}
-    return text if isinstance(text, bytes) else text.encode(), middle, info
 
 
 def _diameter(vertices: FloatArray) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from zbuf_occlude.errors import MeshError
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.scenes.contents import placed_of
-from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Asked
+from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Arranged, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.motion import Motion
@@ -29,6 +30,7 @@ ENLARGED = 1.1
 """A box that is kept has sides this many times the target's."""
 SCALED = (0.8, 1.2)
 """Between what factors a box is scaled."""
+_NOWHERE = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +109,12 @@ def captures(
 
     The occluder of a capture is open until the next one is asked for. `motion` is as in `scan`.
     """
-    target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
     with prepare(mesh, setup.method) as alone:
         if setup.share is not None or setup.objects:  # others may hide some of the target
-            points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
-            showing = _visible(mesh, alone, points, places.eyes, setup)
+            points, showing = _showing(mesh, alone, places, setup, seeds)
         if setup.share is None:  # the same scene for all views
-            asked = Asked(target, places.eyes[0], floor, none, None, pool)
-            placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
-            placed += placed_of([dict(each) for each in setup.objects], floor)
+            placed = _arranged(mesh, setup, places, floor, seeds, pool, 0).placed
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
@@ -130,8 +128,7 @@ def captures(
         share = (setup.share[0], setup.share[1])
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
             seen = points.select(shown)
-            asked = Asked(target, eye, floor, seen.positions, share, pool)
-            arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
+            arranged = _arranged(mesh, setup, places, floor, seeds, pool, number, seen.positions)
             near = _near(arranged.placed, eye, _reach(mesh, setup), setup, motion)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
@@ -140,6 +137,42 @@ def captures(
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
                 capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
+
+
+def captured_scenes(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Scene]:
+    """Yield the whole scene of each view, as `captures` draws it; the same object where all views have the same."""
+    if setup.share is None:
+        scene = Scene.joined(_arranged(mesh, setup, places, floor, seeds, pool, 0).placed)
+        yield from repeat(scene, len(places))
+        return
+    with prepare(mesh, METHOD) as alone:
+        points, showing = _showing(mesh, alone, places, setup, seeds)
+    for number, shown in enumerate(showing):
+        seen = points.positions[shown]
+        yield Scene.joined(_arranged(mesh, setup, places, floor, seeds, pool, number, seen).placed)
+
+
+def _showing(mesh: Mesh, alone: Occluder, places: Views, setup: Setup, seeds: Seeds) -> tuple[SurfacePoints, BoolArray]:
+    """Return points of a target, and which of them each place sees (k, n), were it alone."""
+    points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
+    return points, _visible(mesh, alone, points, places.eyes, setup)
+
+
+def _arranged(
+    mesh: Mesh,
+    setup: Setup,
+    places: Views,
+    floor: float,
+    seeds: Seeds,
+    pool: Pool,
+    view: int,
+    seen: FloatArray = _NOWHERE,
+) -> Arranged:
+    """Put objects around a target for a view that would see these positions of it alone."""
+    share = None if setup.share is None else (setup.share[0], setup.share[1])
+    asked = Asked(Placed(mesh, "target"), places.eyes[view], floor, seen, share, pool)
+    found = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", view)))
+    return found._replace(placed=found.placed + placed_of([dict(each) for each in setup.objects], floor))
 
 
 def _captured(

@@ -34,15 +34,15 @@ def export(source: Source, out: Path) -> Exported:
             mesh_id, variation = int(first["mesh_id"]), int(first["variation"])
             name = names.objects[mesh_id] + (f"-{variation}" if plan.recipe.variations > 1 else "")
             paths.append(f"{split}/{names.classes[mesh_id]}/{name}")
-            unit = depth_unit(max(_depths(record).max() for record in _records(source, of_views)))
-            frames = (_frame(plan, record) for record in _records(source, of_views))
+            unit = depth_unit(max(_depths(record).max() for record in records_of(source, of_views)))
+            frames = (frame_of(plan, record) for record in records_of(source, of_views))
             written = write_frames(out / paths[-1], frames, unit=unit)
             files[split] += [f"{paths[-1]}/{each}" for each in written]
     atomic.write_json(out / PATHS, paths)
     return Exported(files, n_clouds)
 
 
-def _records(source: Source, numbers: Numbers) -> Iterator[Any]:
+def records_of(source: Source, numbers: Numbers) -> Iterator[Any]:
     """Yield the records of some clouds, one at a time: each has a row per pixel."""
     for number in numbers:
         yield source.take(np.array([number]))[0]
@@ -52,7 +52,7 @@ def _depths(record: Any) -> FloatArray:
     return np.asarray(-(record["data"].astype(np.float64) @ record["pose"][2, :3] + record["pose"][2, 3]))
 
 
-def _frame(plan: Plan, record: Any) -> Frame:
+def frame_of(plan: Plan, record: Any) -> Frame:
     """Return all that a pinhole camera's rays met as a frame."""
     assert plan.recipe.setup is not None
     views, view = plan.views_of(plan.meshes[int(record["mesh_id"])].key), int(record["view_id"])

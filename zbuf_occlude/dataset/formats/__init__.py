@@ -191,6 +191,20 @@ FORMATS: tuple[Format, ...] = (
         },
         module="export.renderings",
     ),
+    Format(
+        "bop",
+        "scenes of several objects for 6D poses: rgb, depth, mask, mask_visib, models, scene_gt.json",
+        "hdf5",
+        ragged=True,
+        options={
+            "sensor": "pinhole:width=640,height=480,fov=50",
+            "keep": "all",
+            "sample_size": "all",
+            "scale": "mesh",
+            "attributes": "normals",
+        },
+        module="export.bop",
+    ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
     Format(
         "scanobjectnn",
@@ -240,6 +254,15 @@ FORMATS: tuple[Format, ...] = (
         "pairs as arrays, 2,048 points, 6 views",
         "fibonacci:6",
         options={"sample_size": 2_048},
+    ),
+    Format(
+        "voxels",
+        "partial and complete signed distances, 32 voxels a side, for PatchComplete",
+        "hdf5",
+        ragged=True,
+        axes=Y_UP,
+        options={"views": "fibonacci:8"},
+        module="export.voxels",
     ),
     Format(
         "pairs",
