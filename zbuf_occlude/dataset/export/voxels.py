@@ -1,6 +1,7 @@
 """Voxels: the partial signed distances of each view beside the complete ones, as loaders of PatchComplete have them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ def export(source: Source, out: Path) -> Exported:
                     out / folder / f"input_{view}.npz",
                     of_view.tsdf(TRUNCATION * grid.step) / side,
                     states=of_view.states,
-                    points=((points - grid.low) / side).astype(np.float32),
+                    points=_single((points - grid.low) / side),
                     eye=(eye - grid.low) / side,
                 )
             files[split] += [f"{folder}/{name}.npz" for name in ("gt", *(f"input_{view}" for view in range(n_views)))]
@@ -83,11 +84,11 @@ def complete_distances(mesh: Mesh, grid: VisibilityGrid) -> NDArray[np.float32]:
     """Return the distance of each voxel's centre to the mesh, world units, cut off; negative where no eye sees it."""
     with importing("open3d", "--format voxels"):
         import open3d
-    scene = open3d.t.geometry.RaycastingScene()
+    scene: Any = open3d.t.geometry.RaycastingScene()  # takes arrays too, its types do not say so
     low, side = grid.low, N * grid.step  # in single precision: relative to the cube
-    scene.add_triangles(np.float32((mesh.vertices - low) / side), mesh.faces.astype(np.uint32))
+    scene.add_triangles(_single((mesh.vertices - low) / side), mesh.faces.astype(np.uint32))
     centres = grid.centres.reshape(-1, 3)
-    distances = scene.compute_distance(np.float32((centres - low) / side)).numpy() * side
+    distances = scene.compute_distance(_single((centres - low) / side)).numpy() * side
     inside = np.arange(len(centres))
     eyes = AROUND.around(mesh.centre, mesh.longest_side).eyes
     with prepare(mesh, "exact") as occluder:
@@ -98,8 +99,13 @@ def complete_distances(mesh: Mesh, grid: VisibilityGrid) -> NDArray[np.float32]:
     return np.clip(distances, -TRUNCATION * grid.step, TRUNCATION * grid.step).reshape(N, N, N).astype(np.float32)
 
 
-def _write(path: Path, tsdf: FloatArray, **arrays: FloatArray) -> None:
-    np.savez_compressed(path, tsdf=tsdf.astype(np.float32), voxels=tsdf < 0, **arrays)
+def _single(numbers: FloatArray) -> NDArray[np.float32]:
+    return numbers.astype(np.float32)
+
+
+def _write(path: Path, tsdf: NDArray[Any], **arrays: NDArray[Any]) -> None:
+    found: dict[str, Any] = {"tsdf": tsdf.astype(np.float32), "voxels": tsdf < 0, **arrays}
+    np.savez_compressed(path, **found)
 
 
 def check(plan: Plan) -> None:
