@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.random_scenes import bodies, folds, soup, spiky
+from tests.random_scenes import KINDS, bodies, folds, soup, spiky
 from tests.scenes import box
 from zbuf_occlude import coverage, visible_faces, visible_mesh, visible_vertices
+from zbuf_occlude.geometry.sampling import points_in_triangles
 
 SHADE = zo.Mesh(
     [
@@ -51,6 +52,37 @@ def test_of_a_box_three_faces_and_seven_vertices_are_seen() -> None:
     part = visible_mesh(mesh, eye)
     assert set(part.face_ids) == set(np.flatnonzero(towards))
     assert len(part.mesh.faces) == 6, "faces wholly seen stay whole"
+
+
+def test_what_is_proved_of_a_box_and_of_a_shadow() -> None:
+    """No edge lies before a box's sides; the edges of the small square cross both faces of the large one."""
+    found = visible_faces(box(), np.array([[9.0, 7.0, 5.0]]), exactly=True)
+    assert found.proved.all()
+    assert not found.standard_error.any()
+    assert set(found.fraction[0]) == {0.0, 1.0}
+    found = visible_faces(SHADE, EYE, exactly=True)
+    assert found.proved.tolist() == [[False, False, True, True]]
+    assert not visible_faces(SHADE, EYE).proved.any()
+    with pytest.raises(zo.ArgumentError, match="exactly needs"):
+        visible_faces(SHADE, EYE, exactly=True, method="depth_buffer")
+
+
+@pytest.mark.parametrize("kind", [each for each in KINDS if each.__name__ != "duplicates"])
+def test_proved_faces_are_all_seen_or_all_hidden(kind: Callable[..., zo.Mesh]) -> None:
+    """By the oracle without a contact tolerance, under which copies of a face would hide each other."""
+    rng = np.random.default_rng(7)
+    for _ in range(2):
+        mesh = kind(rng)
+        eyes = mesh.centre + mesh.longest_side * rng.normal(size=(2, 3)) * rng.choice([0.4, 1.5])
+        proved = visible_faces(mesh, eyes, exactly=True, n_points=0, points_per_face=1).proved
+        some = np.flatnonzero(proved.any(axis=0))[:200]
+        counts = np.zeros(len(mesh.faces), dtype=np.int64)
+        counts[some] = 20
+        places = points_in_triangles(mesh.corners, counts, rng)
+        points = zo.SurfacePoints(places, np.repeat(some, 20), np.repeat(mesh.face_normals[some], 20, axis=0))
+        with zo.prepare(mesh, "oracle", contact=0.0) as oracle:
+            seen = oracle.visible(points, eyes).reshape(2, -1, 20)
+        assert not (proved[:, some] & seen.any(axis=2) & ~seen.all(axis=2)).any()
 
 
 def test_two_eyes_see_what_either_does() -> None:

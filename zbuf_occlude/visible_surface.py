@@ -13,7 +13,8 @@ from zbuf_occlude.errors import ArgumentError, MeshError, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
 from zbuf_occlude.provenance import generator
-from zbuf_occlude.visibility import prepare
+from zbuf_occlude.uniform_faces import uniform_faces
+from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 COARSEST = 1 / 32
@@ -31,13 +32,16 @@ class VisibleFaces(NamedTuple):
 
     fraction : (k, f) float64, share of the face's area
     standard_error : (k, f) float64, of `fraction`: the standard deviation of the share after what was sampled, from a
-        uniform prior; never 0
+        uniform prior; never 0 where it is sampled
     n_points : (f,) int64, points that the face was asked at
+    proved : (k, f) bool, where the eye sees all of the face or nothing of it and that is proved; `standard_error` is 0
+        there. False everywhere unless asked for.
     """
 
     fraction: FloatArray
     standard_error: FloatArray
     n_points: IntArray
+    proved: BoolArray
 
 
 class VisiblePart(NamedTuple):
@@ -73,6 +77,7 @@ def visible_faces(
     points_per_face: int = 16,
     n_points: int = 100_000,
     seed: Seed = 0,
+    exactly: bool = False,
     method: str = "exact",
     **options: Any,
 ) -> VisibleFaces:
@@ -89,6 +94,8 @@ def visible_faces(
     n_points : int
         Points shared out by area on top of these, so that large faces are known better.
     seed : int
+    exactly : bool
+        Prove which faces each eye sees wholly or not at all (`uniform_faces`); the others' shares are still sampled.
     method : str
         A name of the table of methods. Answers of an exact method have the sampling's error alone.
     **options
@@ -96,7 +103,9 @@ def visible_faces(
 
     Raises
     ------
-    ArgumentError, OptionError, UnavailableError, GlError
+    ArgumentError
+        A number out of range; `exactly` of a method that has errors.
+    OptionError, UnavailableError, GlError
         As `prepare` and `Occluder.visible`.
 
     Examples
@@ -111,11 +120,20 @@ def visible_faces(
     check_int("n_points", n_points, 0)
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
     points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), counts)
+    if exactly and not find_method(method).exact:
+        raise ArgumentError(f"exactly needs a method without error, exact or oracle; got {method}.")
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
+        if exactly:
+            middles = occluder.visible(_on_faces(mesh, mesh.corners.mean(axis=1), np.ones_like(counts)), eyes)
     n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
     expected = (n_seen + 1) / (counts + 2)
-    return VisibleFaces(n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3)), counts)
+    fraction, error = n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3))
+    proved = np.zeros(fraction.shape, dtype=bool)
+    if exactly:
+        proved = uniform_faces(mesh, as_vectors(eyes, "eyes"))
+        fraction[proved], error[proved] = middles[proved], 0.0
+    return VisibleFaces(fraction, error, counts, proved)
 
 
 def visible_vertices(mesh: MeshLike, eyes: ArrayLike, *, method: str = "exact", **options: Any) -> BoolArray:
