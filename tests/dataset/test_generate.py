@@ -303,7 +303,7 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     assert list(document["failures"]) == ["m4"]
     assert verify(tmp_path / "one", None).faults == []
     assert sorted_out(tmp_path / "one", plan)[1] == []
-    for n_jobs in (3, 2):
+    for n_jobs in (2, 1):
         with pytest.raises(Killed):
             generate(plan, tmp_path / "two", run=killed_after(n_jobs))
     if row.exported_from:
@@ -326,8 +326,6 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     for share in ((1, 2), (0, 2)):
         assert generate(plan, tmp_path / "three", share=share) == {}
     merge(plan, tmp_path / "three")
-    assert files(tmp_path / "one") == files(tmp_path / "three")
-    generate(plan, tmp_path / "three", overwrite=True)
     assert files(tmp_path / "one") == files(tmp_path / "three")
 
 
