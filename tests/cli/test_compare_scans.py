@@ -15,7 +15,7 @@ from zbuf_occlude.sensors import look_at, make
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
 
 BUNNY = DATA / "scans" / "bunny"
-SCANS = ("bun000", "bun180", "top2", "ear_back")
+SCANS = ("bun000", "bun180", "top2")
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_the_bunny_is_scanned_as_it_was(bunny: Path, run: Run, tmp_path: Path) -
     found = json.loads((tmp_path / "scans.json").read_text())["scans"]
     assert np.mean([each["agreement"] for each in found]) >= 0.96
     assert max(each["false_hidden"] for each in found) <= 0.005
-    assert {path.name for path in tmp_path.iterdir()} >= {"scans.html", "scans.md", "scan_0.png", "scan_3.png"}
+    assert {path.name for path in tmp_path.iterdir()} >= {"scans.html", "scans.md", "scan_0.png", "scan_2.png"}
     one_eye = zo.compare_scans(
         bunny / "bun_zipper.ply",
         [bunny / "bun000.ply"],
