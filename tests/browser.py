@@ -82,7 +82,8 @@ class Page:
         png.write_bytes(base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"]))
 
     def load(self, path: Path, size: tuple[int, int]) -> None:
-        """Open a tab of this size with a file in it and wait until it is loaded."""
+        """Open a tab of this size with a file in it and wait until it is loaded; what is asked next is asked there."""
+        self._session = None
         target = self._call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         self._call(

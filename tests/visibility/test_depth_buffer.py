@@ -17,7 +17,7 @@ from zbuf_occlude.visibility import depth_buffer
 from zbuf_occlude.visibility.pyrender import depth_test, window_places
 
 CHAIR = shapes.make("chair", 3).normalized()
-EYES = views.fibonacci(7).eyes
+EYES = views.fibonacci(5).eyes
 
 
 def points_on(mesh: Mesh, n_points: int = 4000) -> SurfacePoints:

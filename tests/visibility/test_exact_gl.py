@@ -179,7 +179,7 @@ ODD = Shape(64, 1, 1, 8), Shape(16, 31, 1, 40), Shape(64, 3, 16, 8), Shape(8, 1,
 def test_the_shape_of_the_work_changes_no_answer(shape: Shape, gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """As it is cut for a GPU, in groups of several vectors, with as many points to a thread as there are bits."""
     mesh = mesh_of(soup(700, 0.1))
-    points = zo.sample_surface(mesh, n_points=1500, seed=1)
+    points = zo.sample_surface(mesh, n_points=600, seed=1)
     monkeypatch.setattr(exact_pass, "SOFTWARE", ((0.0, shape),))
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
 
