@@ -48,6 +48,7 @@ class Page:
         self._buffer = b""
         self._number = 0
         self._session: str | None = None
+        self._target: str | None = None
         self._loaded = False
         self.errors: list[str] = []
 
@@ -82,9 +83,12 @@ class Page:
         png.write_bytes(base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"]))
 
     def load(self, path: Path, size: tuple[int, int]) -> None:
-        """Open a tab of this size with a file in it and wait until it is loaded."""
-        target = self._call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        """Open a tab of this size with a file in it, in place of the one before, and wait until it is loaded."""
+        self._session, before = None, self._target
+        self._target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        if before:
+            self._call("Target.closeTarget", targetId=before)
+        self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
         self._call(
             "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
         )

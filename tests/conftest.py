@@ -35,11 +35,14 @@ settings.load_profile("unhurried")
 
 
 FIRST = (
-    "visibility/test_contract.py", "paper/test_study.py", "workers/test_local.py", "examples/test_examples.py",
-    "visibility/test_pyrender.py", "learn/test_training.py", "visibility/test_first_hits.py",
-    "dataset/test_generate.py", "cli/test_scans_in_pairs.py", "compare/test_comparison_report.py",
-    "sensors/test_scenes.py", "paper/test_realism.py", "cli/test_experiment.py", "paper/test_figures.py",
-    "dataset/test_export.py", "learn/test_networks.py", "dataset/torch/test_occlusion.py", "jit/test_compiler.py",
+    "visibility/test_contract.py", "paper/test_study.py", "workers/test_local.py", "learn/test_training.py",
+    "net/test_datasets.py", "dataset/test_generate.py", "visibility/test_pyrender.py", "visibility/test_exact_gl.py",
+    "visibility/test_gl_threads.py", "cli/test_scans_in_pairs.py", "sensors/test_scenes.py",
+    "examples/test_examples.py",
+    "paper/test_figures.py", "compare/test_comparison_report.py", "dataset/torch/test_occlusion.py",
+    "jit/test_compiler.py", "visibility/test_first_hits.py", "paper/test_realism.py", "test_extras.py",
+    "cli/test_meshes_put_back.py", "learn/test_networks.py", "visibility/test_depth_buffer.py",
+    "dataset/test_export.py", "visibility/test_other_renderers.py", "cli/test_experiment.py",
     "dataset/test_attributes.py",
 )  # fmt: skip
 """Files whose tests wait, or work for more than some five seconds: begun before the others, so that no process has a
@@ -149,6 +152,18 @@ def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest
     report = yield
     _refused(report)
     return report
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw no contact sheets, only a file of that name: a fifth of the time of tests that finish many datasets."""
+
+    def write(path: Path, source: object) -> bool:
+        path.write_bytes(b"")
+        return True
+
+    for finishing in ("generate", "export"):
+        monkeypatch.setattr(f"zbuf_occlude.dataset.{finishing}.write_contact_sheet", write)
 
 
 @pytest.fixture(scope="session")

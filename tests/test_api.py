@@ -229,22 +229,6 @@ def test_prepare_takes_a_mesh_and_options_by_name(method: Method) -> None:
 
 
 @methods
-def test_an_unknown_option_names_the_known_ones(method: Method) -> None:
-    factory(method)
-    known = ", ".join(method.options())
-    with pytest.raises(
-        zo.OptionError, match=re.escape(f"{method.name!r} must be given one of its options {known}; got 'x'")
-    ):
-        zo.prepare(zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), method.name, x=1)
-
-
-def test_an_unknown_method_names_the_known_ones() -> None:
-    names = ", ".join(m.name for m in zo.METHODS)
-    with pytest.raises(zo.OptionError, match=re.escape(f"method must be one of {names}; got 'zbuffer'.")):
-        zo.prepare(zo.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), "zbuffer")
-
-
-@methods
 def test_every_option_is_on_the_methods_page(method: Method) -> None:
     factory(method)
     page = METHODS_PAGE.read_text(encoding="utf-8")

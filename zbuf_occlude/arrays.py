@@ -176,3 +176,14 @@ def sealed(array: NDArray[Any]) -> Any:
     """Make an array that nobody else holds read-only, and return it."""
     array.flags.writeable = False
     return array
+
+
+class Sealed:
+    """Base of values with read-only arrays: they are that in another process too.
+
+    A pickle forgets it, and for writable arrays numba compiles every kernel a second time.
+    """
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        arrays = {name: sealed(value) for name, value in state.items() if isinstance(value, np.ndarray)}
+        vars(self).update(state | arrays)

@@ -4,12 +4,16 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from zbuf_occlude.__main__ import main
+from zbuf_occlude.limits import Limits
+from zbuf_occlude.workers import Done, Task, run_here
+from zbuf_occlude.workers.local import run_local
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,20 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
 
     with patch.dict(os.environ):
         yield call
+
+
+@pytest.fixture(autouse=True)
+def one_worker_is_this_process(monkeypatch: pytest.MonkeyPatch, no_pictures: None) -> None:
+    """`--workers 1` starts no process, which would load all that is compiled; two, and tests/workers, start them."""
+
+    def run(task: Task, jobs: list[Any], done: Done, *, n_workers: int, limits: Limits) -> None:
+        if n_workers == 1:
+            run_here(task, jobs, done)
+        else:
+            run_local(task, jobs, done, n_workers=n_workers, limits=limits)
+
+    monkeypatch.setattr("zbuf_occlude.cli.shared_options.run_local", run)
+    monkeypatch.setattr("zbuf_occlude.cli.start_server", lambda: None)
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from tests.cli.conftest import Run, write_off
 from tests.scenes import box, two_plates
 from zbuf_occlude.paper.tables import CASES
 
-QUICK = ("--points", 200, "--seconds", 2, "--views", "ring:3@30", "--method", "oracle", "--method")
+QUICK = ("--points", 200, "--seconds", 0.3, "--views", "ring:3@30", "--method", "oracle", "--method")
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +78,9 @@ def test_the_papers_commands_are_listed_without_what_they_import(run: Run) -> No
 def test_table_1_by_its_own_name_and_by_its_old_one(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = [replace(case, subjects=case.subjects[:1]) for case in CASES["table1b"](None, 0)][:1]
     monkeypatch.setitem(CASES, "table1b", lambda root, seed, budget: [replace(case, budget=budget) for case in few])
-    made = run("paper", "table1b", "--seconds", 0.5, "--judge-points", 50, "--out", tmp_path / "out")
+    made = run("paper", "table1b", "--seconds", 0.2, "--judge-points", 50, "--out", tmp_path / "out")
     assert made.code == 0, made.err
     assert "1 rows made, 0 found, 0 failed" in made.out
-    again = run("compare", "--preset", "table1b", "--seconds", 0.5, "--judge-points", 50, "--out", tmp_path / "out")
+    again = run("compare", "--preset", "table1b", "--seconds", 0.2, "--judge-points", 50, "--out", tmp_path / "out")
     assert "0 rows made, 1 found, 0 failed" in again.out
     assert again.err.startswith("note: `zbuf-occlude compare --preset table1b` is now `zbuf-occlude paper table1b`")

@@ -59,7 +59,7 @@ def test_scans(run: Run, cube: Path, tmp_path: Path) -> None:
 
 def test_compare(run: Run, cube: Path, tmp_path: Path) -> None:
     given = ("--views", "ring:2@0", "--points", 200, "--method", "exact", "--method", "oracle", "--judge-points", 20)
-    outcome = run("compare", cube, *given, "--distance", 0.1, "--out", tmp_path / "near")
+    outcome = run("compare", cube, *given, "--seconds", 0.2, "--distance", 0.1, "--out", tmp_path / "near")
     assert outcome.code == 0, outcome.err
     assert warned(outcome.out + outcome.err) == 1
     assert "UserWarning" not in outcome.err

@@ -28,7 +28,7 @@ def test_classes_that_are_paths(run: Run, tmp_path: Path, layout: str) -> None:
             write_off(tmp_path / "meshes" / f"m{number}.off", brick.vertices, brick.faces)
             rows.writerow([f"m{number}", label])
     command = ["generate", tmp_path / "meshes", "--labels", labels, "--method", "exact", "--views", "ring:1@20"]
-    command += ["--points", "2048", "--format", layout, *FORMATS[layout].split(), "--out", out]
+    command += ["--points", "2048", "--format", layout, *FORMATS[layout].split(), "--workers", "1", "--out", out]
     outcome = run(*command)
     assert outcome.code == 0, outcome.err
     assert list(inside.iterdir()) == [out]

@@ -53,7 +53,7 @@ def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path, mon
     for name in ("zbuf_occlude", "pickle", "random"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / ('ran_' + name))!r}, 'w').close()\n")
     monkeypatch.chdir(tmp_path)
-    small = ("--method", "oracle", "--views", "ring:1@0", "--points", 50, "--sample-size", 8, "--workers", 1)
+    small = ("--method", "oracle", "--views", "ring:1@0", "--points", 50, "--sample-size", 8, "--workers", 2)
     assert run("generate", "--limit", 1, *small, "--out", tmp_path / "out").code == 0
     run("doctor")
     assert not list(tmp_path.glob("ran_*"))

@@ -49,7 +49,7 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
         Case("meshes", "sampled badly", plates, [Subject("occupancy_grid", {"n": 1})]),
     ]
     seen: list[str] = []
-    tally = run(cases, tmp_path, budget=2.0, progress=seen.append)
+    tally = run(cases, tmp_path, budget=0.6, progress=seen.append)
     assert (tally.made, tally.found, tally.failed) == (2, 0, 2)
     assert seen == ["plates · oracle", "plates · occupancy_grid:n=8", "broken", "sampled badly · occupancy_grid:n=1"]
     rows = list(ComparisonFolder(tmp_path).rows().values())
@@ -69,16 +69,16 @@ def test_rows_tell_the_truth_about_two_plates(tmp_path: Path) -> None:
     assert (missing["status"], missing["reason"]) == ("failed", "broken.off is broken")
     assert refused["reason"].startswith("n must be an int in [2, ")
 
-    again = run(cases, tmp_path, budget=2.0)
+    again = run(cases, tmp_path, budget=0.6)
     assert (again.made, again.found, again.failed) == (0, 2, 2), "failures are tried again"
 
 
 def test_another_version_makes_rows_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = [Case("meshes", "plates", plates, [Subject("occupancy_grid", {"n": 8})], compared=False)]
-    assert run(cases, tmp_path, budget=2.0).made == 1
+    assert run(cases, tmp_path, budget=0.6).made == 1
     monkeypatch.setattr(run_module, "versions", lambda: {"python": "4"})
-    assert run(cases, tmp_path, budget=2.0).made == 1
-    assert run(cases, tmp_path, budget=2.0).found == 1
+    assert run(cases, tmp_path, budget=0.6).made == 1
+    assert run(cases, tmp_path, budget=0.6).found == 1
 
 
 def test_what_cannot_run_here_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 N_POINTS = {"pcn": 16_384, "projected-shapenet": 8_192, "shapenet55": 8_192, "mvp": 2_048, "completion3d": 2_048}
 
 

@@ -25,6 +25,7 @@ from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.setup import Setup
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 MESHES = [
     ("02691156/1a04e3eab45ca15d", "airplane", "train"),
     ("02691156/1a6ad7a24bb89733", "airplane", "test"),

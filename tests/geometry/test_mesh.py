@@ -1,5 +1,6 @@
 """Mesh: what it refuses, that it cannot be changed, its measures, and what cleaning drops and counts."""
 
+import pickle
 import re
 from itertools import permutations
 from types import SimpleNamespace
@@ -10,10 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zbuf_occlude import ArgumentError, Mesh, MeshError
+from zbuf_occlude import ArgumentError, Mesh, MeshError, sample_surface
+from zbuf_occlude.views import paper100
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 12.0]])
 TETRAHEDRON = Mesh(CORNERS, [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]], name="tetrahedron")
+
+
+def test_it_cannot_be_changed_in_another_process_either() -> None:
+    """Writable arrays are another type to numba: all kernels were compiled a second time."""
+    points, views = sample_surface(TETRAHEDRON, n_points=5), paper100()
+    for whole in (TETRAHEDRON, points, views):
+        found = pickle.loads(pickle.dumps(whole))
+        arrays = {name: value for name, value in vars(found).items() if isinstance(value, np.ndarray)}
+        assert len(arrays) >= 3
+        for name, value in arrays.items():
+            assert not value.flags.writeable, name
+            np.testing.assert_array_equal(value, getattr(whole, name))
+    assert not pickle.loads(pickle.dumps(TETRAHEDRON)).corners.flags.writeable
 
 
 def test_measures() -> None:

@@ -63,7 +63,7 @@ numbers = st.floats(-1.0, 1.0, width=64)
 vectors = st.tuples(numbers, numbers, numbers)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(eye=vectors, apex1=vectors, apex2=vectors, a=vectors, b=vectors, s=st.floats(0.0, 1.0))
 def test_shared_edges_are_watertight(eye: Vector, apex1: Vector, apex2: Vector, a: Vector, b: Vector, s: float) -> None:
     """Aim at a place on the edge ab: of two faces on its two sides, seen from the eye, one at least is met."""
@@ -87,7 +87,7 @@ small = st.integers(-3, 3).map(float)
 grid_points = st.tuples(small, small, small)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(eye=grid_points, point=grid_points, a=grid_points, b=grid_points, c=grid_points)
 def test_equals_rational_arithmetic_on_small_integers(
     eye: Vector, point: Vector, a: Vector, b: Vector, c: Vector

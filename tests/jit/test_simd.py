@@ -21,76 +21,38 @@ def bits(bools: np.ndarray) -> int:
     return sum(1 << i for i in range(len(bools)) if bools[i])
 
 
-@njit
-def add(a, b):
-    return a + b
+TWINS = (
+    np.add,
+    np.subtract,
+    np.multiply,
+    np.divide,
+    lambda a, b: np.where(a < b, a, b),
+    lambda a, b: np.where(a > b, a, b),
+)
 
 
-@njit
-def subtract(a, b):
-    return a - b
-
-
-@njit
-def multiply(a, b):
-    return a * b
-
-
-def on_vectors(operation, n, load):
-    """Compile a kernel that applies a function of two vectors to the n numbers at an index."""
-
+@WIDTHS
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_two_vectors_to_one_and_to_a_mask(n, load) -> None:
     @njit
     def kernel(a, b, out, i):
-        store(out, i, operation(load(a, i), load(b, i)))
+        u, v = load(a, i), load(b, i)
+        store(out[0], i, u + v)
+        store(out[1], i, u - v)
+        store(out[2], i, u * v)
+        store(out[3], i, simd.divide(u, v))
+        store(out[4], i, simd.minimum(u, v))
+        store(out[5], i, simd.maximum(u, v))
+        return simd.greater(u, v), simd.not_less(u, v)
 
-    def call(a, b, i):
-        out = np.zeros(len(a), dtype=np.float32)
-        kernel(a, b, out, i)
-        assert not out[:i].any()
-        assert not out[i + n :].any()
-        return out[i : i + n]
-
-    return call
-
-
-def on_masks(operation, load):
-    @njit
-    def kernel(a, b, i):
-        return operation(load(a, i), load(b, i))
-
-    return kernel
-
-
-@WIDTHS
-@pytest.mark.parametrize(
-    ("operation", "twin"),
-    [
-        (add, np.add),
-        (subtract, np.subtract),
-        (multiply, np.multiply),
-        (simd.divide, np.divide),
-        (simd.minimum, lambda a, b: np.where(a < b, a, b)),
-        (simd.maximum, lambda a, b: np.where(a > b, a, b)),
-    ],
-    ids=["add", "subtract", "multiply", "divide", "minimum", "maximum"],
-)
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_two_vectors_to_one(operation, twin, n, load) -> None:
-    kernel = on_vectors(operation, n, load)
     for i in STARTS:
-        np.testing.assert_array_equal(kernel(A, B, i), twin(A, B)[i : i + n])
-
-
-@WIDTHS
-@pytest.mark.parametrize(
-    ("operation", "twin"),
-    [(simd.greater, lambda a, b: a > b), (simd.not_less, lambda a, b: ~(a < b))],
-    ids=["greater", "not_less"],
-)
-def test_two_vectors_to_a_mask(operation, twin, n, load) -> None:
-    kernel = on_masks(operation, load)
-    for i in STARTS:
-        assert kernel(A, B, i) == bits(twin(A, B)[i : i + n])
+        out = np.zeros((len(TWINS), len(A)), dtype=np.float32)
+        masks = kernel(A, B, out, i)
+        for found, twin in zip(out, TWINS, strict=True):
+            np.testing.assert_array_equal(found[i : i + n], twin(A, B)[i : i + n])
+        assert not out[:, :i].any()
+        assert not out[:, i + n :].any()
+        assert masks == (bits((A > B)[i : i + n]), bits(~(A < B)[i : i + n]))
 
 
 @WIDTHS

@@ -1,16 +1,34 @@
 """What every command takes: `python -m tests.net.options > tests/net/options.json`."""
 
+import io
 import json
+import os
 import re
-import subprocess
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
+from typing import NamedTuple
+from unittest.mock import patch
 
-from tests.net.digests import command
+from zbuf_occlude.__main__ import main as program
 
 
-def run(*arguments: object) -> "subprocess.CompletedProcess[str]":
-    """Run the program to its end."""
-    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+class Outcome(NamedTuple):
+    """What a command left."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run(*arguments: object) -> Outcome:
+    """Run the program to its end, as its entry point does, in this process."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with redirect_stdout(out), redirect_stderr(err), patch.dict(os.environ):
+        try:
+            with patch("sys.argv", ["zbuf-occlude", *map(str, arguments)]):
+                program()
+        except SystemExit as leaving:
+            code = int(leaving.code or 0)
+    return Outcome(code, out.getvalue(), err.getvalue())
 
 
 def commands() -> list[str]:
@@ -46,10 +64,8 @@ def argument(page: str) -> str | None:
 
 def main() -> None:
     """Print the options of all commands."""
-    names = commands()
-    with ThreadPoolExecutor(2) as pool:
-        pages = [done.stdout for done in pool.map(lambda name: run(name, "--help"), names)]
-    found = {name: {"argument": argument(page), **shown(page)} for name, page in zip(names, pages, strict=True)}
+    pages = {name: run(name, "--help").stdout for name in commands()}
+    found = {name: {"argument": argument(page), **shown(page)} for name, page in pages.items()}
     print(json.dumps(found, indent=1))  # noqa: T201
 
 

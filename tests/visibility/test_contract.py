@@ -205,8 +205,9 @@ def test_scaling_by_a_power_of_two_changes_nothing(prepare: Prepare, answer: np.
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_scale_does_not_matter(method: Method, prepare: Prepare, answer: np.ndarray, scale: float) -> None:
-    mesh, points, eyes = SCENE.transformed(scale), POINTS.transformed(scale), EYES * scale
+def test_scale_and_place_do_not_matter(method: Method, prepare: Prepare, answer: np.ndarray, scale: float) -> None:
+    shift = scale * np.array([3.0, -7.0, 11.0])
+    mesh, points, eyes = SCENE.transformed(scale, shift), POINTS.transformed(scale, shift), EYES * scale + shift
     with prepare(mesh) as occluder:
         found = occluder.visible(points, eyes)
     if method.exact:

@@ -141,15 +141,6 @@ def test_small_integers(corners: np.ndarray, eyes: np.ndarray, places: np.ndarra
     assert differing(mesh, zo.SurfacePoints.free(places), eyes, gl) == 0
 
 
-@pytest.mark.parametrize("exponent", [-200, -10, 1, 10, 200])
-def test_scaling_by_powers_of_two_changes_no_answer(exponent: int, gl: GlContext) -> None:
-    mesh = mesh_of(soup(300, 0.1))
-    points = zo.sample_surface(mesh, n_points=2000, seed=1)
-    eyes, scale = eyes_of(mesh, points), 2.0**exponent
-    with exact_gl.prepare(mesh, gl=gl) as one, exact_gl.prepare(mesh.transformed(scale), gl=gl) as other:
-        assert (one.visible(points, eyes) == other.visible(points.transformed(scale), eyes * scale)).all()
-
-
 def test_splitting_changes_no_answer(gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """Faces, points and answers over the driver's limit of a storage block go in parts."""
     mesh = mesh_of(soup(700, 0.1))
@@ -179,7 +170,7 @@ ODD = Shape(64, 1, 1, 8), Shape(16, 31, 1, 40), Shape(64, 3, 16, 8), Shape(8, 1,
 def test_the_shape_of_the_work_changes_no_answer(shape: Shape, gl: GlContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """As it is cut for a GPU, in groups of several vectors, with as many points to a thread as there are bits."""
     mesh = mesh_of(soup(700, 0.1))
-    points = zo.sample_surface(mesh, n_points=1500, seed=1)
+    points = zo.sample_surface(mesh, n_points=600, seed=1)
     monkeypatch.setattr(exact_pass, "SOFTWARE", ((0.0, shape),))
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
 
@@ -228,16 +219,6 @@ def test_no_face_hides_what_is_seen_past_it_in_its_own_plane(seed: int, gl: GlCo
         assert occluder.visible(points, eyes).all()
 
 
-def test_each_eye_is_answered_for_itself(gl: GlContext) -> None:
-    mesh = mesh_of(sphere(6))
-    points = zo.sample_surface(mesh, n_points=300, seed=1)
-    eyes = eyes_of(mesh, points)
-    with exact_gl.prepare(mesh, gl=gl) as occluder:
-        together = occluder.visible(points, eyes)
-        for eye, row in zip(eyes, together, strict=True):
-            assert (occluder.visible(points, eye[None])[0] == row).all()
-
-
 def test_other_points_take_the_place_of_the_last(gl: GlContext) -> None:
     mesh = mesh_of(sphere(6))
     eyes = [[3.0, 1.0, 1.0]]
@@ -256,11 +237,6 @@ def test_visible_fraction_of_a_sphere(gl: GlContext) -> None:
     with exact_gl.prepare(mesh, gl=gl) as occluder:
         visible = occluder.visible(points, [[4.0, 0.0, 0.0]])
     assert visible.mean() == pytest.approx((1 - 1 / 4) / 2, abs=0.012)  # 3.5 standard deviations of 20,000 draws
-
-
-def test_the_renderer_is_named(gl: GlContext) -> None:
-    with exact_gl.prepare(mesh_of(soup(1, 1.0)), gl=gl) as occluder:
-        assert occluder.renderer == gl.renderer
 
 
 def test_contact_out_of_range(gl: GlContext) -> None:

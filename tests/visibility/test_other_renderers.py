@@ -50,8 +50,7 @@ RENDERERS = {
 }
 
 
-@pytest.mark.gl
-@pytest.mark.parametrize("name", RENDERERS)
+@pytest.mark.parametrize("name", RENDERERS)  # by EGL, whichever backend the marker `gl` is run with
 def test_it_is_right_there_too(name: str) -> None:
     environment, renderer = RENDERERS[name]
     child = subprocess.run(

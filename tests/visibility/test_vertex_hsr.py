@@ -54,12 +54,6 @@ def test_a_vertex_upon_anothers_edge_is_not_hidden_by_it() -> None:
         assert kept_faces(mesh, eye).all()
 
 
-def test_vertices_that_no_face_uses_are_not_tested() -> None:
-    mesh = box()
-    more = zo.Mesh(np.concatenate([mesh.vertices, [[3.0, 4.0, 5.0], [0, 0, 9]]]), mesh.faces)
-    assert (kept_faces(more, [3.0, 4.0, 5.0]) == kept_faces(mesh, [3.0, 4.0, 5.0])).all()
-
-
 def test_points_go_with_their_face_and_free_points_are_tested() -> None:
     mesh = two_plates(0.5)
     points = zo.sample_surface(mesh, n_points=200, seed=0)

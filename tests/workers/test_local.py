@@ -24,6 +24,7 @@ from zbuf_occlude.workers import local, pool
 from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.pool import Message
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
 RECIPE = Recipe(method="oracle", views="fibonacci:60", n_points=50, sample_size=8)
 AMPLE = Limits(seconds=60, gigabytes=8)
 

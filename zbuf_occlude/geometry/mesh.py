@@ -13,6 +13,7 @@ from zbuf_occlude.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    Sealed,
     as_array,
     as_indices,
     as_numbers,
@@ -35,7 +36,7 @@ MeshLike = Any
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Sealed):
     """A triangle mesh in world space. Immutable, its measures too: every transformation returns a new one.
 
     Parameters

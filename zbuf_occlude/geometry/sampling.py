@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zbuf_occlude.arrays import (
     FloatArray,
     IntArray,
+    Sealed,
     as_indices,
     as_numbers,
     as_vectors,
@@ -32,7 +33,7 @@ Seed = int | np.random.SeedSequence | np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints:
+class SurfacePoints(Sealed):
     """Points on a surface, each with the face it lies on. Immutable.
 
     Parameters

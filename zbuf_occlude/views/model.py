@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, frozen
+from zbuf_occlude.arrays import BoolArray, FloatArray, Sealed, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.camera import rigid_matrices, view_matrices
 
@@ -15,7 +15,7 @@ PAPER_DISTANCE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class Views(Sealed):
     """Camera positions about a target. Immutable.
 
     Parameters
