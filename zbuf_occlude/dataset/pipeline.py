@@ -21,6 +21,7 @@ from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
+from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
@@ -254,9 +255,9 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
     scan = capture.scan
     some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
     starts, directions = scan.starts[some], scan.directions[some]
-    found = capture.occluder.first_hits(starts, directions).distances
-    with prepare(capture.scene.mesh, "oracle") as oracle:
-        truth = oracle.first_hits(starts, directions).distances
+    found = cast(capture.occluder, starts, directions, scan.times[some]).distances
+    with prepare_scene(capture.scene, "oracle") as oracle:
+        truth = cast(oracle, starts, directions, scan.times[some]).distances
     within = CONTACT * capture.scene.mesh.diagonal
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within

@@ -22,6 +22,8 @@ NUMBERS = {
     "yaw": Number(-3600.0, 3600.0, "degrees"),
     "size": Number(LEAST, MOST, "metres"),
     "albedo": Number(0.0, 1.0),
+    "velocity": Number(-1e3, 1e3, "metres a second", ((3,),)),
+    "turn": Number(-1e4, 1e4, "degrees a second"),
 }
 KNOWN = ("mesh", "class", "up", *NUMBERS)
 
@@ -39,9 +41,10 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     Parameters
     ----------
     path : Path
-        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``;
-        all but mesh and position may be left out. Positions are metres from the middle of the target's foot; of the
-        object it is the middle of the foot too. Files are found from the JSON's folder.
+        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
+        with albedo, velocity and turn as `Placed` has them; all but mesh and position may be left out. Positions are
+        metres from the middle of the target's foot; of the object it is the middle of the foot too. Files are found
+        from the JSON's folder.
 
     Returns
     -------
@@ -76,7 +79,8 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     mesh = str((folder / found["mesh"]).absolute())
     if not os.path.isfile(mesh):
         raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
-    return {**found, "mesh": mesh, "position": list(found["position"])}
+    vectors = {name: list(found[name]) for name in ("position", "velocity") if name in found}
+    return {**found, "mesh": mesh, **vectors}
 
 
 def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
@@ -94,7 +98,8 @@ def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
         size = given.get("size", size_of(label, FILE, mesh.longest_side))
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
-        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo")))
+        drive = {name: given[name] for name in ("velocity", "turn") if name in given}
+        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo"), **drive))
     return placed
 
 

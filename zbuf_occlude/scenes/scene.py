@@ -1,13 +1,13 @@
 """A scene: meshes in their places, joined into one mesh that the engines know already, and whose face is whose."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, as_vectors, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.mesh import Mesh
 
@@ -31,12 +31,18 @@ class Placed:
         The mesh's space to the world, metres; column vectors. May scale. The identity by default.
     albedo : float, optional
         Share of light that it sends back. None: it is not known, and the scene has one drawn (`Scene.joined`).
+    velocity : (3,) float
+        Metres a second along the world's axes at time 0, when it is at its pose; the velocity turns with the object.
+    turn : float
+        Degrees a second about the vertical line through the origin of its pose, positive to the left.
     """
 
     mesh: Mesh
     label: str = "object"
     pose: FloatArray = field(default_factory=lambda: np.eye(4))
     albedo: float | None = None
+    velocity: ArrayLike = (0.0, 0.0, 0.0)
+    turn: float = 0.0
 
     def __post_init__(self) -> None:
         pose = np.asarray(self.pose, dtype=np.float64)
@@ -44,7 +50,15 @@ class Placed:
             raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
         if self.albedo is not None and not 0.0 <= self.albedo <= 1.0:
             raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
-        object.__setattr__(self, "pose", frozen(pose))
+        velocity = as_vectors([np.asarray(self.velocity)], f"velocity of {self.label}")[0]
+        if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
+            raise ArgumentError(f"turn of {self.label} must be degrees a second; got {self.turn!r:.40}.")
+        vars(self).update(pose=frozen(pose), velocity=frozen(velocity))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere later."""
+        return bool(np.any(self.velocity) or self.turn)
 
     @cached_property
     def vertices(self) -> FloatArray:
@@ -76,6 +90,8 @@ class Scene:
         What each object is.
     albedos : (o,) float
         Of each object.
+    moving : mapping of int to Placed
+        The objects that move, by number; in `mesh` they are where they are at time 0.
 
     Examples
     --------
@@ -88,6 +104,7 @@ class Scene:
     instances: IntArray
     labels: tuple[str, ...]
     albedos: FloatArray
+    moving: Mapping[int, Placed] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -137,7 +154,8 @@ class Scene:
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
         drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos))
+        moving = {i: placed[i] for i in taken if placed[i].moves}
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), moving)
 
 
 def moved(

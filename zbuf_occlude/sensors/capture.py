@@ -14,6 +14,7 @@ from zbuf_occlude.scenes.contents import placed_of
 from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
+from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
@@ -119,7 +120,7 @@ def captures(
             placed += placed_of([dict(each) for each in setup.objects], floor)
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
-            with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
+            with nullcontext(alone) if len(placed) == 1 else prepare_scene(scene, setup.method) as occluder:
                 if setup.objects:
                     left = _visible(scene.mesh, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]

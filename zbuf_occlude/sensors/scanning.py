@@ -1,6 +1,7 @@
 """From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +17,12 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.casting import SceneInParts, cast, prepare_scene, turned_with
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, check_keywords, find_method, prepare
+from zbuf_occlude.visibility import METHODS, check_keywords, find_method
 from zbuf_occlude.visibility.interface import FirstHits, Occluder
 
 CASTERS = ("exact", "embree", "oracle")
@@ -201,19 +203,20 @@ def scan(
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
     motion : Motion, optional
-        How the sensor moves while it scans, from its pose on.
+        How the sensor moves while it scans, from its pose on. Objects of the scene that move do so without it too: each
+        ray meets them where they are by the time that it is cast.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
     method : str, optional
         Who casts the rays; by default the first of `CASTERS` that can.
     occluder : Occluder, optional
-        The scene's mesh made ready already.
+        The scene made ready already (`casting.prepare_scene`): where nothing in it moves, its mesh.
     towards : (2, 3) float, optional
         Lower and upper corner of a box in the world: only beams that may meet it are cast; the rest are taken to
         return nothing. A sensor that moves casts all.
     target : Occluder, optional
-        A part of the scene made ready by itself: only beams are cast of which a ray would meet it, were it alone. So
-        all its points are there, and few others.
+        A part of the scene that stands still, made ready by itself: only beams are cast of which a ray would meet it,
+        were it alone. So all its points are there, and few others.
     **options
         The method's own.
 
@@ -264,11 +267,11 @@ def scan(
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
     rays = at_rest = sensor.rays()
+    if motion is not None and not isinstance(motion, Motion):
+        raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
+    if len(sensor.imperfections.second_eyes) and (motion is not None or (scene.moving and rays.times is not None)):
+        raise ArgumentError("a sensor with a second eye must stand still, as all it sees. Or set baseline=0.")
     if motion is not None:
-        if not isinstance(motion, Motion):
-            raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
-        if len(sensor.imperfections.second_eyes):
-            raise ArgumentError("a sensor with a second eye must stand still. Leave motion out, or set baseline=0.")
         rays = motion.applied(at_rest)
     if towards is not None and rays.origins is None:
         corners = as_vectors(towards, "towards")
@@ -276,14 +279,12 @@ def scan(
     if target is not None:
         alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=1)
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    rng = generator(seed)
-    if occluder is not None:
-        returns, met = _returns(scene, occluder, rays, rotation, origin, sensor)
-    else:
-        name = method or default_caster()
-        find_method(name).check_first_hits()
-        with prepare(scene.mesh, name, **options) as opened:
-            returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
+    rng, name = generator(seed), method or default_caster()
+    find_method(name).check_first_hits()
+    with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
+        if scene.moving and not isinstance(opened, SceneInParts):
+            raise ArgumentError("occluder of a scene with moving objects must be made by prepare_scene. Leave it out.")
+        returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
     return imperfect(returns, sensor, rng)
@@ -394,8 +395,9 @@ def _returns(
         points = starts + found.ranges[:, None] * directions[found.rays]
         found = found.select(_seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor))
     met, face_ids, ranges = found.rays, found.face_ids, found.ranges
-    directions = directions[met]
-    normals = _unit(scene.mesh.face_normals[face_ids])
+    directions, instances = directions[met], scene.instances[face_ids]
+    times = np.zeros(len(met)) if rays.times is None else rays.times[met]
+    normals = turned_with(scene, instances, times, _unit(scene.mesh.face_normals[face_ids]))
     cosines = -np.einsum("ij,ij->i", normals, directions)
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
@@ -404,7 +406,7 @@ def _returns(
         origin=origin,
         directions=directions,
         offsets=offsets[met],
-        times=np.zeros(len(met)) if rays.times is None else rays.times[met],
+        times=times,
         depths_per_range=rays.directions[met, 0],
         ranges=ranges,
         clean_ranges=ranges,
@@ -414,7 +416,7 @@ def _returns(
         intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * cosines / squares,
         rings=rays.rings[met],
         columns=rays.columns[met],
-        instances=scene.instances[face_ids],
+        instances=instances,
         n_returns=found.n_returns,
         return_numbers=found.numbers,
         shares=found.shares,
@@ -566,7 +568,8 @@ def _beams(
     starts = origin[None]
     if rays.origins is not None:
         starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
-    face_ids, distances = occluder.first_hits(starts, beams.reshape(-1, 3))
+    times = None if rays.times is None else np.repeat(rays.times[by_ring], beams.shape[1])
+    face_ids, distances = cast(occluder, starts, beams.reshape(-1, 3), times)
     shape, back = beams.shape[:2], np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
