@@ -21,7 +21,7 @@ from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
 from zbuf_occlude.sensors import Motion, Scan, Sensor, read_trajectory
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
-from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
 
@@ -92,7 +92,7 @@ def scan_command(
         motion = Motion(velocity or (0.0, 0.0, 0.0), turn, rows, deskew)
     elif deskew:
         raise click.UsageError("--deskew must go with --velocity, --turn or --trajectory.")
-    collection = MeshCollection.from_paths(meshes, up=up)
+    collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
     check_sizes(setup, collection)
     capture = scan_once(collection, setup, azimuth, elevation, seed, motion)
     found = capture.scan
@@ -144,8 +144,11 @@ def scan_once(
         places = sensor_places(views, size, floor, setup, seeds)
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
-    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"))
-    return next(captures(mesh, setup, places, floor, seeds, pool, motion))
+    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
+    capture = next(captures(mesh, setup, places, floor, seeds, pool, motion))
+    if setup.transparent and capture.scene.passing is None:
+        raise OptionError(no_windows("--transparent", loaded))
+    return capture
 
 
 def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:

@@ -25,7 +25,7 @@ from zbuf_occlude.visibility import METHODS, find_method
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 SCAN_OPTIONS = (
-    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
+    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height", "transparent",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
 
@@ -96,6 +96,12 @@ def scan_options(sensor: str) -> Decorator:
         ),
         click.option("--keep-clean", is_flag=True, help="Store the ranges without noise too."),
         click.option("--sensor-height", type=float, help="Metres above the ground.  [default: the scene's]"),
+        click.option(
+            "--transparent",
+            multiple=True,
+            metavar="NAME[=SHARE]",
+            help="Material that lets light pass (alpha of glTF, d of MTL); * for any.",
+        ),
     )
 
 
@@ -211,4 +217,14 @@ def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
         keep_clean=given["keep_clean"],
         sensor_height=given["sensor_height"],
         method=method,
+        transparent=dict(_material(each) for each in given["transparent"]),
     )
+
+
+def _material(text: str) -> tuple[str, float | None]:
+    """Read ``NAME`` or ``NAME=SHARE``."""
+    name, given, share = text.rpartition("=")
+    try:
+        return (name, float(share)) if given else (text, None)
+    except ValueError:
+        raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {text!r}.") from None

@@ -255,9 +255,9 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
     scan = capture.scan
     some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
     starts, directions = scan.starts[some], scan.directions[some]
-    found = cast(capture.occluder, starts, directions, scan.times[some]).distances
+    found = cast(capture.occluder, starts, directions, scan.times[some]).distances[:, 0]
     with prepare_scene(capture.scene, "oracle") as oracle:
-        truth = cast(oracle, starts, directions, scan.times[some]).distances
+        truth = cast(oracle, starts, directions, scan.times[some]).distances[:, 0]
     within = CONTACT * capture.scene.mesh.diagonal
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within

@@ -5,7 +5,7 @@ hidden-surface removal. Realism is ours: trained on uniform clouds, on scans, on
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial, reduce
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -508,7 +508,7 @@ class Realism(Experiment):
             return Plan(self.meshes, Recipe(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
         setup = Setup(make(SENSOR).document, range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
-        return Plan(self.meshes, Recipe(**common, scanning=asdict(setup)))
+        return Plan(self.meshes, Recipe(**common, scanning=setup.document))
 
     def of(self, kind: str, count: str, split: str) -> CloudSet:
         """Return the clouds of a kind, a way to count points (one of `COUNTS`), and a split."""

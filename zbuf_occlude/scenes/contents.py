@@ -1,7 +1,7 @@
 """What scenes are filled with: the meshes of a user's JSON in their places, or objects of a collection; in metres."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +83,10 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     return {**found, "mesh": mesh, **vectors}
 
 
-def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
-    """Load a scene's meshes and put them in their places.
+def placed_of(
+    objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
+) -> list[Placed]:
+    """Load a scene's meshes and put them in their places; `transparent` is as of a `Setup`.
 
     Raises
     ------
@@ -93,7 +95,7 @@ def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
     """
     placed = []
     for given in objects:
-        mesh = load_mesh(given["mesh"], up=given.get("up"))
+        mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
         label = str(given.get("class", Path(given["mesh"]).stem))
         size = given.get("size", size_of(label, FILE, mesh.longest_side))
         x, y, z = given["position"]
@@ -121,12 +123,21 @@ class Pool:
     scene : str
         A name of `zbuf_occlude.scenes.kinds.KINDS`.
     seed : SeedSequence
+    transparent : mapping of str to float or None
+        As of a `Setup`.
     """
 
-    def __init__(self, entries: Sequence[MeshEntry], sizes: Sizes, scene: str, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self,
+        entries: Sequence[MeshEntry],
+        sizes: Sizes,
+        scene: str,
+        seed: np.random.SeedSequence,
+        transparent: Mapping[str, float | None] | None = None,
+    ) -> None:
         order = np.random.default_rng(seed).permutation(len(entries))
         self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
-        self._sizes, self._most = sizes, MOST_METRES.get(scene, np.inf)
+        self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
         self._made: dict[int, tuple[Mesh, str] | None] = {}
 
     def __call__(self, number: float) -> tuple[Mesh, str]:
@@ -142,7 +153,7 @@ class Pool:
             self._made[i] = None
             entry = self._entries[i]
             try:
-                mesh = entry.load()
+                mesh = entry.load().transparent(self._transparent)
                 size = size_of(entry.label, self._sizes, mesh.longest_side)
             except (MeshError, OptionError):
                 return None

@@ -92,6 +92,9 @@ class Scene:
         Of each object.
     moving : mapping of int to Placed
         The objects that move, by number; in `mesh` they are where they are at time 0.
+    passing : (f,) float, optional
+        Share of the light that each face lets pass, as the colours of its mesh say (`SurfaceColors.passing`); none by
+        default.
 
     Examples
     --------
@@ -105,6 +108,7 @@ class Scene:
     labels: tuple[str, ...]
     albedos: FloatArray
     moving: Mapping[int, Placed] = field(default_factory=dict)
+    passing: FloatArray | None = None
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -113,7 +117,12 @@ class Scene:
                 f"instances must be one per face ({len(self.mesh.faces)}) and albedos one per label "
                 f"({len(self.labels)}); got {len(instances)} and {len(self.albedos)}."
             )
-        object.__setattr__(self, "instances", frozen(instances))
+        passing = self.passing
+        if passing is not None and not (len(passing) == len(instances) and ((passing >= 0) & (passing <= 1)).all()):
+            raise ArgumentError(f"passing must be a share in [0, 1] per face ({len(instances)}); it is not.")
+        vars(self).update(
+            instances=frozen(instances), passing=passing if passing is not None and any(passing) else None
+        )
 
     def __repr__(self) -> str:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
@@ -121,7 +130,7 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
         """Return a mesh alone, as it stands, in metres."""
-        return cls(mesh, np.zeros(len(mesh.faces), dtype=np.int32), (label,), np.full(1, TYPICAL))
+        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), {}, _passing([mesh]))
 
     @classmethod
     def joined(
@@ -155,7 +164,17 @@ class Scene:
         drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
         moving = {i: placed[i] for i in taken if placed[i].moves}
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), moving)
+        passing = _passing([placed[i].mesh for i in taken])
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), moving, passing)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing moves or lets light pass."""
+        return not self.moving and self.passing is None
+
+
+def _passing(meshes: Sequence[Mesh]) -> FloatArray:
+    return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.passing for m in meshes])
 
 
 def moved(

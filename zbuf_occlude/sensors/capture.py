@@ -19,7 +19,6 @@ from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
-from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 Pool = Callable[[float], tuple[Mesh, str]]
@@ -67,7 +66,8 @@ def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
         raise MeshError(f"a mesh must have an extent to be scanned; all vertices of {mesh.name} coincide.")
     size = size_of(label, setup.size, mesh.longest_side)
     factor = size / mesh.longest_side
-    return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name), size
+    colors = mesh.colors.transparent(setup.transparent) if mesh.colors is not None and setup.transparent else None
+    return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name, colors=colors), size
 
 
 def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
@@ -110,19 +110,20 @@ def captures(
     """
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
-    with prepare(mesh, setup.method) as alone:
+    itself = Scene.joined([target])
+    with prepare_scene(itself, setup.method) as alone:
         if setup.share is not None or setup.objects:  # others may hide some of the target
             points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
-            showing = _visible(mesh, alone, points, places.eyes, setup)
+            showing = _visible(itself, alone, points, places.eyes, setup)
         if setup.share is None:  # the same scene for all views
             asked = Asked(target, places.eyes[0], floor, none, None, pool)
             placed = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", 0))).placed
-            placed += placed_of([dict(each) for each in setup.objects], floor)
+            placed += placed_of([dict(each) for each in setup.objects], floor, setup.transparent)
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
             with nullcontext(alone) if len(placed) == 1 else prepare_scene(scene, setup.method) as occluder:
                 if setup.objects:
-                    left = _visible(scene.mesh, occluder, points, places.eyes, setup)
+                    left = _visible(scene, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
                     capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, motion)
@@ -136,8 +137,8 @@ def captures(
             near = _near(arranged.placed, eye, _reach(mesh, setup), setup, motion)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
-            with prepare(scene.mesh, setup.method) as occluder:
-                hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
+            with prepare_scene(scene, setup.method) as occluder:
+                hidden = _hidden(_visible(scene, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
                 capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
@@ -169,12 +170,12 @@ def _captured(
     return Capture(found.select(kept), scene, occluder, pose)
 
 
-def _visible(mesh: Mesh, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
-    """Which points of a mesh each eye sees, by `METHOD`; `occluder` is by the method of the scans.
+def _visible(scene: Scene, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
+    """Which points of a scene's target each eye sees, by `METHOD`; `occluder` is by the method of the scans.
 
     The target is the first of a scene: its faces have the same numbers there.
     """
-    with nullcontext(occluder) if setup.method == METHOD else prepare(mesh, METHOD) as judge:
+    with nullcontext(occluder) if setup.method == METHOD else prepare_scene(scene, METHOD) as judge:
         return judge.visible(points, eyes)
 
 

@@ -1,6 +1,7 @@
 """From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
 
 import warnings
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -74,14 +75,15 @@ class Scan(Cloud):
     incidences : (n,) float
         Between the ray and the normal, radians.
     intensities : (n,) float
-        Albedo times the cosine of the incidence over the range squared (the clean one, metres). The albedo is the
-        luminance of the base colour where the mesh has colours (``load_mesh(path, colors=True)``), else its object's.
+        Albedo times the cosine of the incidence over the range squared (the clean one, metres), less what windows
+        before it take. The albedo is the luminance of the base colour where the mesh has colours
+        (``load_mesh(path, colors=True)``), else its object's.
     rings, columns, instances, n_returns : (n,) int
         Laser, firing, object, and how many returns the beam has in all, before any is lost.
     return_numbers : (n,) int
         Which of these it is, from 1, the nearest first.
     shares : (n,) float
-        Of the beam's rays that met what it is from.
+        Of the beam's light that met what it is from.
     """
 
     origin: FloatArray
@@ -176,6 +178,7 @@ def scan(
     azimuth: float | None = None,
     elevation: float | None = None,
     size: float | None = None,
+    transparent: Mapping[str, float | None] | None = None,
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
@@ -202,6 +205,9 @@ def scan(
         With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
+    transparent : mapping of str to float or None, optional
+        Of a mesh: materials that let light pass by name, which may have ``*``, and its share; None: the share that the
+        file says (alpha of glTF, d of MTL). Without it a mesh that has colours is as its file says, any other opaque.
     motion : Motion, optional
         How the sensor moves while it scans, from its pose on. Objects of the scene that move do so without it too: each
         ray meets them where they are by the time that it is cast.
@@ -256,9 +262,12 @@ def scan(
             f"sensor must be a Sensor, a name or a file; got {type(sensor).__name__}. Make one: sensors.make(name)."
         )
     if not isinstance(scene, Scene):
-        scene = Scene.of(_of_size(as_mesh(scene), size))
-    elif size is not None:
-        raise ArgumentError("size is for a mesh; a scene is in metres. Leave it out.")
+        mesh = as_mesh(scene, colors=transparent is not None)
+        scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
+        if transparent and scene.passing is None:
+            raise ArgumentError(no_windows("transparent", mesh))
+    elif size is not None or transparent is not None:
+        raise ArgumentError("size and transparent are for a mesh; a scene has its own. Leave them out.")
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
@@ -277,17 +286,26 @@ def scan(
         corners = as_vectors(towards, "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
-        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=1)
+        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
     rng, name = generator(seed), method or default_caster()
     find_method(name).check_first_hits()
     with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
-        if scene.moving and not isinstance(opened, SceneInParts):
-            raise ArgumentError("occluder of a scene with moving objects must be made by prepare_scene. Leave it out.")
+        if not (scene.is_plain or isinstance(opened, SceneInParts)):
+            raise ArgumentError("occluder of a scene that moves or has windows must be of prepare_scene. Leave it out.")
         returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
     return imperfect(returns, sensor, rng)
+
+
+def no_windows(option: str, mesh: Mesh) -> str:
+    """Return the message that no material named is there, or lets light pass."""
+    names = sorted({m.name for m in mesh.colors.materials if m.name} if mesh.colors is not None else ())
+    return (
+        f"{option} must name materials that let light pass, or a share for them; of {', '.join(names)[:200] or 'none'} "
+        f"of {mesh.name} none does. Give NAME=SHARE."
+    )
 
 
 def _of_size(mesh: Mesh, size: float | None) -> Mesh:
@@ -388,7 +406,7 @@ def _returns(
     """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
     hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
-    found = _echoes(hits, sensor.imperfections)
+    found = _echoes(hits, sensor.imperfections, scene.passing)
     offsets = np.zeros((len(rays), 3)) if rays.origins is None else rays.origins @ rotation.T
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
@@ -413,7 +431,7 @@ def _returns(
         face_ids=face_ids,
         normals=normals,
         incidences=np.arccos(cosines),
-        intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * cosines / squares,
+        intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * found.lights * cosines / squares,
         rings=rays.rings[met],
         columns=rays.columns[met],
         instances=instances,
@@ -492,33 +510,58 @@ class _Echoes(NamedTuple):
     n_returns: IntArray
     numbers: IntArray
     shares: FloatArray
+    lights: FloatArray  # of the light of its rays what meets it and comes back through what is before it
 
     def select(self, which: NDArray[Any]) -> "_Echoes":
         """Return those that a mask or indices pick."""
         return _Echoes._make(each[which] for each in self)
 
 
-def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
-    """Return what comes back of each beam: surfaces that are near to each other run together.
+def _light(hits: FirstHits, passing: FloatArray | None) -> tuple[FirstHits, FloatArray, FloatArray]:
+    """Return hits (n, m) of each beam's m = r l, the share of a ray's light that meets each, and what comes back of it.
 
-    Of what is apart one is kept, or all; a return's share is that of the beam's rays that met it.
+    A face that lets the share T pass is met by the share 1 - T of the light that reaches it. On its way back light
+    loses as much again.
+    """
+    face_ids, distances = hits
+    meeting = returning = np.ones(face_ids.shape)
+    if passing is not None:
+        through = np.where(face_ids >= 0, passing[face_ids], 1.0)
+        reaching = np.concatenate([meeting[..., :1], np.cumprod(through[..., :-1], axis=2)], axis=2)
+        meeting = reaching * (1.0 - through)
+        returning = meeting * reaching
+        face_ids, distances = np.where(meeting > 0.0, face_ids, -1), np.where(meeting > 0.0, distances, np.inf)
+    n = len(face_ids)
+    found = FirstHits(face_ids.reshape(n, -1), distances.reshape(n, -1))
+    return found, meeting.reshape(n, -1), returning.reshape(n, -1)
+
+
+def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> _Echoes:
+    """Return what comes back of each beam of r rays that met l faces each, (n, r, l): near surfaces run together.
+
+    Of what is apart one is kept, or all; a return's share is that of the beam's light that met it. `passing` (f,) is
+    the share that faces let pass.
     """
     n_rays = hits.face_ids.shape[1]
-    if n_rays == 1:
+    hits, meeting, returning = _light(hits, passing)
+    if hits.face_ids.shape[1] == 1:
         some = np.flatnonzero(hits.face_ids[:, 0] >= 0)
         ones = np.ones(len(some), dtype=np.int32)
-        return _Echoes(some, hits.face_ids[some, 0], hits.distances[some, 0], ones, ones, np.ones(len(some)))
+        found = hits.face_ids[some, 0], hits.distances[some, 0], ones, ones
+        return _Echoes(some, *found, meeting[some, 0], returning[some, 0])
     order = np.argsort(hits.distances, axis=1, kind="stable")
     # (5, n): numpy is slow along short rows
-    ranges = np.ascontiguousarray(np.take_along_axis(hits.distances, order, axis=1).T)
-    faces = np.ascontiguousarray(np.take_along_axis(hits.face_ids, order, axis=1).T)
+    ranges, faces, meeting, returning = (
+        np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T)
+        for each in (hits.distances, hits.face_ids, meeting, returning)
+    )
     met = faces >= 0
     with np.errstate(invalid="ignore"):
-        apart = np.diff(ranges, axis=0) > faults.echo_separation
+        apart = np.diff(ranges, axis=0) > (faults.echo_separation if faults.noise else 0.0)
     echo = np.zeros(ranges.shape, dtype=np.int32)
     np.cumsum(apart & met[1:], axis=0, out=echo[1:])
     n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0).astype(np.int32)
-    energy = np.where(met, 1.0 / np.where(met, ranges, 1.0) ** 2, 0.0)
+    energy = np.where(met, returning / np.where(met, ranges, 1.0) ** 2, 0.0)
     if faults.returns == "first":
         kept = [np.zeros(ranges.shape[1], dtype=int)]
     elif faults.returns == "last":
@@ -526,7 +569,8 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
     elif faults.returns == "all":
         kept = [np.full(ranges.shape[1], number) for number in range(int(n_returns.max(initial=0)))]
     else:
-        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(n_rays)]).argmax(axis=0)]
+        most = max(int(n_returns.max(initial=0)), 1)
+        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(most)]).argmax(axis=0)]
     parts = []
     for chosen in kept:
         mine = met & (echo == chosen)
@@ -538,7 +582,9 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
             best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
         rays = np.flatnonzero(total > 0)
         face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
-        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, mine[:, rays].mean(axis=0)))
+        shares = np.where(mine, meeting, 0.0).sum(axis=0)[rays] / n_rays
+        lights = np.where(mine, returning, 0.0).sum(axis=0)[rays] / mine[:, rays].sum(axis=0)
+        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, shares, lights))
     if len(parts) == 1:
         return parts[0]
     whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True)) if parts else _NONE
@@ -546,13 +592,14 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
 
 
 _NO_NUMBERS = np.empty(0, dtype=np.int32)
-_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, np.empty(0), _NO_NUMBERS, _NO_NUMBERS, np.empty(0))
+_NO_SHARES = np.empty(0)
+_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, _NO_SHARES, _NO_NUMBERS, _NO_NUMBERS, _NO_SHARES, _NO_SHARES)
 
 
 def _beams(
     occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: Imperfections
 ) -> FirstHits:
-    """First hits of each beam's rays, (n, 5), or (n, 1) without divergence."""
+    """What each beam's rays meet, (n, 5, l), or (n, 1, l) without divergence; l is 1 where all faces are opaque."""
     by_ring = np.argsort(rays.rings, kind="stable")  # neighbours follow each other: up to twenty times as fast to cast
     directions = rays.directions[by_ring] @ rotation.T
     if faults.divergence == 0.0 or faults.noise == 0.0:
@@ -570,7 +617,7 @@ def _beams(
         starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
     times = None if rays.times is None else np.repeat(rays.times[by_ring], beams.shape[1])
     face_ids, distances = cast(occluder, starts, beams.reshape(-1, 3), times)
-    shape, back = beams.shape[:2], np.empty_like(by_ring)
+    shape, back = (*beams.shape[:2], -1), np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
 

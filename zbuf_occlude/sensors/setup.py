@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -18,6 +18,8 @@ from zbuf_occlude.views import Views
 SURFACE = "surface"
 """The word for no sensor: points sampled uniformly over the visible surface."""
 KEEPS = ("target", "box", "all")
+ADDED = ("transparent",)
+"""Fields of a setup that plans did not always have."""
 DISTURBANCES = {"shift": 0.0, "rotate": False, "scale": False}
 """How a box that is kept may be disturbed, as ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
 
@@ -49,6 +51,8 @@ class Setup:
         Metres above the ground; None: the scene's own.
     method : str
         Who casts the rays.
+    transparent : mapping of str to float or None
+        Materials that let light pass, by name, which may have ``*``, and its share; None: the file's own share.
 
     Raises
     ------
@@ -66,6 +70,7 @@ class Setup:
     keep_clean: bool = False
     sensor_height: float | None = None
     method: str = "exact"
+    transparent: Mapping[str, float | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", self.size or {})
@@ -87,7 +92,15 @@ class Setup:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
             )
+        for name, share in self.transparent.items():
+            if share is not None and not 0.0 <= share <= 1.0:
+                raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
         _ = self.kind, self.box  # read for their errors
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The fields as plain data; what there was not always only where it is given, so that older plans are equal."""
+        return {name: value for name, value in asdict(self).items() if name not in ADDED or value}
 
     @cached_property
     def kind(self) -> Kind:
