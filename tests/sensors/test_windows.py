@@ -139,3 +139,4 @@ def test_materials_by_name() -> None:
         zo.scan(mesh, "vlp-16", transparent={"window": None})
     with pytest.raises(zo.ArgumentError, match="prepare_scene"), zo.prepare(mesh, "exact") as occluder:
         zo.scan(mesh, "vlp-16", occluder=occluder)
+    assert len(zo.scan(mesh, lidar(), zo.sensors.look_at([20.0, 0, 0], [40.0, 0, 0]), transparent={"*": 0.5})) == 0

@@ -43,6 +43,7 @@ SHEET_POINTS = 1024
 SCAN_ARRAYS = {
     "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
     "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
+    "time": "times",
 }  # fmt: skip
 """For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
 

@@ -15,7 +15,6 @@ from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
@@ -102,11 +101,10 @@ def captures(
     floor: float,
     seeds: Seeds,
     pool: Pool,
-    motion: Motion | None = None,
 ) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
-    The occluder of a capture is open until the next one is asked for. `motion` is as in `scan`.
+    The occluder of a capture is open until the next one is asked for.
     """
     target, none = Placed(mesh, "target"), np.empty((0, 3))
     poses = _poses(places, setup)
@@ -126,7 +124,7 @@ def captures(
                     left = _visible(scene, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, motion)
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
@@ -134,13 +132,13 @@ def captures(
             seen = points.select(shown)
             asked = Asked(target, eye, floor, seen.positions, share, pool)
             arranged = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", number)))
-            near = _near(arranged.placed, eye, _reach(mesh, setup), setup, motion)
+            near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare_scene(scene, setup.method) as occluder:
                 hidden = _hidden(_visible(scene, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
@@ -154,7 +152,6 @@ def _captured(
     places: Views,
     seeds: Seeds,
     view: int,
-    motion: Motion | None,
 ) -> Capture:
     found = scan(
         scene,
@@ -164,7 +161,7 @@ def _captured(
         occluder=occluder,
         towards=_region(mesh, setup),
         target=alone if setup.keep == "target" and occluder is not alone else None,
-        motion=motion,
+        motion=setup.made_motion,
     )
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
     return Capture(found.select(kept), scene, occluder, pose)
@@ -206,12 +203,12 @@ def _reach(mesh: Mesh, setup: Setup) -> float:
     return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
 
 
-def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup, motion: Motion | None) -> BoolArray:
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> BoolArray:
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
     sensor = setup.made_sensor
-    elsewhere = motion is not None or sensor.rays().origins is not None
+    elsewhere = setup.motion is not None or sensor.rays().origins is not None
     if distance <= reach or elsewhere or len(sensor.imperfections.second_eyes):
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6

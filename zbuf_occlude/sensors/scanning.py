@@ -531,9 +531,9 @@ def _light(hits: FirstHits, passing: FloatArray | None) -> tuple[FirstHits, Floa
         meeting = reaching * (1.0 - through)
         returning = meeting * reaching
         face_ids, distances = np.where(meeting > 0.0, face_ids, -1), np.where(meeting > 0.0, distances, np.inf)
-    n = len(face_ids)
-    found = FirstHits(face_ids.reshape(n, -1), distances.reshape(n, -1))
-    return found, meeting.reshape(n, -1), returning.reshape(n, -1)
+    flat = len(face_ids), face_ids.shape[1] * face_ids.shape[2]
+    found = FirstHits(face_ids.reshape(flat), distances.reshape(flat))
+    return found, meeting.reshape(flat), returning.reshape(flat)
 
 
 def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> _Echoes:
@@ -617,7 +617,7 @@ def _beams(
         starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
     times = None if rays.times is None else np.repeat(rays.times[by_ring], beams.shape[1])
     face_ids, distances = cast(occluder, starts, beams.reshape(-1, 3), times)
-    shape, back = (*beams.shape[:2], -1), np.empty_like(by_ring)
+    shape, back = (*beams.shape[:2], face_ids.shape[1]), np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
 
