@@ -411,7 +411,11 @@ def _returns(
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
         points = starts + found.ranges[:, None] * directions[found.rays]
-        found = found.select(_seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor))
+        seen = _seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor)
+        if sensor.imperfections.window > 1 and sensor.imperfections.noise and sensor.kind == "pinhole":
+            depths = found.ranges * rays.directions[found.rays, 0]
+            seen &= _matched(rays.rings[found.rays], rays.columns[found.rays], depths, seen, sensor)
+        found = found.select(seen)
     met, face_ids, ranges = found.rays, found.face_ids, found.ranges
     directions, instances = directions[met], scene.instances[face_ids]
     times = np.zeros(len(met)) if rays.times is None else rays.times[met]
@@ -482,6 +486,17 @@ def _seen_twice(
         some = np.flatnonzero(lit)
         seen[some] = seen_from(occluder, SurfacePoints(points[some], face_ids[some], normals[some]), eyes[some])
     return seen
+
+
+def _matched(rows: IntArray, columns: IntArray, depths: FloatArray, seen: BoolArray, sensor: Sensor) -> BoolArray:
+    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,)."""
+    half = int(sensor.imperfections.window) // 2
+    shape = sensor.pattern["height"] + 2 * half, sensor.pattern["width"] + 2 * half
+    nearest = np.full(shape, np.inf)
+    nearest[rows + half, columns + half] = depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE))
+    for axis in (0, 1):
+        nearest = np.lib.stride_tricks.sliding_window_view(nearest, 2 * half + 1, axis=axis).min(axis=-1)
+    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * depths)
 
 
 EYES_AT_A_TIME = 16
