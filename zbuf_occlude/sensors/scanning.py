@@ -532,23 +532,18 @@ class _Echoes(NamedTuple):
         return _Echoes._make(each[which] for each in self)
 
 
-def _light(hits: FirstHits, passing: FloatArray | None) -> tuple[FirstHits, FloatArray, FloatArray]:
-    """Return hits (n, m) of each beam's m = r l, the share of a ray's light that meets each, and what comes back of it.
+def _light(hits: FirstHits, passing: FloatArray) -> tuple[FirstHits, FloatArray, FloatArray]:
+    """Return hits (n, r, l), the share of a ray's light that meets each, and what comes back of it.
 
     A face that lets the share T pass is met by the share 1 - T of the light that reaches it. On its way back light
     loses as much again.
     """
-    face_ids, distances = hits
-    meeting = returning = np.ones(face_ids.shape)
-    if passing is not None:
-        through = np.where(face_ids >= 0, passing[face_ids], 1.0)
-        reaching = np.concatenate([meeting[..., :1], np.cumprod(through[..., :-1], axis=2)], axis=2)
-        meeting = reaching * (1.0 - through)
-        returning = meeting * reaching
-        face_ids, distances = np.where(meeting > 0.0, face_ids, -1), np.where(meeting > 0.0, distances, np.inf)
-    flat = len(face_ids), face_ids.shape[1] * face_ids.shape[2]
-    found = FirstHits(face_ids.reshape(flat), distances.reshape(flat))
-    return found, meeting.reshape(flat), returning.reshape(flat)
+    through = np.where(hits.face_ids >= 0, passing[hits.face_ids], 1.0)
+    reaching = np.concatenate([np.ones_like(through[..., :1]), np.cumprod(through[..., :-1], axis=2)], axis=2)
+    meeting = reaching * (1.0 - through)
+    lit = meeting > 0.0
+    hits = FirstHits(np.where(lit, hits.face_ids, -1), np.where(lit, hits.distances, np.inf))
+    return hits, meeting, meeting * reaching
 
 
 def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> _Echoes:
@@ -557,19 +552,19 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
     Of what is apart one is kept, or all; a return's share is that of the beam's light that met it. `passing` (f,) is
     the share that faces let pass.
     """
-    n_rays = hits.face_ids.shape[1]
-    hits, meeting, returning = _light(hits, passing)
-    if hits.face_ids.shape[1] == 1:
-        some = np.flatnonzero(hits.face_ids[:, 0] >= 0)
-        ones = np.ones(len(some), dtype=np.int32)
-        found = hits.face_ids[some, 0], hits.distances[some, 0], ones, ones
-        return _Echoes(some, *found, meeting[some, 0], returning[some, 0])
-    order = np.argsort(hits.distances, axis=1, kind="stable")
+    n_beams, n_rays, n_layers = hits.face_ids.shape
+    light: list[Any] = []
+    if passing is not None:
+        hits, *light = _light(hits, passing)
+    elif n_rays == n_layers == 1:
+        some = np.flatnonzero(hits.face_ids[:, 0, 0] >= 0)
+        ones, wholes = np.ones(len(some), dtype=np.int32), np.ones(len(some))
+        return _Echoes(some, hits.face_ids[some, 0, 0], hits.distances[some, 0, 0], ones, ones, wholes, wholes)
+    flat = [each.reshape(n_beams, n_rays * n_layers) for each in (*hits, *light)]
+    order = np.argsort(flat[1], axis=1, kind="stable")
     # (5, n): numpy is slow along short rows
-    ranges, faces, meeting, returning = (
-        np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T)
-        for each in (hits.distances, hits.face_ids, meeting, returning)
-    )
+    faces, ranges, *light = (np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T) for each in flat)
+    meeting, returning = light or (1.0, 1.0)
     met = faces >= 0
     with np.errstate(invalid="ignore"):
         apart = np.diff(ranges, axis=0) > (faults.echo_separation if faults.noise else 0.0)
@@ -597,8 +592,9 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
             best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
         rays = np.flatnonzero(total > 0)
         face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
-        shares = np.where(mine, meeting, 0.0).sum(axis=0)[rays] / n_rays
-        lights = np.where(mine, returning, 0.0).sum(axis=0)[rays] / mine[:, rays].sum(axis=0)
+        n_met = mine.sum(axis=0)
+        met_by, back = ((mine * each).sum(axis=0) if light else n_met for each in (meeting, returning))
+        shares, lights = met_by[rays] / n_rays, back[rays] / n_met[rays]
         parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, shares, lights))
     if len(parts) == 1:
         return parts[0]
