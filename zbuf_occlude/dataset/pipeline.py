@@ -22,7 +22,7 @@ from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors.capture import Capture, captures, in_metres, sensor_places
 from zbuf_occlude.sensors.casting import cast, prepare_scene
-from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.scanning import Scan, no_windows
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -43,7 +43,7 @@ SHEET_POINTS = 1024
 SCAN_ARRAYS = {
     "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
     "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
-    "time": "times",
+    "time": "times", "return_number": "return_numbers", "share": "shares",
 }  # fmt: skip
 """For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
 
@@ -183,6 +183,8 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     """
     recipe = plan.recipe
     standing, size = in_metres(mesh, label, setup)
+    if setup.transparent and not (standing.colors is not None and standing.colors.passing.any()):
+        _LOG.warning(no_windows("--transparent", mesh))
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
