@@ -121,4 +121,12 @@ PARTS = (
         times=False,
         reads="realism/study.md",
     ),
+    Part(
+        "two-eyes",
+        "zbuf-occlude paper realism --quick --objects 8 --models pointnet --out OUT/two-eyes",
+        8,
+        "--objects 5 --seeds 1 --points 64",
+        times=False,
+        reads="two-eyes/study.md",
+    ),
 )

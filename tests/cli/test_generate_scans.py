@@ -211,3 +211,26 @@ def test_an_object_out_of_the_sensor_s_reach(run: Run, tmp_path: Path) -> None:
         outcome = run("generate", *arguments, "--format", format, "--out", tmp_path / format)
         assert outcome.code == 1
         assert "its views see nothing; kinect-v1 measures at 0.8 to 4 m. Choose --views, --range and" in outcome.err
+
+
+def test_a_lidar_that_moves(run: Run, tmp_path: Path) -> None:
+    """As reported and deskewed, points are apart by velocity times time; workers and a resume change nothing."""
+    more = ("--set-sensor", "noise=0", "--scale", "mesh", "--sample-size", "all", "--velocity", "20,0,0")
+    for name, further in (("a", ()), ("two", ("--workers", 2)), ("deskewed", ("--deskew",))):
+        generated(run, tmp_path / name, *more, *further)
+    found, undone = records_of(tmp_path / "a"), records_of(tmp_path / "deskewed")
+    for one, other, third in zip(found, undone, records_of(tmp_path / "two"), strict=True):
+        assert all(np.asarray(one[name]).tobytes() == np.asarray(third[name]).tobytes() for name in one.dtype.names)
+        rays = np.lexsort((one["ring"], one["column"])), np.lexsort((other["ring"], other["column"]))
+        before, after = one["data"][rays[0]], other["data"][rays[1]]
+        forward = -one["pose"][2, :3]
+        assert after - before == pytest.approx(20.0 * one["time"][rays[0], None] * forward, abs=1e-4)
+        assert np.ptp(one["time"]) > 1e-3
+    still = run("generate", *GIVEN, "--workers", 1, "--out", tmp_path / "a", *more[:-2])
+    assert still.code != 0
+    assert "motion" in still.err
+    outcome = run("verify", tmp_path / "a", "--samples", 2)
+    assert outcome.code == 0, outcome.err
+    turned = run("generate", *GIVEN, "--sensor", "kinect-v1", "--turn", 3, "--out", tmp_path / "b")
+    assert turned.code == 2
+    assert "one eye" in turned.err

@@ -122,3 +122,53 @@ def test_a_scan_of_nothing_says_so(run: Run, car: Path, tmp_path: Path) -> None:
         refused = run("scan", car, "--out", tmp_path / "s.ply", *more)
         assert refused.code == 2
         assert words in refused.err
+
+
+def test_windows_by_name(run: Run, tmp_path: Path) -> None:
+    """A box of glass around a ball: without --transparent only the glass is met, with it both."""
+    ball, glass = trimesh.creation.icosphere(radius=0.5), trimesh.creation.box((2.0, 2.0, 2.0))
+    lines = ["mtllib car.mtl", "usemtl driver"]
+    for mesh, first in ((ball, 1), (glass, 1 + len(ball.vertices))):
+        lines += [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + first]
+        lines += ["usemtl wind screen"]
+    (tmp_path / "car.obj").write_text("\n".join(lines))
+    (tmp_path / "car.mtl").write_text("newmtl driver\nKd 1 0 0\nnewmtl wind screen\nd 0.2\n")
+    given = (
+        "scan",
+        tmp_path / "car.obj",
+        "--size",
+        "file",
+        "--range",
+        8,
+        "--sensor",
+        "vlp-16",
+        "--set-sensor",
+        "noise=0",
+    )
+    given += ("--set-sensor", "returns=all", "--out", tmp_path / "scan.npz")
+
+    def near(*more: object) -> tuple[int, int]:
+        outcome = run(*given, *more)
+        assert outcome.code == 0, outcome.err
+        away = np.linalg.norm(np.load(tmp_path / "scan.npz")["points"], axis=1)
+        return int((away < 0.501).sum()), int((away > 0.501).sum())
+
+    driver, around = near()
+    assert (driver, around > 100) == (0, True)
+    behind, screens = near("--transparent", "wind*")
+    assert behind > 20
+    assert screens == 2 * around - behind  # both sides of the box but where the ball is
+    outcome = run(*given, "--transparent", "window")
+    assert outcome.code == 2
+    assert "driver, wind screen" in outcome.err
+    assert run(*given, "--transparent", "wind*=much").code == 2
+    out, more = tmp_path / "out", ("--transparent", "wind*", "--views", "ring:2@0", "--format", "npz", "--workers", 1)
+    made = ("generate", *given[1:-2], *more, "--scale", "mesh", "--sample-size", "all", "--out", out)
+    assert run(*made).code == 0
+    assert run("verify", out, tmp_path / "car.obj").code == 0
+    with np.load(next(out.rglob("*.npz"))) as cloud:
+        away = np.linalg.norm(cloud["data"], axis=-1)
+        assert cloud["share"][away < 0.501] == pytest.approx(0.8)
+        assert np.unique(cloud["share"]) == pytest.approx([0.16, 0.2, 0.8])  # of the far pane, the near one, the ball
+        assert set(cloud["return_number"].tolist()) == {1, 2}

@@ -73,3 +73,26 @@ def test_scan_says_what_is_hidden(run: Run, tmp_path: Path) -> None:
     outcome = run(*given, "--azimuth", 90, "--out", tmp_path / "scan.ply")
     assert outcome.code == 0, outcome.err
     assert "0% of the object hidden by others" in outcome.out
+
+
+def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
+    """A wall behind the target drives away: its points say when each was measured."""
+    from trimesh.creation import box
+
+    cube = box((1, 1, 1))
+    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
+    write_off(tmp_path / "wall.off", cube.vertices * [0.02, 1.0, 1.0], cube.faces)
+    wall = {"mesh": "wall.off", "position": [-9, 0, 0], "size": 6, "velocity": [-20, 0, 0]}
+    (tmp_path / "scene.json").write_text(json.dumps({"objects": [wall]}))
+    given = ("scan", tmp_path / "cube.off", "--sensor", "vlp-16", "--set-sensor", "noise=0", "--size", 1, "--range", 12)
+    more = ("--scene", tmp_path / "scene.json", "--keep", "all", "--out", tmp_path / "scan.npz")
+    outcome = run(*given, *more)
+    assert outcome.code == 0, outcome.err
+    with np.load(tmp_path / "scan.npz") as found:
+        mine = (found["instances"] == 2) & (np.abs(found["normals"][:, 0]) > 0.9)
+        assert mine.sum() > 100
+        assert found["points"][mine, 0] == pytest.approx(-8.94 - 20.0 * found["times"][mine], rel=1e-9)
+    (tmp_path / "scene.json").write_text(json.dumps({"objects": [wall | {"velocity": [1, 2]}]}))
+    outcome = run(*given, *more)
+    assert outcome.code == 2
+    assert "velocity" in outcome.err

@@ -417,3 +417,34 @@ def test_colours_of_gltf_that_are_of_other_vertices_are_refused(tmp_path: Path) 
     with pytest.raises(MeshError, match="of the 4 vertices of their primitive; they are of 3 and 4"):
         load_mesh(path, colors=True)
     assert len(load_mesh(path).faces) == 4
+
+
+@pytest.mark.parametrize(
+    ("lines", "passing"),
+    [
+        ("d 0.25", 0.75),
+        ("Kd 1 0 0\nTr 0.4", 0.4),
+        ("d -halo 0.5", 0.5),
+        ("d much", 0.0),
+        ("map_Kd texture.png\nd 0.1", 0.9),
+    ],
+)
+def test_materials_of_mtl_let_light_pass(tmp_path: Path, lines: str, passing: float) -> None:
+    mesh = load_mesh(write_quad(tmp_path, f"newmtl painted\n{lines}\n"), colors=True)
+    assert mesh.colors.passing == pytest.approx(passing)
+    assert {mesh.colors.materials[i].name for i in mesh.colors.material_ids} == {"painted"}
+    assert mesh.transparent({"paint*": 0.5}).colors.passing == pytest.approx(0.5)
+    assert not mesh.transparent({"other": 0.5}).colors.passing.any()
+
+
+@pytest.mark.parametrize(
+    ("material", "passing"),
+    [
+        ({"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.3]}}, 0.7),
+        ({"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.3]}}, 0.0),
+        ({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.9}}}, 0.9),
+    ],
+)
+def test_materials_of_gltf_let_light_pass(tmp_path: Path, material: dict, passing: float) -> None:
+    mesh = load_mesh(write_gltf(tmp_path / "glass.gltf", {"name": "glass", **material}), colors=True)
+    assert mesh.transparent({"glass": None}).colors.passing == pytest.approx(passing)

@@ -69,6 +69,25 @@ def test_steep_light_of_the_second_eye_returns_nothing() -> None:
     assert places(limited) == places(scan.select(~steep))
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_stereo_loses_its_shadow_and_half_a_window_about_what_is_nearer(side: float) -> None:
+    """A strip 2 m before a wall 4 m away: f B (1/2 - 1/4) pixels of shadow at one side, 4 more at both."""
+    mesh = stacked(ACROSS * 8.0 + [4.0, 0, 0], ACROSS * [1, 0.25, 8] + [2.0, 0, 0])
+    numbers = {"baseline": [0.0, side * BASELINE, 0.0], "window": 9}
+    sensor = make("pinhole:width=160,height=120,fov=60", **numbers)
+    found, exact = zo.scan(mesh, sensor), zo.scan(mesh, sensor.with_numbers(noise=0))
+    assert places(exact) == places(zo.scan(mesh, sensor.with_numbers(window=0)))
+    focal = 80.0 / np.tan(np.radians(30.0))
+    for row in range(5, 115):
+        columns, whole = (np.sort(each.columns[each.rings == row]) for each in (found, exact))
+        strip = exact.columns[(exact.rings == row) & (exact.points[:, 0] < 3.0)]
+        gaps = strip.min() - columns[columns < strip.min()].max(), columns[columns > strip.max()].min() - strip.max()
+        shadow = gaps[1] - 5 if side > 0 else gaps[0] - 5
+        assert abs(shadow - focal * BASELINE / 4.0) <= 1.0
+        assert (gaps[0] if side > 0 else gaps[1]) == 5
+        assert set(strip) < set(columns) < set(whole)
+
+
 def test_without_a_baseline_scans_are_first_hits() -> None:
     mesh, sensor = wall_behind_a_plate(), make("kinect-v1", noise=0, baseline=0, width=80, height=60, f=72.0)
     scan = zo.scan(mesh, sensor, method="exact")

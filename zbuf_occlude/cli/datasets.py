@@ -159,7 +159,8 @@ def check(
     if plan.recipe.complete:
         echo("complete clouds: nothing to ask of the oracle")
     elif meshes:
-        collection = MeshCollection.from_paths(meshes, up=up)
+        has_windows = plan.recipe.setup is not None and bool(plan.recipe.setup.transparent)
+        collection = MeshCollection.from_paths(meshes, up=up, colors=has_windows)
     elif all(entry.key.startswith("builtin/") for entry in plan.meshes):
         from zbuf_occlude import shapes  # late: only needed without files
 

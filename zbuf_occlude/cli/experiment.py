@@ -34,10 +34,10 @@ TEXTS = {
     Classifiers are trained on occluded clouds, on complete ones, on both; tested on complete ones, on occluded ones, on
     real scans. And: does the method of hidden-surface removal matter?""",
     BOTH: """Repeat Table 3A and 3B: `paper elevation` and `paper augmentation` in one study.""",
-    REALISM: """Ask what a LiDAR and a street do to a classifier; not in the paper.
+    REALISM: """Ask what a LiDAR, a street and a depth camera do to a classifier; not in the paper.
 
-    Classifiers are trained on uniform occluded clouds, on a LiDAR's scans of single objects, and on its scans in
-    streets; each is tested on all three, and on real objects.""",
+    Classifiers are trained on uniform occluded clouds, on a LiDAR's scans of single objects and in streets, and on
+    scans by the two eyes of a depth camera; each is tested on all four, and on real objects.""",
 }
 TEXT = """
 
@@ -89,7 +89,7 @@ TEXT = """
     "--real",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Labelled sweeps of real drives, of KITTI or Argoverse 2: a fourth test.",
+    help="Labelled sweeps of real drives, of KITTI or Argoverse 2: one more test.",
 )
 @click.option(
     "--voxels",

@@ -1,7 +1,6 @@
 """`zbuf-occlude generate`: a dataset of occluded point clouds, from mesh files or from the built-in shapes."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -228,7 +227,7 @@ def generate_command(
         classes=classes,
         splits=splits,
         formulas=shapes == FORMULAS,
-        colors="colors" in recipe["attributes"],
+        colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
     )
     echo(overview(collection, row, wanted, limited=limit is not None), err=True)
     check_sizes(setup, collection)
@@ -239,7 +238,7 @@ def generate_command(
         n_points=None if density is not None else points or 20_000,
         density=density,
         complete=row.complete,
-        scanning=None if setup is None else asdict(setup),
+        scanning=None if setup is None else setup.document,
         **recipe,
     )
     plan = Plan(collection, resolve(made, collection), format)

@@ -10,8 +10,8 @@ from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import CASTING, Vector, check_sizes, parse_setup, scan_options
-from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, finite, suffix_of, up_option
+from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
+from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
@@ -19,9 +19,9 @@ from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.contents import Pool
-from zbuf_occlude.sensors import Motion, Scan, Sensor, read_trajectory
+from zbuf_occlude.sensors import Scan, Sensor
 from zbuf_occlude.sensors.capture import captures, in_metres, sensor_places
-from zbuf_occlude.sensors.scanning import default_caster
+from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
 
@@ -33,14 +33,6 @@ _azimuth, _elevation = angle_options("Degrees above the xy plane, where no groun
 @scan_options("vlp-32c")
 @_azimuth
 @_elevation
-@click.option("--velocity", type=Vector(), help="Of the sensor while it scans: m/s forward, left, up.")
-@click.option("--turn", type=float, default=0.0, callback=finite, help="Of it, degrees a second to the left.")
-@click.option(
-    "--trajectory",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Instead of both: lines of t x y z qx qy qz qw.",
-)
-@click.option("--deskew", is_flag=True, help="Undo the sensor's motion: points are where they were met.")
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
@@ -50,10 +42,6 @@ def scan_command(
     meshes: tuple[Path, ...],
     azimuth: float,
     elevation: float,
-    velocity: tuple[float, float, float] | None,
-    turn: float,
-    trajectory: Path | None,
-    deskew: bool,
     method: str | None,
     seed: int,
     picture: Path | None,
@@ -86,15 +74,9 @@ def scan_command(
     typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
     if typed and setup.height is not None:
         raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
-    motion = None
-    if velocity or turn or trajectory:
-        rows = None if trajectory is None else read_trajectory(trajectory)
-        motion = Motion(velocity or (0.0, 0.0, 0.0), turn, rows, deskew)
-    elif deskew:
-        raise click.UsageError("--deskew must go with --velocity, --turn or --trajectory.")
-    collection = MeshCollection.from_paths(meshes, up=up)
+    collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
     check_sizes(setup, collection)
-    capture = scan_once(collection, setup, azimuth, elevation, seed, motion)
+    capture = scan_once(collection, setup, azimuth, elevation, seed)
     found = capture.scan
     found.save(out, keep_clean=setup.keep_clean)
     hidden = ""
@@ -118,7 +100,6 @@ def scan_once(
     azimuth: float,
     elevation: float,
     seed: int,
-    motion: Motion | None = None,
 ) -> Any:
     """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
 
@@ -144,8 +125,11 @@ def scan_once(
         places = sensor_places(views, size, floor, setup, seeds)
     except MeshError as error:  # it is the range that was typed
         raise OptionError(str(error)) from None
-    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"))
-    return next(captures(mesh, setup, places, floor, seeds, pool, motion))
+    pool = Pool(others, setup.size, setup.scene, seed_of(seed, "pool"), setup.transparent)
+    capture = next(captures(mesh, setup, places, floor, seeds, pool))
+    if setup.transparent and capture.scene.passing is None:
+        raise OptionError(no_windows("--transparent", loaded))
+    return capture
 
 
 def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.shared_options import Setting, Settings
+from zbuf_occlude.cli.shared_options import Setting, Settings, finite
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
@@ -17,7 +17,7 @@ from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.scenes.kinds import KINDS
 from zbuf_occlude.scenes.sizes import SIZES, parse_sizes, size_of
-from zbuf_occlude.sensors import Sensor
+from zbuf_occlude.sensors import Sensor, read_trajectory
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
 from zbuf_occlude.visibility import METHODS, find_method
@@ -25,7 +25,8 @@ from zbuf_occlude.visibility import METHODS, find_method
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 SCAN_OPTIONS = (
-    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height",
+    "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height", "transparent",
+    "velocity", "turn", "trajectory", "deskew",
 )  # fmt: skip
 """Names of the parameters that `scan_options` adds."""
 
@@ -96,6 +97,20 @@ def scan_options(sensor: str) -> Decorator:
         ),
         click.option("--keep-clean", is_flag=True, help="Store the ranges without noise too."),
         click.option("--sensor-height", type=float, help="Metres above the ground.  [default: the scene's]"),
+        click.option(
+            "--transparent",
+            multiple=True,
+            metavar="NAME[=SHARE]",
+            help="Material that lets light pass (alpha of glTF, d of MTL); * for any.",
+        ),
+        click.option("--velocity", type=Vector(), help="Of the sensor while it scans: m/s forward, left, up."),
+        click.option("--turn", type=float, default=0.0, callback=finite, help="Of it, degrees a second to the left."),
+        click.option(
+            "--trajectory",
+            type=click.Path(path_type=Path, exists=True, dir_okay=False),
+            help="Instead of both: lines of t x y z qx qy qz qw.",
+        ),
+        click.option("--deskew", is_flag=True, help="Undo the sensor's motion: points are where they were met."),
     )
 
 
@@ -211,4 +226,26 @@ def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
         keep_clean=given["keep_clean"],
         sensor_height=given["sensor_height"],
         method=method,
+        transparent=dict(_material(each) for each in given["transparent"]),
+        motion=_motion(given),
     )
+
+
+def _motion(given: dict[str, Any]) -> dict[str, Any] | None:
+    """Return how the sensor moves as a `Setup` has it."""
+    if not (given["velocity"] or given["turn"] or given["trajectory"]):
+        if given["deskew"]:
+            raise OptionError("--deskew must go with --velocity, --turn or --trajectory.")
+        return None
+    velocity, rows = list(given["velocity"] or (0.0, 0.0, 0.0)), given["trajectory"]
+    poses = None if rows is None else read_trajectory(rows).tolist()
+    return {"velocity": velocity, "turn": given["turn"], "trajectory": poses, "deskew": given["deskew"]}
+
+
+def _material(text: str) -> tuple[str, float | None]:
+    """Read ``NAME`` or ``NAME=SHARE``."""
+    name, given, share = text.rpartition("=")
+    try:
+        return (name, float(share)) if given else (text, None)
+    except ValueError:
+        raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {text!r}.") from None

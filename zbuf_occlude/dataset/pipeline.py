@@ -22,7 +22,8 @@ from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
-from zbuf_occlude.sensors.scanning import Scan
+from zbuf_occlude.sensors.casting import cast, prepare_scene
+from zbuf_occlude.sensors.scanning import Scan, no_windows
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -43,6 +44,7 @@ SHEET_POINTS = 1024
 SCAN_ARRAYS = {
     "range": "ranges", "incidence": "incidences", "intensity": "intensities", "ring": "rings", "column": "columns",
     "instance": "instances", "n_returns": "n_returns", "normal": "normals", "clean_range": "clean_ranges",
+    "time": "times", "return_number": "return_numbers", "share": "shares",
 }  # fmt: skip
 """For each field of a record that has a row per point, but colours, what it is of a `Scan`."""
 
@@ -182,6 +184,8 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     """
     recipe = plan.recipe
     standing, size = in_metres(mesh, label, setup)
+    if setup.transparent and not (standing.colors is not None and standing.colors.passing.any()):
+        _LOG.warning(no_windows("--transparent", mesh))
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
@@ -277,9 +281,9 @@ def _check_rays(capture: Capture, rng: np.random.Generator, key: str, variation:
     scan = capture.scan
     some = rng.choice(len(scan), min(CHECKED_POINTS, len(scan)), replace=False)
     starts, directions = scan.starts[some], scan.directions[some]
-    found = capture.occluder.first_hits(starts, directions).distances
-    with prepare(capture.scene.mesh, "oracle") as oracle:
-        truth = oracle.first_hits(starts, directions).distances
+    found = cast(capture.occluder, starts, directions, scan.times[some]).distances[:, 0]
+    with prepare_scene(capture.scene, "oracle") as oracle:
+        truth = cast(oracle, starts, directions, scan.times[some]).distances[:, 0]
     within = CONTACT * capture.scene.mesh.diagonal
     with np.errstate(invalid="ignore"):  # both miss
         behind, before = found - truth > within, truth - found > within

@@ -382,8 +382,8 @@ class Plan:
     def pool(self) -> Pool:
         """Objects that scenes are filled with; the same in every worker."""
         setup = self.recipe.setup
-        sizes, scene = ({}, "none") if setup is None else (setup.size, setup.scene)
-        return Pool(self.meshes, sizes, scene, seed_of(self.recipe.seed, "pool"))
+        given = ({}, "none", {}) if setup is None else (setup.size, setup.scene, setup.transparent)
+        return Pool(self.meshes, *given[:2], seed_of(self.recipe.seed, "pool"), given[2])
 
     @cached_property
     def document(self) -> dict[str, Any]:

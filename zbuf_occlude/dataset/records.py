@@ -34,8 +34,11 @@ SCAN_FIELDS: Fields = {
     "n_returns": ("<i4", ()),
     "normal": ("<f4", (3,)),
     "clean_range": ("<f4", ()),
+    "time": ("<f4", ()),
+    "return_number": ("<i4", ()),
+    "share": ("<f4", ()),
 }
-"""What a point of a scan has: metres, radians, ..., normals in the frame of the positions; docs/sensors.md explains."""
+"""What a point of a scan has: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
 ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
@@ -122,8 +125,10 @@ def further_fields(recipe: Recipe) -> Fields:
     of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS[each].items()}
     if recipe.setup is None or recipe.complete:
         return of_attributes
-    of_scans = {name: row for name, row in SCAN_FIELDS.items() if name != "clean_range" or recipe.setup.keep_clean}
-    return of_scans | of_attributes
+    one_return = recipe.setup.made_sensor.imperfections.returns != "all"
+    left_out = {"clean_range": not recipe.setup.keep_clean, "time": not recipe.setup.takes_time}
+    left_out |= dict.fromkeys(("return_number", "share"), one_return)
+    return {name: row for name, row in SCAN_FIELDS.items() if not left_out.get(name)} | of_attributes
 
 
 def gather_clouds(

@@ -5,7 +5,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,7 +80,7 @@ def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
-        small = replace(small, scanning=asdict(Setup(make("hdl-64e").document, size="file", method=recipe.method)))
+        small = replace(small, scanning=Setup(make("hdl-64e").document, size="file", method=recipe.method).document)
     with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")

@@ -1,7 +1,9 @@
 """SurfaceColors: the base colour of every place on the triangles of a mesh, from corners, textures and materials."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -25,16 +27,19 @@ class Material(NamedTuple):
     factor: tuple[float, float, float]  # red, green, blue in [0, 1]; multiplies corners and texture
     texture: Bytes | None = None  # (h, w, 3), sRGB; the first row is at v = 1
     wrap: tuple[str, str] = (REPEAT, REPEAT)  # along u and v
+    name: str = ""
+    passing: float = 0.0  # share of the light that falls on it and goes on behind it
+    painted: bool = True
 
 
 WHITE = Material((1.0, 1.0, 1.0))
-PLAIN = Material((GREY / 255, GREY / 255, GREY / 255))
+PLAIN = Material((GREY / 255, GREY / 255, GREY / 255), painted=False)
 """Of what has no colour."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceColors:
-    """Base colours over f triangles: what light, shine and transparency do not change.
+    """Base colours over f triangles: what light, shine and transparency do not change; and what light passes.
 
     Parameters
     ----------
@@ -66,8 +71,25 @@ class SurfaceColors:
     @property
     def is_whole(self) -> bool:
         """Whether every triangle has a colour of its own, and nothing is lacking."""
-        plain = [i for i, material in enumerate(self.materials) if material is PLAIN]
+        plain = [i for i, material in enumerate(self.materials) if not material.painted]
         return not self.lacking and not np.isin(self.material_ids, plain).any()
+
+    @property
+    def passing(self) -> FloatArray:
+        """Share of the light that each triangle lets pass, (f,)."""
+        return np.array([material.passing for material in self.materials])[self.material_ids]
+
+    def transparent(self, shares: Mapping[str, float | None]) -> "SurfaceColors":
+        """Return the colours with only those materials transparent that have a name of `shares`, which may have ``*``.
+
+        A share is of the light that passes; None: as the material's file says.
+        """
+        found = []
+        for material in self.materials:
+            mine = [share for name, share in shares.items() if fnmatchcase(material.name, name)]
+            share = mine[-1] if mine else 0.0
+            found.append(material if share is None else material._replace(passing=share))
+        return replace(self, materials=tuple(found))
 
     def select(self, which: BoolArray | NDArray[np.intp]) -> "SurfaceColors":
         """Return the colours of the triangles that a mask or indices pick."""
@@ -77,7 +99,7 @@ class SurfaceColors:
     @cached_property
     def digest(self) -> bytes:
         """Return what tells these colours from others."""
-        found = hashlib.sha256(repr([(m.factor, m.wrap) for m in self.materials]).encode())
+        found = hashlib.sha256(repr([m._replace(texture=None) for m in self.materials]).encode())
         for array in (self.material_ids, self.corners, self.uv, *(m.texture for m in self.materials)):
             found.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
         return found.digest()

@@ -2,7 +2,8 @@
 
 import math
 import os
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -218,6 +219,10 @@ class Mesh(Sealed):
         if self.longest_side == 0.0:
             raise MeshError(f"a mesh must have an extent to be normalized; all vertices of {self.name} coincide.")
         return self._with_vertices((self.vertices - self.centre) / self.longest_side)
+
+    def transparent(self, shares: Mapping[str, float | None]) -> "Mesh":
+        """Return the mesh with only those materials transparent that `shares` name (`SurfaceColors.transparent`)."""
+        return self if self.colors is None else replace(self, colors=self.colors.transparent(shares))
 
     def cleaned(self) -> "Mesh":
         """Return the mesh without duplicate faces and faces of no area, and count what went in `dropped`.

@@ -246,7 +246,8 @@ class _Scene:
             texture, factor = _base_color(material)
             if material_id not in numbers:
                 numbers[material_id] = len(materials)
-                materials.append(Material(factor, *self._image(texture, textures)))
+                about = str(material.get("name", "")), _passing(material)
+                materials.append(Material(factor, *self._image(texture, textures), *about))
             is_packed = "KHR_draco_mesh_compression" in part.primitive.get("extensions", {})
             attributes = {} if is_packed else part.primitive["attributes"]
             own: FloatArray = np.ones((n_vertices, 3))
@@ -270,7 +271,7 @@ class _Scene:
         # triangles without texture coordinates get their material without its texture
         bare = ~np.isfinite(places).reshape(len(owners), 6).all(axis=1)
         return Look(
-            (*materials, *(Material(material.factor) for material in materials)),
+            (*materials, *(material._replace(texture=None) for material in materials)),
             np.where(bare, owners + len(materials), owners),
             np.clip(np.nan_to_num(np.concatenate(colors)[corners]), 0.0, 1.0),
             np.nan_to_num(places),
@@ -368,6 +369,14 @@ def _base_color(material: Json) -> tuple[Json | None, tuple[float, float, float]
         factor = (found or {}).get("baseColorFactor", WHITE.factor)
     red, green, blue = np.clip(np.nan_to_num([float(each) for each in factor[:3]]), 0.0, 1.0).tolist()
     return texture, (red, green, blue)
+
+
+def _passing(material: Json) -> float:
+    """Return the share of light that a material lets pass: what its alpha leaves, if that is blended, or transmits."""
+    factor = [*material.get("pbrMetallicRoughness", {}).get("baseColorFactor", ()), 1.0, 1.0, 1.0, 1.0]
+    alpha = float(factor[3]) if material.get("alphaMode") == "BLEND" else 1.0
+    through = float(material.get("extensions", {}).get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
+    return float(np.clip(np.nan_to_num(1.0 - alpha * (1.0 - through)), 0.0, 1.0))
 
 
 def _transformed(uv: FloatArray, turn: Json) -> FloatArray:

@@ -61,6 +61,7 @@ class _Paint(NamedTuple):
     wrap: str = REPEAT
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
+    passing: float = 0.0
 
 
 def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
@@ -93,7 +94,7 @@ def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
     for name in used:
         if name not in numbers:
             paint = paints.get(name, _Paint())
-            numbers[name] = _add(paint, textures, files, materials, places)
+            numbers[name] = _add(name, paint, textures, files, materials, places)
     turn = np.cumsum(lines.kinds == _USEMTL)[is_face]
     pairs = np.array([numbers[name] for name in ["", *used]])
     ids = np.where(whole, *pairs[np.minimum(turn, len(used))].T)
@@ -102,28 +103,27 @@ def read_obj_look(data: bytes, polygons: Polygons, files: MeshFiles) -> Look:
     colors = None
     if (lines.counts[lines.kinds == _V] >= 6).any():
         colors = np.where(textured[owners, None], 1.0, _colors_of_vertices(lines)[polygons.corners])
-        ids = np.where(textured, ids, 1)
+        materials = [m if m.texture is not None else WHITE._replace(name=m.name, passing=m.passing) for m in materials]
     scale, offset = (np.array([getattr(place, name) for place in places])[ids][owners] for name in ("scale", "offset"))
     placed = np.where(has_uv[:, None], uv, 0.0) * scale + offset
     return Look(tuple(materials), ids, colors, placed, lacking=(*lacking, *textures.lacking))
 
 
 def _add(
-    paint: _Paint, textures: Textures, files: MeshFiles, materials: list[Material], places: list[_Paint]
+    name: str, paint: _Paint, textures: Textures, files: MeshFiles, materials: list[Material], places: list[_Paint]
 ) -> tuple[int, int]:
     """Add a material's rows; return the one with its texture and the one for polygons without coordinates."""
     texture = None
     if paint.texture:
         texture = textures.get(posixpath.join(paint.folder, paint.texture), lambda: _read_texture(paint, files))
-    plain = 0
-    if paint.color is not None:
-        materials.append(Material(paint.color))
-        places.append(_Paint())
-        plain = len(materials) - 1
+    base = PLAIN if paint.color is None else Material(paint.color)
+    plain = len(materials)
+    materials.append(base._replace(name=name, passing=paint.passing))
+    places.append(_Paint())
     if texture is None:
         return plain, plain
     factor = paint.color if paint.color is not None and any(paint.color) else WHITE.factor
-    materials.append(Material(factor, texture, (paint.wrap, paint.wrap)))
+    materials.append(Material(factor, texture, (paint.wrap, paint.wrap), name, paint.passing))
     places.append(paint)
     return len(materials) - 1, plain
 
@@ -198,6 +198,9 @@ def _materials_of(text: str, folder: str) -> dict[str, _Paint]:
                 continue  # "spectral", "xyz"
             red, green, blue = (values * 3)[:3] if values else WHITE.factor
             paints[current] = paints[current]._replace(color=(red, green, blue))
+        elif current is not None and word in ("d", "Tr") and _is_number(rest.split(" ")[-1]):
+            stopped = min(max(float(rest.split(" ")[-1]), 0.0), 1.0)  # after -halo, if that is there
+            paints[current] = paints[current]._replace(passing=1.0 - stopped if word == "d" else stopped)
         elif current is not None and word.lower() == "map_kd":
             paints[current] = _with_texture(paints[current], rest)
     return paints

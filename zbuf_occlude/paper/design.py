@@ -67,10 +67,11 @@ BUDGETS = MappingProxyType({CLOUDS: "equal clouds shown", EPOCHS: "equal epochs"
 ORIGINAL, GENERATED, SCANS = "original", "generated", "scans"
 """Test 1; Test 2, with ``:METHOD`` after it where it is another's than `MAIN`; Test 3."""
 
-UNIFORM, ALONE, SCENES = KINDS = ("uniform", "scans", "scenes")
-"""Clouds of `REALISM`: points uniform over the visible surface, scans of single objects, scans in streets."""
+UNIFORM, ALONE, SCENES, TWO_EYES = KINDS = ("uniform", "scans", "scenes", "two-eyes")
+"""Clouds of `REALISM`: points uniform over the visible surface; a LiDAR's scans of single objects, and in streets;
+scans of single objects by a depth camera of two eyes."""
 OWN, MATCHED = COUNTS = ("own", "matched")
-"""Points of these clouds: as many as they have, or as the poorest of the three has of that object and view."""
+"""Points of these clouds: as many as they have, or as the poorest kind has of that object and view."""
 
 FEWEST_OBJECTS = 5
 """Of a class: three train, one validates and one is tested where objects are held out."""

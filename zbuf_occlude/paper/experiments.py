@@ -1,11 +1,12 @@
 """The experiments of a study: their meshes, the datasets they make, the classifiers trained and tested on them.
 
 Elevation is 4.2 of the paper (Table 3A, Fig. 12), augmentation 4.3 and 4.4 (Table 3B) with a comparison of methods of
-hidden-surface removal. Realism is ours: trained on uniform clouds, on scans, on scans in streets; tested on all three.
+hidden-surface removal. Realism is ours: trained on uniform clouds, on scans, on scans in streets or
+by two eyes; tested on all.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial, reduce
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,6 +49,7 @@ from zbuf_occlude.paper.design import (
     TEST_ELEVATIONS,
     TRAIN_ELEVATIONS,
     TRAINING_SETS,
+    TWO_EYES,
     UNIFORM,
     Size,
     name_of_test,
@@ -475,22 +477,24 @@ SENSOR = "hdl-64e"
 """KITTI's."""
 METRES = 4.5
 """Longest side of every object: a car's, for a bottle of its own size would have no points at these ranges."""
+TRIANGULATING, NEAR_METRES, NEAR_RANGE = "kinect-v1", 1.0, (1.2, 3.5)
+"""Of `TWO_EYES`: the sensor, the longest side of every object, and the range."""
 RANGE = (6.0, 40.0)
 HIDDEN = (0.0, 0.6)
 ELEVATIONS = "2..8"
 """Of the views, degrees. In streets the sensor's height says it: 1.73 m, seen from the object's middle."""
 LEAST_POINTS = 16
-"""A view of an object is left out in which one of the three kinds has fewer."""
+"""A view of an object is left out in which one of the kinds has fewer."""
 
 Clouds = dict[tuple[int, int], NDArray[np.float32]]
 """Of a mesh and view the points, each once."""
 
 
 class Realism(Experiment):
-    """Three datasets of the same objects from the same sides (`KINDS`), and real objects in a layout of `real_scans`.
+    """Datasets of the same objects from the same sides (`KINDS`), and real objects in a layout of `real_scans`.
 
-    With their `own` numbers of points, the three differ in how many points a cloud has. `matched`, each cloud is
-    thinned to the fewest that one of the three has of that object and view: only where the points lie differs.
+    With their `own` numbers of points, the kinds differ in how many points a cloud has. `matched`, each cloud is
+    thinned to the fewest that one of them has of that object and view: only where the points lie differs.
     """
 
     def __init__(self, meshes: MeshCollection, size: Size, folder: Path, real: Path | None = None) -> None:
@@ -507,8 +511,15 @@ class Realism(Experiment):
         if kind == UNIFORM:
             return Plan(self.meshes, Recipe(**common, n_points=self.size.sampled))
         scene: dict[str, Any] = {"scene": "street", "hidden": HIDDEN} if kind == SCENES else {}
-        setup = Setup(make(SENSOR).document, range=RANGE, size={"*": METRES}, method=default_caster(), **scene)
-        return Plan(self.meshes, Recipe(**common, scanning=asdict(setup)))
+        near = kind == TWO_EYES
+        setup = Setup(
+            make(TRIANGULATING if near else SENSOR).document,
+            range=NEAR_RANGE if near else RANGE,
+            size={"*": NEAR_METRES if near else METRES},
+            method=default_caster(),
+            **scene,
+        )
+        return Plan(self.meshes, Recipe(**common, scanning=setup.document))
 
     def of(self, kind: str, count: str, split: str) -> CloudSet:
         """Return the clouds of a kind, a way to count points (one of `COUNTS`), and a split."""
@@ -537,6 +548,7 @@ class Realism(Experiment):
             "range": RANGE,
             "hidden": HIDDEN,
             "least": LEAST_POINTS,
+            "two_eyes": {"sensor": TRIANGULATING, "metres": NEAR_METRES, "range": NEAR_RANGE},
         }
         return {"realism": facts}
 
@@ -569,7 +581,7 @@ class Realism(Experiment):
 
 
 class _Split(NamedTuple):
-    """A split of all three kinds."""
+    """A split of all kinds."""
 
     clouds: dict[str, dict[str, Clouds]]  # by count and kind, as of `in_both_counts`
     labels: dict[int, int]  # of each mesh

@@ -58,7 +58,7 @@ def run_study(
 
     `modelnet` is ModelNet40's folder, or for `ELEVATION` alone ModelNet10's; by default the built-in shapes are taken.
     `scans` is the Sydney Urban Objects dataset, for Test 3, `scans_up` which direction is up in it, by default found
-    from the scans. `real` are labelled sweeps of real drives, for a fourth test of `REALISM`. `budgets` are as in
+    from the scans. `real` are labelled sweeps of real drives, for one more test of `REALISM`. `budgets` are as in
     `Augmentation`; one that is asked for later is added to what is there. `voxels` are those of `as_voxels`.
 
     Raises DatasetError where the folder holds another study, or `scans` or `real` is not such a dataset; OptionError

@@ -44,6 +44,7 @@ from zbuf_occlude.paper.design import (
     TABLE_3B,
     TEST_ELEVATIONS,
     TRAINING_SETS,
+    TWO_EYES,
     UNIFORM,
     VEHICLES_F1,
     described,
@@ -89,7 +90,12 @@ NONE = "–"
 MUCH = 0.05
 """Five percentage points: what "loses much" is taken to mean; the paper's two models lose 7 and 36."""
 CAR = "car"
-WORDS = {UNIFORM: "uniform clouds", ALONE: "scans of single objects", SCENES: "scans in streets"}
+WORDS = {
+    UNIFORM: "uniform clouds",
+    ALONE: "scans of single objects",
+    SCENES: "scans in streets",
+    TWO_EYES: "scans by two eyes",
+}
 COUNTED = {OWN: "their own", MATCHED: "matched"}
 
 
@@ -594,15 +600,18 @@ def cars_found(test: Confusion) -> tuple[float, float | None]:
 def _note_realism(results: Sequence[Result], facts: Mapping[str, Any], real: Sequence[str]) -> str:
     medians = ", ".join(f"{n:.0f} of {WORDS[kind]}" for kind, n in facts["points"].items())
     note = (
-        f"Accuracy in percent, mean ± standard deviation over the seeds. All three kinds show the same "
+        f"Accuracy in percent, mean ± standard deviation over the seeds. All kinds show the same "
         f"{facts['clouds']:,} views of the same {facts['objects']:,} objects, {facts['metres']:g} m long, by a "
         f"{facts['sensor']} at {facts['range'][0]:g} to {facts['range'][1]:g} m; in streets up to "
-        f"{100 * facts['hidden'][1]:.0f} % is hidden by others. Views in which one of the three has fewer than "
-        f"{facts['least']} points are left out. Points that differ per cloud, median: {medians}; matched: all three "
+        f"{100 * facts['hidden'][1]:.0f} % is hidden by others. Views in which one kind has fewer than "
+        f"{facts['least']} points are left out. Points that differ per cloud, median: {medians}; matched: all "
         "are thinned to the fewest of that view."
     )
+    if near := facts.get("two_eyes"):
+        low, high = near["range"]
+        note += f" Two eyes: {near['sensor']}, objects of {near['metres']:g} m alone, {low:g} to {high:g} m away."
     if not real:
-        return note + " With `--real DIR` real objects are a fourth test: only the test is then added."
+        return note + " With `--real DIR` real objects are one more test: only the test is then added."
     for test in real:
         counts = next(row.tests[test].counts.sum(axis=1) for row in results if test in row.tests)
         note += f" {test.partition(':')[2]}: {counts[0]:,} cars and {counts[1:].sum():,} other objects."

@@ -1,7 +1,7 @@
 """What scenes are filled with: the meshes of a user's JSON in their places, or objects of a collection; in metres."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ NUMBERS = {
     "yaw": Number(-3600.0, 3600.0, "degrees"),
     "size": Number(LEAST, MOST, "metres"),
     "albedo": Number(0.0, 1.0),
+    "velocity": Number(-1e3, 1e3, "metres a second", ((3,),)),
+    "turn": Number(-1e4, 1e4, "degrees a second"),
 }
 KNOWN = ("mesh", "class", "up", *NUMBERS)
 
@@ -39,9 +41,10 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     Parameters
     ----------
     path : Path
-        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``;
-        all but mesh and position may be left out. Positions are metres from the middle of the target's foot; of the
-        object it is the middle of the foot too. Files are found from the JSON's folder.
+        ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
+        with albedo, velocity and turn as `Placed` has them; all but mesh and position may be left out. Positions are
+        metres from the middle of the target's foot; of the object it is the middle of the foot too. Files are found
+        from the JSON's folder.
 
     Returns
     -------
@@ -76,11 +79,14 @@ def _checked(given: Any, folder: Path) -> dict[str, Any]:
     mesh = str((folder / found["mesh"]).absolute())
     if not os.path.isfile(mesh):
         raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
-    return {**found, "mesh": mesh, "position": list(found["position"])}
+    vectors = {name: list(found[name]) for name in ("position", "velocity") if name in found}
+    return {**found, "mesh": mesh, **vectors}
 
 
-def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
-    """Load a scene's meshes and put them in their places.
+def placed_of(
+    objects: list[dict[str, Any]], floor: float, transparent: Mapping[str, float | None] | None = None
+) -> list[Placed]:
+    """Load a scene's meshes and put them in their places; `transparent` is as of a `Setup`.
 
     Raises
     ------
@@ -89,12 +95,13 @@ def placed_of(objects: list[dict[str, Any]], floor: float) -> list[Placed]:
     """
     placed = []
     for given in objects:
-        mesh = load_mesh(given["mesh"], up=given.get("up"))
+        mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
         label = str(given.get("class", Path(given["mesh"]).stem))
         size = given.get("size", size_of(label, FILE, mesh.longest_side))
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))
-        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo")))
+        drive = {name: given[name] for name in ("velocity", "turn") if name in given}
+        placed.append(Placed(standing(mesh, size), label, pose, given.get("albedo"), **drive))
     return placed
 
 
@@ -116,12 +123,21 @@ class Pool:
     scene : str
         A name of `zbuf_occlude.scenes.kinds.KINDS`.
     seed : SeedSequence
+    transparent : mapping of str to float or None
+        As of a `Setup`.
     """
 
-    def __init__(self, entries: Sequence[MeshEntry], sizes: Sizes, scene: str, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self,
+        entries: Sequence[MeshEntry],
+        sizes: Sizes,
+        scene: str,
+        seed: np.random.SeedSequence,
+        transparent: Mapping[str, float | None] | None = None,
+    ) -> None:
         order = np.random.default_rng(seed).permutation(len(entries))
         self._entries = [entries[int(i)] for i in order[:MOST_OBJECTS]]
-        self._sizes, self._most = sizes, MOST_METRES.get(scene, np.inf)
+        self._sizes, self._most, self._transparent = sizes, MOST_METRES.get(scene, np.inf), transparent or {}
         self._made: dict[int, tuple[Mesh, str] | None] = {}
 
     def __call__(self, number: float) -> tuple[Mesh, str]:
@@ -137,7 +153,7 @@ class Pool:
             self._made[i] = None
             entry = self._entries[i]
             try:
-                mesh = entry.load()
+                mesh = entry.load().transparent(self._transparent)
                 size = size_of(entry.label, self._sizes, mesh.longest_side)
             except (MeshError, OptionError):
                 return None

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, frozen
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, as_vectors, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.mesh import Mesh
 
@@ -31,12 +31,18 @@ class Placed:
         The mesh's space to the world, metres; column vectors. May scale. The identity by default.
     albedo : float, optional
         Share of light that it sends back. None: it is not known, and the scene has one drawn (`Scene.joined`).
+    velocity : (3,) float
+        Metres a second along the world's axes at time 0, when it is at its pose; the velocity turns with the object.
+    turn : float
+        Degrees a second about the vertical line through the origin of its pose, positive to the left.
     """
 
     mesh: Mesh
     label: str = "object"
     pose: FloatArray = field(default_factory=lambda: np.eye(4))
     albedo: float | None = None
+    velocity: ArrayLike = (0.0, 0.0, 0.0)
+    turn: float = 0.0
 
     def __post_init__(self) -> None:
         pose = np.asarray(self.pose, dtype=np.float64)
@@ -44,7 +50,15 @@ class Placed:
             raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
         if self.albedo is not None and not 0.0 <= self.albedo <= 1.0:
             raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
-        object.__setattr__(self, "pose", frozen(pose))
+        velocity = as_vectors([np.asarray(self.velocity)], f"velocity of {self.label}")[0]
+        if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
+            raise ArgumentError(f"turn of {self.label} must be degrees a second; got {self.turn!r:.40}.")
+        vars(self).update(pose=frozen(pose), velocity=frozen(velocity))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere later."""
+        return bool(np.any(self.velocity) or self.turn)
 
     @cached_property
     def vertices(self) -> FloatArray:
@@ -77,7 +91,10 @@ class Scene:
     albedos : (o,) float
         Of each object.
     placed : tuple of Placed, optional
-        Each object by itself, where that is known.
+        Each object by itself, where that is known; in `mesh` those that move are where they are at time 0.
+    passing : (f,) float, optional
+        Share of the light that each face lets pass, as the colours of its mesh say (`SurfaceColors.passing`); none by
+        default.
 
     Examples
     --------
@@ -91,6 +108,7 @@ class Scene:
     labels: tuple[str, ...]
     albedos: FloatArray
     placed: tuple[Placed, ...] = ()
+    passing: FloatArray | None = None
 
     def __post_init__(self) -> None:
         instances = as_indices(self.instances, "instances", columns=None, upper=len(self.labels))
@@ -99,7 +117,12 @@ class Scene:
                 f"instances must be one per face ({len(self.mesh.faces)}) and albedos one per label "
                 f"({len(self.labels)}); got {len(instances)} and {len(self.albedos)}."
             )
-        object.__setattr__(self, "instances", frozen(instances))
+        passing = self.passing
+        if passing is not None and not (len(passing) == len(instances) and ((passing >= 0) & (passing <= 1)).all()):
+            raise ArgumentError(f"passing must be a share in [0, 1] per face ({len(instances)}); it is not.")
+        vars(self).update(
+            instances=frozen(instances), passing=passing if passing is not None and any(passing) else None
+        )
 
     def __repr__(self) -> str:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
@@ -107,7 +130,7 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
         """Return a mesh alone, as it stands, in metres."""
-        return cls(mesh, np.zeros(len(mesh.faces), dtype=np.int32), (label,), np.full(1, TYPICAL))
+        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), {}, _passing([mesh]))
 
     @classmethod
     def joined(
@@ -140,7 +163,22 @@ class Scene:
         instances = np.repeat(taken, [len(placed[i].mesh.faces) for i in taken])
         drawn = np.full(len(placed), TYPICAL) if rng is None else draw_albedos(rng, len(placed))
         albedos = [drawn[i] if p.albedo is None else p.albedo for i, p in enumerate(placed)]
-        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed))
+        passing = _passing([placed[i].mesh for i in taken])
+        return cls(mesh, instances, tuple(p.label for p in placed), np.array(albedos), tuple(placed), passing)
+
+    @cached_property
+    def moving(self) -> dict[int, Placed]:
+        """The objects that move, by number."""
+        return {i: each for i, each in enumerate(self.placed) if each.moves and (self.instances == i).any()}
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing moves or lets light pass."""
+        return not self.moving and self.passing is None
+
+
+def _passing(meshes: Sequence[Mesh]) -> FloatArray:
+    return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.passing for m in meshes])
 
 
 def moved(

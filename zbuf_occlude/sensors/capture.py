@@ -15,11 +15,10 @@ from zbuf_occlude.scenes.contents import placed_of
 from zbuf_occlude.scenes.kinds import METHOD, N_POINTS, WITHIN, Arranged, Asked
 from zbuf_occlude.scenes.scene import Placed, Scene, moved
 from zbuf_occlude.scenes.sizes import size_of
-from zbuf_occlude.sensors.motion import Motion
+from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.scanning import Scan, look_at, pose_of_camera, scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
-from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 Pool = Callable[[float], tuple[Mesh, str]]
@@ -68,7 +67,8 @@ def in_metres(mesh: Mesh, label: str, setup: Setup) -> tuple[Mesh, float]:
         raise MeshError(f"a mesh must have an extent to be scanned; all vertices of {mesh.name} coincide.")
     size = size_of(label, setup.size, mesh.longest_side)
     factor = size / mesh.longest_side
-    return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name), size
+    colors = mesh.colors.transparent(setup.transparent) if mesh.colors is not None and setup.transparent else None
+    return Mesh((mesh.vertices - mesh.centre) * factor, mesh.faces, mesh.name, colors=colors), size
 
 
 def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: Seeds) -> Views:
@@ -103,63 +103,67 @@ def captures(
     floor: float,
     seeds: Seeds,
     pool: Pool,
-    motion: Motion | None = None,
 ) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
-    The occluder of a capture is open until the next one is asked for. `motion` is as in `scan`.
+    The occluder of a capture is open until the next one is asked for.
     """
-    poses = _poses(places, setup)
-    with prepare(mesh, setup.method) as alone:
+    poses, target = _poses(places, setup), Placed(mesh, "target")
+    itself = Scene.joined([target])
+    with prepare_scene(itself, setup.method) as alone:
         if setup.share is not None or setup.objects:  # others may hide some of the target
-            points, showing = _showing(mesh, alone, places, setup, seeds)
+            points, showing = _showing(itself, alone, places, setup, seeds)
         if setup.share is None:  # the same scene for all views
-            placed = _arranged(mesh, setup, places, floor, seeds, pool, 0).placed
+            placed = _arranged(target, setup, places, floor, seeds, pool, 0).placed
             scene = Scene.joined(placed, rng=np.random.default_rng(seeds("albedo", 0)))
             shares = [0.0] * len(poses)
-            with nullcontext(alone) if len(placed) == 1 else prepare(scene.mesh, setup.method) as occluder:
+            with nullcontext(alone) if len(placed) == 1 else prepare_scene(scene, setup.method) as occluder:
                 if setup.objects:
-                    left = _visible(scene.mesh, occluder, points, places.eyes, setup)
+                    left = _visible(scene, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, motion)
+                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
                     yield replace(capture, hidden=hidden)
             return
         share = (setup.share[0], setup.share[1])
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
             seen = points.select(shown)
-            arranged = _arranged(mesh, setup, places, floor, seeds, pool, number, seen.positions)
-            near = _near(arranged.placed, eye, _reach(mesh, setup), setup, motion)
+            arranged = _arranged(target, setup, places, floor, seeds, pool, number, seen.positions)
+            near = _near(arranged.placed, eye, _reach(mesh, setup), setup)
             paint = np.random.default_rng(seeds("albedo", number))
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
-            with prepare(scene.mesh, setup.method) as occluder:
-                hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
+            with prepare_scene(scene, setup.method) as occluder:
+                hidden = _hidden(_visible(scene, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
+                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
 def captured_scenes(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Scene]:
     """Yield the whole scene of each view, as `captures` draws it; the same object where all views have the same."""
+    target = Placed(mesh, "target")
     if setup.share is None:
-        scene = Scene.joined(_arranged(mesh, setup, places, floor, seeds, pool, 0).placed)
+        scene = Scene.joined(_arranged(target, setup, places, floor, seeds, pool, 0).placed)
         yield from repeat(scene, len(places))
         return
-    with prepare(mesh, METHOD) as alone:
-        points, showing = _showing(mesh, alone, places, setup, seeds)
+    itself = Scene.joined([target])
+    with prepare_scene(itself, METHOD) as alone:
+        points, showing = _showing(itself, alone, places, setup, seeds)
     for number, shown in enumerate(showing):
         seen = points.positions[shown]
-        yield Scene.joined(_arranged(mesh, setup, places, floor, seeds, pool, number, seen).placed)
+        yield Scene.joined(_arranged(target, setup, places, floor, seeds, pool, number, seen).placed)
 
 
-def _showing(mesh: Mesh, alone: Occluder, places: Views, setup: Setup, seeds: Seeds) -> tuple[SurfacePoints, BoolArray]:
+def _showing(
+    itself: Scene, alone: Occluder, places: Views, setup: Setup, seeds: Seeds
+) -> tuple[SurfacePoints, BoolArray]:
     """Return points of a target, and which of them each place sees (k, n), were it alone."""
-    points = sample_surface(mesh, n_points=N_POINTS, seed=seeds("points", 0))
-    return points, _visible(mesh, alone, points, places.eyes, setup)
+    points = sample_surface(itself.mesh, n_points=N_POINTS, seed=seeds("points", 0))
+    return points, _visible(itself, alone, points, places.eyes, setup)
 
 
 def _arranged(
-    mesh: Mesh,
+    target: Placed,
     setup: Setup,
     places: Views,
     floor: float,
@@ -170,9 +174,10 @@ def _arranged(
 ) -> Arranged:
     """Put objects around a target for a view that would see these positions of it alone."""
     share = None if setup.share is None else (setup.share[0], setup.share[1])
-    asked = Asked(Placed(mesh, "target"), places.eyes[view], floor, seen, share, pool)
+    asked = Asked(target, places.eyes[view], floor, seen, share, pool)
     found = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", view)))
-    return found._replace(placed=found.placed + placed_of([dict(each) for each in setup.objects], floor))
+    of_file = placed_of([dict(each) for each in setup.objects], floor, setup.transparent)
+    return found._replace(placed=found.placed + of_file)
 
 
 def _captured(
@@ -185,7 +190,6 @@ def _captured(
     places: Views,
     seeds: Seeds,
     view: int,
-    motion: Motion | None,
 ) -> Capture:
     found = scan(
         scene,
@@ -195,18 +199,18 @@ def _captured(
         occluder=occluder,
         towards=_region(mesh, setup),
         target=alone if setup.keep == "target" and occluder is not alone else None,
-        motion=motion,
+        motion=setup.made_motion,
     )
     kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
     return Capture(found.select(kept), scene, occluder, pose)
 
 
-def _visible(mesh: Mesh, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
-    """Which points of a mesh each eye sees, by `METHOD`; `occluder` is by the method of the scans.
+def _visible(scene: Scene, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:
+    """Which points of a scene's target each eye sees, by `METHOD`; `occluder` is by the method of the scans.
 
     The target is the first of a scene: its faces have the same numbers there.
     """
-    with nullcontext(occluder) if setup.method == METHOD else prepare(mesh, METHOD) as judge:
+    with nullcontext(occluder) if setup.method == METHOD else prepare_scene(scene, METHOD) as judge:
         return judge.visible(points, eyes)
 
 
@@ -237,12 +241,12 @@ def _reach(mesh: Mesh, setup: Setup) -> float:
     return half * ENLARGED * (SCALED[1] if setup.box["scale"] else 1.0) + setup.box["shift"] * mesh.diagonal
 
 
-def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup, motion: Motion | None) -> BoolArray:
+def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> BoolArray:
     """Which objects a ray may meet that passes within `reach` of the origin; the others change no answer of those."""
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
     sensor = setup.made_sensor
-    elsewhere = motion is not None or sensor.rays().origins is not None
+    elsewhere = setup.motion is not None or sensor.rays().origins is not None
     if distance <= reach or elsewhere or len(sensor.imperfections.second_eyes):
         return near
     half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6

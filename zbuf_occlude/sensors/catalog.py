@@ -374,6 +374,7 @@ ROWS: tuple[SensorRow, ...] = (
                 (0.0, -0.05, 0.0),
                 f"its right camera; depths are the left one's, {_SHEET}",
             ),
+            "window": (9, "census of 9 x 9 pixels, the maker's presets (librealsense, d400_presets)"),
             **_DEPTH_CAMERA,
         },
     ),

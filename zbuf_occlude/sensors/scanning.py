@@ -1,6 +1,8 @@
 """From rays to a scan: first hits in the scene, echoes of each beam, and what the sensor gets wrong."""
 
 import warnings
+from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +18,12 @@ from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.casting import SceneInParts, cast, prepare_scene, turned_with
 from zbuf_occlude.sensors.catalog import make
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import STEEPEST, Imperfections, Rays, Sensor
 from zbuf_occlude.views import from_angles
-from zbuf_occlude.visibility import METHODS, check_keywords, find_method, prepare
+from zbuf_occlude.visibility import METHODS, check_keywords, find_method
 from zbuf_occlude.visibility.interface import FirstHits, Occluder
 
 CASTERS = ("exact", "embree", "oracle")
@@ -72,14 +75,15 @@ class Scan(Cloud):
     incidences : (n,) float
         Between the ray and the normal, radians.
     intensities : (n,) float
-        Albedo times the cosine of the incidence over the range squared (the clean one, metres). The albedo is the
-        luminance of the base colour where the mesh has colours (``load_mesh(path, colors=True)``), else its object's.
+        Albedo times the cosine of the incidence over the range squared (the clean one, metres), less what windows
+        before it take. The albedo is the luminance of the base colour where the mesh has colours
+        (``load_mesh(path, colors=True)``), else its object's.
     rings, columns, instances, n_returns : (n,) int
         Laser, firing, object, and how many returns the beam has in all, before any is lost.
     return_numbers : (n,) int
         Which of these it is, from 1, the nearest first.
     shares : (n,) float
-        Of the beam's rays that met what it is from.
+        Of the beam's light that met what it is from.
     """
 
     origin: FloatArray
@@ -174,6 +178,7 @@ def scan(
     azimuth: float | None = None,
     elevation: float | None = None,
     size: float | None = None,
+    transparent: Mapping[str, float | None] | None = None,
     motion: Motion | None = None,
     seed: int | np.random.SeedSequence | np.random.Generator = 0,
     method: str | None = None,
@@ -200,20 +205,24 @@ def scan(
         With `range`, where the sensor stands: degrees from +x towards +y, and above the xy plane. 0 by default.
     size : float, optional
         Metres that the mesh's longest side is made, about its centre. By default the mesh is in metres already.
+    transparent : mapping of str to float or None, optional
+        Of a mesh: materials that let light pass by name, which may have ``*``, and its share; None: the share that the
+        file says (alpha of glTF, d of MTL). Without it a mesh that has colours is as its file says, any other opaque.
     motion : Motion, optional
-        How the sensor moves while it scans, from its pose on.
+        How the sensor moves while it scans, from its pose on. Objects of the scene that move do so without it too: each
+        ray meets them where they are by the time that it is cast.
     seed : int, SeedSequence or Generator
         The same seed gives the same scan, byte for byte.
     method : str, optional
         Who casts the rays; by default the first of `CASTERS` that can.
     occluder : Occluder, optional
-        The scene's mesh made ready already.
+        The scene made ready already (`casting.prepare_scene`): where nothing in it moves, its mesh.
     towards : (2, 3) float, optional
         Lower and upper corner of a box in the world: only beams that may meet it are cast; the rest are taken to
         return nothing. A sensor that moves casts all.
     target : Occluder, optional
-        A part of the scene made ready by itself: only beams are cast of which a ray would meet it, were it alone. So
-        all its points are there, and few others.
+        A part of the scene that stands still, made ready by itself: only beams are cast of which a ray would meet it,
+        were it alone. So all its points are there, and few others.
     **options
         The method's own.
 
@@ -253,9 +262,12 @@ def scan(
             f"sensor must be a Sensor, a name or a file; got {type(sensor).__name__}. Make one: sensors.make(name)."
         )
     if not isinstance(scene, Scene):
-        scene = Scene.of(_of_size(as_mesh(scene), size))
-    elif size is not None:
-        raise ArgumentError("size is for a mesh; a scene is in metres. Leave it out.")
+        mesh = as_mesh(scene, colors=transparent is not None)
+        scene = Scene.of(_of_size(mesh if transparent is None else mesh.transparent(transparent), size))
+        if transparent and scene.passing is None:
+            raise ArgumentError(no_windows("transparent", mesh))
+    elif size is not None or transparent is not None:
+        raise ArgumentError("size and transparent are for a mesh; a scene has its own. Leave them out.")
     if range is not None:
         if pose is not None:
             raise ArgumentError("give pose or range, not both.")
@@ -264,29 +276,36 @@ def scan(
         raise ArgumentError("azimuth and elevation must go with range, metres from the mesh's centre. Give it.")
     rotation, origin = _rigid(pose)
     rays = at_rest = sensor.rays()
+    if motion is not None and not isinstance(motion, Motion):
+        raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
+    if len(sensor.imperfections.second_eyes) and (motion is not None or (scene.moving and rays.times is not None)):
+        raise ArgumentError("a sensor with a second eye must stand still, as all it sees. Or set baseline=0.")
     if motion is not None:
-        if not isinstance(motion, Motion):
-            raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
-        if len(sensor.imperfections.second_eyes):
-            raise ArgumentError("a sensor with a second eye must stand still. Leave motion out, or set baseline=0.")
         rays = motion.applied(at_rest)
     if towards is not None and rays.origins is None:
         corners = as_vectors(towards, "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
-        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=1)
+        alone = (_beams(target, rays, rotation, origin, sensor.imperfections).face_ids >= 0).any(axis=(1, 2))
         rays, at_rest = rays.select(alone), at_rest.select(alone)
-    rng = generator(seed)
-    if occluder is not None:
-        returns, met = _returns(scene, occluder, rays, rotation, origin, sensor)
-    else:
-        name = method or default_caster()
-        find_method(name).check_first_hits()
-        with prepare(scene.mesh, name, **options) as opened:
-            returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
+    rng, name = generator(seed), method or default_caster()
+    find_method(name).check_first_hits()
+    with prepare_scene(scene, name, **options) if occluder is None else nullcontext(occluder) as opened:
+        if not (scene.is_plain or isinstance(opened, SceneInParts)):
+            raise ArgumentError("occluder of a scene that moves or has windows must be of prepare_scene. Leave it out.")
+        returns, met = _returns(scene, opened, rays, rotation, origin, sensor)
     if motion is not None and not motion.deskew:
         returns = _as_at_rest(returns, at_rest.select(met), motion, rotation)
     return imperfect(returns, sensor, rng)
+
+
+def no_windows(option: str, mesh: Mesh) -> str:
+    """Return the message that no material named is there, or lets light pass."""
+    names = sorted({m.name for m in mesh.colors.materials if m.name} if mesh.colors is not None else ())
+    return (
+        f"{option} must name materials that let light pass, or a share for them; of {', '.join(names)[:200] or 'none'} "
+        f"of {mesh.name} none does. Give NAME=SHARE."
+    )
 
 
 def _of_size(mesh: Mesh, size: float | None) -> Mesh:
@@ -387,15 +406,20 @@ def _returns(
     """The returns of all beams as they would be without noise, and which rays they are of."""
     directions = rays.directions @ rotation.T
     hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
-    found = _echoes(hits, sensor.imperfections)
+    found = _echoes(hits, sensor.imperfections, scene.passing)
     offsets = np.zeros((len(rays), 3)) if rays.origins is None else rays.origins @ rotation.T
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
         points = starts + found.ranges[:, None] * directions[found.rays]
-        found = found.select(_seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor))
+        seen = _seen_twice(occluder, scene.mesh, points, found.face_ids, starts, rotation, sensor)
+        if sensor.imperfections.window > 1 and sensor.imperfections.noise and sensor.kind == "pinhole":
+            depths = found.ranges * rays.directions[found.rays, 0]
+            seen &= _matched(rays.rings[found.rays], rays.columns[found.rays], depths, seen, sensor)
+        found = found.select(seen)
     met, face_ids, ranges = found.rays, found.face_ids, found.ranges
-    directions = directions[met]
-    normals = _unit(scene.mesh.face_normals[face_ids])
+    directions, instances = directions[met], scene.instances[face_ids]
+    times = np.zeros(len(met)) if rays.times is None else rays.times[met]
+    normals = turned_with(scene, instances, times, _unit(scene.mesh.face_normals[face_ids]))
     cosines = -np.einsum("ij,ij->i", normals, directions)
     normals *= np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     cosines = np.minimum(np.abs(cosines), 1.0)
@@ -404,17 +428,17 @@ def _returns(
         origin=origin,
         directions=directions,
         offsets=offsets[met],
-        times=np.zeros(len(met)) if rays.times is None else rays.times[met],
+        times=times,
         depths_per_range=rays.directions[met, 0],
         ranges=ranges,
         clean_ranges=ranges,
         face_ids=face_ids,
         normals=normals,
         incidences=np.arccos(cosines),
-        intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * cosines / squares,
+        intensities=_albedos(scene, face_ids, starts + ranges[:, None] * directions) * found.lights * cosines / squares,
         rings=rays.rings[met],
         columns=rays.columns[met],
-        instances=scene.instances[face_ids],
+        instances=instances,
         n_returns=found.n_returns,
         return_numbers=found.numbers,
         shares=found.shares,
@@ -464,6 +488,17 @@ def _seen_twice(
     return seen
 
 
+def _matched(rows: IntArray, columns: IntArray, depths: FloatArray, seen: BoolArray, sensor: Sensor) -> BoolArray:
+    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,)."""
+    half = int(sensor.imperfections.window) // 2
+    shape = sensor.pattern["height"] + 2 * half, sensor.pattern["width"] + 2 * half
+    nearest = np.full(shape, np.inf)
+    nearest[rows + half, columns + half] = depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE))
+    for axis in (0, 1):
+        nearest = np.lib.stride_tricks.sliding_window_view(nearest, 2 * half + 1, axis=axis).min(axis=-1)
+    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * depths)
+
+
 EYES_AT_A_TIME = 16
 """Of a sensor whose eyes move: so many share a question, about the points of all of them."""
 
@@ -490,33 +525,53 @@ class _Echoes(NamedTuple):
     n_returns: IntArray
     numbers: IntArray
     shares: FloatArray
+    lights: FloatArray  # of the light of its rays what meets it and comes back through what is before it
 
     def select(self, which: NDArray[Any]) -> "_Echoes":
         """Return those that a mask or indices pick."""
         return _Echoes._make(each[which] for each in self)
 
 
-def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
-    """Return what comes back of each beam: surfaces that are near to each other run together.
+def _light(hits: FirstHits, passing: FloatArray) -> tuple[FirstHits, FloatArray, FloatArray]:
+    """Return hits (n, r, l), the share of a ray's light that meets each, and what comes back of it.
 
-    Of what is apart one is kept, or all; a return's share is that of the beam's rays that met it.
+    A face that lets the share T pass is met by the share 1 - T of the light that reaches it. On its way back light
+    loses as much again.
     """
-    n_rays = hits.face_ids.shape[1]
-    if n_rays == 1:
-        some = np.flatnonzero(hits.face_ids[:, 0] >= 0)
-        ones = np.ones(len(some), dtype=np.int32)
-        return _Echoes(some, hits.face_ids[some, 0], hits.distances[some, 0], ones, ones, np.ones(len(some)))
-    order = np.argsort(hits.distances, axis=1, kind="stable")
+    through = np.where(hits.face_ids >= 0, passing[hits.face_ids], 1.0)
+    reaching = np.concatenate([np.ones_like(through[..., :1]), np.cumprod(through[..., :-1], axis=2)], axis=2)
+    meeting = reaching * (1.0 - through)
+    lit = meeting > 0.0
+    hits = FirstHits(np.where(lit, hits.face_ids, -1), np.where(lit, hits.distances, np.inf))
+    return hits, meeting, meeting * reaching
+
+
+def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) -> _Echoes:
+    """Return what comes back of each beam of r rays that met l faces each, (n, r, l): near surfaces run together.
+
+    Of what is apart one is kept, or all; a return's share is that of the beam's light that met it. `passing` (f,) is
+    the share that faces let pass.
+    """
+    n_beams, n_rays, n_layers = hits.face_ids.shape
+    light: list[Any] = []
+    if passing is not None:
+        hits, *light = _light(hits, passing)
+    elif n_rays == n_layers == 1:
+        some = np.flatnonzero(hits.face_ids[:, 0, 0] >= 0)
+        ones, wholes = np.ones(len(some), dtype=np.int32), np.ones(len(some))
+        return _Echoes(some, hits.face_ids[some, 0, 0], hits.distances[some, 0, 0], ones, ones, wholes, wholes)
+    flat = [each.reshape(n_beams, n_rays * n_layers) for each in (*hits, *light)]
+    order = np.argsort(flat[1], axis=1, kind="stable")
     # (5, n): numpy is slow along short rows
-    ranges = np.ascontiguousarray(np.take_along_axis(hits.distances, order, axis=1).T)
-    faces = np.ascontiguousarray(np.take_along_axis(hits.face_ids, order, axis=1).T)
+    faces, ranges, *light = (np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T) for each in flat)
+    meeting, returning = light or (1.0, 1.0)
     met = faces >= 0
     with np.errstate(invalid="ignore"):
-        apart = np.diff(ranges, axis=0) > faults.echo_separation
+        apart = np.diff(ranges, axis=0) > (faults.echo_separation if faults.noise else 0.0)
     echo = np.zeros(ranges.shape, dtype=np.int32)
     np.cumsum(apart & met[1:], axis=0, out=echo[1:])
     n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0).astype(np.int32)
-    energy = np.where(met, 1.0 / np.where(met, ranges, 1.0) ** 2, 0.0)
+    energy = np.where(met, returning / np.where(met, ranges, 1.0) ** 2, 0.0)
     if faults.returns == "first":
         kept = [np.zeros(ranges.shape[1], dtype=int)]
     elif faults.returns == "last":
@@ -524,7 +579,8 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
     elif faults.returns == "all":
         kept = [np.full(ranges.shape[1], number) for number in range(int(n_returns.max(initial=0)))]
     else:
-        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(n_rays)]).argmax(axis=0)]
+        most = max(int(n_returns.max(initial=0)), 1)
+        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(most)]).argmax(axis=0)]
     parts = []
     for chosen in kept:
         mine = met & (echo == chosen)
@@ -536,7 +592,10 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
             best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
         rays = np.flatnonzero(total > 0)
         face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
-        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, mine[:, rays].mean(axis=0)))
+        n_met = mine.sum(axis=0)
+        met_by, back = ((mine * each).sum(axis=0) if light else n_met for each in (meeting, returning))
+        shares, lights = met_by[rays] / n_rays, back[rays] / n_met[rays]
+        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, shares, lights))
     if len(parts) == 1:
         return parts[0]
     whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True)) if parts else _NONE
@@ -544,13 +603,14 @@ def _echoes(hits: FirstHits, faults: Imperfections) -> _Echoes:
 
 
 _NO_NUMBERS = np.empty(0, dtype=np.int32)
-_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, np.empty(0), _NO_NUMBERS, _NO_NUMBERS, np.empty(0))
+_NO_SHARES = np.empty(0)
+_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, _NO_SHARES, _NO_NUMBERS, _NO_NUMBERS, _NO_SHARES, _NO_SHARES)
 
 
 def _beams(
     occluder: Occluder, rays: Rays, rotation: FloatArray, origin: FloatArray, faults: Imperfections
 ) -> FirstHits:
-    """First hits of each beam's rays, (n, 5), or (n, 1) without divergence."""
+    """What each beam's rays meet, (n, 5, l), or (n, 1, l) without divergence; l is 1 where all faces are opaque."""
     by_ring = np.argsort(rays.rings, kind="stable")  # neighbours follow each other: up to twenty times as fast to cast
     directions = rays.directions[by_ring] @ rotation.T
     if faults.divergence == 0.0 or faults.noise == 0.0:
@@ -566,8 +626,9 @@ def _beams(
     starts = origin[None]
     if rays.origins is not None:
         starts = np.repeat(origin + rays.origins[by_ring] @ rotation.T, beams.shape[1], axis=0)
-    face_ids, distances = occluder.first_hits(starts, beams.reshape(-1, 3))
-    shape, back = beams.shape[:2], np.empty_like(by_ring)
+    times = None if rays.times is None else np.repeat(rays.times[by_ring], beams.shape[1])
+    face_ids, distances = cast(occluder, starts, beams.reshape(-1, 3), times)
+    shape, back = (*beams.shape[:2], face_ids.shape[1]), np.empty_like(by_ring)
     back[by_ring] = np.arange(len(by_ring))
     return FirstHits(face_ids.reshape(shape)[back], distances.reshape(shape)[back])
 

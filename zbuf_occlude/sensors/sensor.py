@@ -274,6 +274,7 @@ NUMBERS: dict[str, Number] = {
     **dict.fromkeys(("attenuation", "drop_limit", "noise"), Number(0.0, 1e3, least=1e-9)),
     **dict.fromkeys(("incidence_max", "baseline_incidence_max"), Number(0.0, 90.0, "degrees")),
     "baseline": Number(-1e9, 1e9, "metres", ((), (3,), (-1, 3))),
+    "window": Number(0, 99, "pixels", whole=True),
 }
 """What each number of a sensor may be; beyond it, it is a mistyped one."""
 
@@ -332,6 +333,9 @@ class Imperfections:
         it in their pictures. Of several second eyes one is enough. 0: there is none.
     baseline_incidence_max : float
         Steeper ones at the second eye return nothing, degrees.
+    window : int
+        Of a pinhole with a second eye: pixels across of the square that is matched. What lies behind an edge returns
+        nothing where half a window, rounded down, reaches what is nearer, or is seen by one eye alone.
     noise : float
         Factor on the standard deviations. 0 switches everything off but the limits of range and the second eye.
     """
@@ -358,6 +362,7 @@ class Imperfections:
     incidence_max: float = 90.0
     baseline: float | Sequence[float] | Sequence[Sequence[float]] = 0.0
     baseline_incidence_max: float = 90.0
+    window: int = 0
     noise: float = 1.0
 
     def __post_init__(self) -> None:

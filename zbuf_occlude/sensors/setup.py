@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -12,12 +12,15 @@ import numpy as np
 from zbuf_occlude.errors import OptionError, check_word, find_row
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes
+from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.sensor import Sensor
 from zbuf_occlude.views import Views
 
 SURFACE = "surface"
 """The word for no sensor: points sampled uniformly over the visible surface."""
 KEEPS = ("target", "box", "all")
+ADDED = ("transparent", "motion")
+"""Fields of a setup that plans did not always have."""
 DISTURBANCES = {"shift": 0.0, "rotate": False, "scale": False}
 """How a box that is kept may be disturbed, as ScanObjectNN's PB_T50_RS: shift=0.5, rotate, scale."""
 
@@ -49,6 +52,10 @@ class Setup:
         Metres above the ground; None: the scene's own.
     method : str
         Who casts the rays.
+    transparent : mapping of str to float or None
+        Materials that let light pass, by name, which may have ``*``, and its share; None: the file's own share.
+    motion : mapping or None
+        How the sensor moves while it scans: what `Motion` takes.
 
     Raises
     ------
@@ -66,6 +73,8 @@ class Setup:
     keep_clean: bool = False
     sensor_height: float | None = None
     method: str = "exact"
+    transparent: Mapping[str, float | None] = field(default_factory=dict)
+    motion: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", self.size or {})
@@ -87,7 +96,19 @@ class Setup:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
             )
+        for name, share in self.transparent.items():
+            if share is not None and not 0.0 <= share <= 1.0:
+                raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
+        if self.made_motion is not None and len(self.made_sensor.imperfections.second_eyes):
+            raise OptionError(
+                f"a sensor that moves must have one eye; {self.made_sensor.name} has more. Or --set-sensor baseline=0."
+            )
         _ = self.kind, self.box  # read for their errors
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The fields as plain data; what there was not always only where it is given, so that older plans are equal."""
+        return {name: value for name, value in asdict(self).items() if name not in ADDED or value}
 
     @cached_property
     def kind(self) -> Kind:
@@ -98,6 +119,16 @@ class Setup:
     def made_sensor(self) -> Sensor:
         """The sensor."""
         return Sensor.from_document(self.sensor)
+
+    @cached_property
+    def made_motion(self) -> Motion | None:
+        """How the sensor moves; None where it stands still."""
+        return None if self.motion is None else Motion(**self.motion)
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether it matters when a ray is cast: the sensor moves, or an object does."""
+        return self.motion is not None or any({"velocity", "turn"} & set(each) for each in self.objects)
 
     def sensor_of(self, views: Views, view: int) -> Sensor:
         """Return the sensor of a view: a pinhole has the picture that cameras of a file have (`Views.windows`)."""

@@ -1,0 +1,142 @@
+"""Windows: a share of each beam returns at the glass, the rest goes on; closed forms, and scans without glass."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from tests.scenes import box, soup, stacked
+from zbuf_occlude.geometry.colors import Material, SurfaceColors
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.sensors import make
+
+ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
+"""A square across the x axis, side 2."""
+PASSING = 0.7
+
+
+def glazed(*shares: float) -> zo.Mesh:
+    """Panes at x = 2, 4, ... that let some shares pass, and a wall at x = 10."""
+    panes = [ACROSS * 8.0 + [2.0 * (i + 1), 0, 0] for i in range(len(shares))]
+    materials = tuple(
+        Material((0.5, 0.5, 0.5), name=f"glass{i}", passing=each) for i, each in enumerate((*shares, 0.0))
+    )
+    ids = np.repeat(np.arange(len(shares) + 1, dtype=np.int32), 2)
+    return replace(stacked(*panes, ACROSS * 40.0 + [10.0, 0, 0]), colors=SurfaceColors(materials, ids))
+
+
+def lidar(**numbers: Any) -> zo.sensors.Sensor:
+    return make("vlp-16", range_min=0, columns=90, azimuths=[-10, 10], **numbers)
+
+
+def test_a_pane_before_a_wall_returns_its_share_of_each_beam() -> None:
+    mesh = glazed(PASSING)
+    found = zo.scan(mesh, lidar(noise=0, returns="all"))
+    pane, wall = (found.select(found.return_numbers == number) for number in (1, 2))
+    assert len(pane) == len(wall) == 90 * 16
+    assert (found.n_returns == 2).all()
+    assert pane.points[:, 0] == pytest.approx(2.0, rel=1e-12)
+    assert wall.points[:, 0] == pytest.approx(10.0, rel=1e-12)
+    assert pane.shares == pytest.approx(1.0 - PASSING)
+    assert wall.shares == pytest.approx(PASSING)
+    opaque = zo.scan(stacked(ACROSS * 40.0 + [10.0, 0, 0]), lidar(noise=0))
+    albedo = ((128 / 255 + 0.055) / 1.055) ** 2.4  # of sRGB 0.5
+    assert wall.intensities == pytest.approx(opaque.intensities / 0.2 * albedo * PASSING**2, rel=1e-4)
+    assert pane.intensities == pytest.approx(
+        albedo * np.cos(pane.incidences) / pane.ranges**2 * (1 - PASSING), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("returns", "passing", "depth"),
+    [("first", 0.7, 2.0), ("last", 0.7, 10.0), ("strongest", 0.97, 10.0), ("strongest", 0.96, 2.0)],
+)
+def test_which_return_is_kept_is_the_sensors(returns: str, passing: float, depth: float) -> None:
+    """Behind a pane that lets T pass comes T^2 / 100 back, of the pane (1 - T) / 4: equal at T = 0.962."""
+    found = zo.scan(glazed(passing), lidar(noise=0, returns=returns))
+    assert found.points[:, 0] == pytest.approx(depth)
+
+
+def test_pane_behind_pane_and_beams_of_five_rays() -> None:
+    shares = (0.9, 0.5, 0.0001)
+    sensor = lidar(sigma=0, reach=0, step=0, divergence=0.003, echo_separation=0.5, returns="all")
+    found = zo.scan(glazed(*shares), sensor)
+    for number, (before, own, depth) in enumerate(
+        [(1, 0.9, 2), (0.9, 0.5, 4), (0.45, 0.0001, 6), (0.000045, 0, 10)], 1
+    ):
+        mine = found.select(found.return_numbers == number)
+        assert len(mine) == 90 * 16
+        assert mine.shares == pytest.approx(before * (1 - own))
+        assert mine.points[:, 0] == pytest.approx(depth, rel=1e-4)
+        assert mine.intensities * mine.ranges**2 / np.cos(mine.incidences) == pytest.approx(
+            mine.intensities[0] * mine.ranges[0] ** 2 / np.cos(mine.incidences[0]), rel=1e-6
+        )
+    assert found.n_returns.min() == found.n_returns.max() == 4
+
+
+def test_behind_glass_everything_is_as_without_it() -> None:
+    """Random triangles, some of them windows: last returns are the first hits of the rest alone, by the oracle."""
+    mesh = soup(400, 0.3, seed=5)
+    ids = (np.arange(400) % 3 == 0).astype(np.int32)
+    colors = SurfaceColors((Material((1, 1, 1)), Material((1, 1, 1), name="glass", passing=0.5)), ids)
+    rest = zo.Mesh(mesh.vertices, mesh.faces[ids == 0])
+    sensor, pose = lidar(noise=0, returns="all"), zo.sensors.look_at([-3.0, 0.4, 0.5], [0.5, 0.5, 0.5])
+    found = zo.scan(replace(mesh, colors=colors), sensor, pose)
+    truth = zo.scan(rest, sensor, pose, method="oracle")
+    solid = found.select(ids[found.face_ids] == 0)
+    assert np.array_equal(np.flatnonzero(ids == 0)[truth.face_ids], solid.face_ids)
+    assert solid.ranges == pytest.approx(truth.ranges, rel=1e-14)
+    first = found.select(found.return_numbers == 1)
+    assert np.array_equal(first.face_ids, zo.scan(mesh, sensor, pose, method="oracle").face_ids)
+    # every ray against every triangle: a signed volume each side, a plane's distance
+    starts, ahead = mesh.corners - pose[:3, 3], sensor.rays().directions @ pose[:3, :3].T
+    a, b, c = (starts[:, i] for i in range(3))
+    sides = np.stack([ahead @ np.cross(*pair).T for pair in ((a, b), (b, c), (c, a))])
+    through = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
+    away = np.where(through, np.einsum("fi,fi->f", mesh.face_normals, a) / (ahead @ mesh.face_normals.T), np.inf)
+    ends = np.where(ids == 0, away, np.inf).min(axis=1)
+    expected = ((away < ends[:, None]) & (ids == 1)).sum(axis=1) + (ends < np.inf)
+    beams = found.columns * 16 + found.rings
+    assert np.array_equal(np.bincount(beams, minlength=len(ahead)), expected)
+    assert solid.n_returns.max() >= 4
+
+
+def test_glass_hides_nothing_and_drives_with_its_van() -> None:
+    """A moving van with a window: the driver is seen through it where both are by then."""
+    side = SurfaceColors((Material((1, 1, 1), name="window", passing=0.8),), np.zeros(2, np.int32))
+    window = replace(stacked(ACROSS * [1, 2, 2]), colors=side)
+    placed = [
+        Placed(window, "window", moved(to=(8.0, 0.0, 0.0)), velocity=(20.0, 0.0, 0.0)),
+        Placed(box((0.5, 0.5, 0.5)), "driver", moved(to=(9.0, 0.0, 0.0)), velocity=(20.0, 0.0, 0.0)),
+    ]
+    scene = Scene.joined(placed)
+    found = zo.scan(scene, lidar(noise=0, returns="all"))
+    driver, glass = found.select(found.instances == 1), found.select(found.instances == 0)
+    assert driver.points[:, 0] == pytest.approx(8.75 + 20.0 * driver.times, rel=1e-12)
+    assert glass.points[:, 0] == pytest.approx(8.0 + 20.0 * glass.times, rel=1e-12)
+    assert (driver.return_numbers == 2).all()
+    assert set(driver.columns) < set(glass.columns)
+    from zbuf_occlude.sensors.casting import prepare_scene
+
+    points = zo.sample_surface(scene.mesh, n_points=500, seed=0)
+    with prepare_scene(scene, "exact") as occluder, zo.prepare(placed[1].mesh, "oracle") as alone:
+        seen = occluder.visible(points, [0.0, 0.0, 0.0])
+        local = zo.SurfacePoints(
+            points.positions - [9.0, 0, 0], np.where(points.face_ids > 1, points.face_ids - 2, -1), points.normals
+        )
+        assert np.array_equal(seen, alone.visible(local, [-9.0, 0.0, 0.0]))
+
+
+def test_materials_by_name() -> None:
+    mesh = glazed(0.3)
+    assert len(zo.scan(mesh, lidar(noise=0, returns="all"), transparent={"glass*": 0.5})) == 2 * 90 * 16
+    shares = zo.scan(mesh, lidar(noise=0, returns="all"), transparent={"*": None}).shares
+    assert set(np.round(shares, 9)) == {0.7, 0.3}
+    assert len(zo.scan(mesh, lidar(noise=0, returns="all"), transparent={})) == 90 * 16
+    with pytest.raises(zo.ArgumentError, match="glass0, glass1"):
+        zo.scan(mesh, "vlp-16", transparent={"window": None})
+    with pytest.raises(zo.ArgumentError, match="prepare_scene"), zo.prepare(mesh, "exact") as occluder:
+        zo.scan(mesh, "vlp-16", occluder=occluder)
+    assert len(zo.scan(mesh, lidar(), zo.sensors.look_at([20.0, 0, 0], [40.0, 0, 0]), transparent={"*": 0.5})) == 0
