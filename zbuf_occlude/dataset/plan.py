@@ -35,6 +35,8 @@ FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
+BOXES = "boxes"
+"""The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 8
@@ -113,7 +115,8 @@ class Recipe:
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
-        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
+        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them. Scans of
+        level LiDARs that keep all may have "boxes".
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
@@ -174,7 +177,12 @@ class Recipe:
                 "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
             )
         for name in self.attributes:
-            check_word("attribute", name, ATTRIBUTES)
+            check_word("attribute", name, (*ATTRIBUTES, BOXES))
+        if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
+            raise OptionError(
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
+                "--sensor hdl-64e --scene street --keep all."
+            )
         if "colors" in self.attributes and find_spec("PIL") is None:
             raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
@@ -183,7 +191,7 @@ class Recipe:
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
-        object.__setattr__(self, "attributes", [name for name in ATTRIBUTES if name in self.attributes])
+        object.__setattr__(self, "attributes", [name for name in (*ATTRIBUTES, BOXES) if name in self.attributes])
 
     def make_views(self, key: str = "") -> Views:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""

@@ -1,6 +1,6 @@
 """A target seen by a sensor from its views, in a scene: one scan per view, of which the points asked for are kept."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
@@ -47,6 +47,8 @@ class Capture:
         Sensor to world.
     wanted, hidden : float
         Share of the target that was to be hidden by others, and that is, by the mask.
+    placed : sequence of Placed
+        All objects of the scene, the target first.
     reached : bool
         Whether `hidden` is within 2 percent of the range asked for; True where none was.
     """
@@ -57,6 +59,7 @@ class Capture:
     pose: FloatArray
     wanted: float = 0.0
     hidden: float = 0.0
+    placed: Sequence[Placed] = ()
     reached: bool = True
 
 
@@ -125,7 +128,7 @@ def captures(
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
                 for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
                     capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number, motion)
-                    yield replace(capture, hidden=hidden)
+                    yield replace(capture, hidden=hidden, placed=placed)
             return
         share = (setup.share[0], setup.share[1])
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
@@ -139,7 +142,9 @@ def captures(
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
                 capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
-                yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
+                yield replace(
+                    capture, wanted=arranged.wanted, hidden=hidden, placed=arranged.placed, reached=reached
+                )
 
 
 def _captured(
@@ -191,7 +196,7 @@ def _region(mesh: Mesh, setup: Setup) -> FloatArray | None:
 
 def _poses(places: Views, setup: Setup) -> list[FloatArray]:
     """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it, rolled."""
-    if setup.height is not None and setup.made_sensor.kind == "spinning":
+    if setup.is_level:
         return [look_at(eye, [0.0, 0.0, eye[2]]) for eye in places.eyes]
     return [pose_of_camera(matrix) for matrix in places.poses]
 
