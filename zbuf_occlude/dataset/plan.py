@@ -42,9 +42,11 @@ MAX_SAMPLE_SIZE = 100_000_000
 DATA_VERSION = 8
 """Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
 CLOUDS_PER_FILE = 2048
-"""Clouds of a full file."""
+"""Clouds of a full file, unless they are whole scans."""
 CLOUDS_PER_GROUP = 4 * CLOUDS_PER_FILE
 """Approximate number of clouds of a group."""
+RAYS_PER_FILE = 2**23
+"""Of files of whole scans, which have fewer clouds: a file of them passes through memory, 80 bytes a point."""
 CLOUDS_PER_BATCH, FEWEST_PER_BATCH, BATCHES = 500, 125, 32
 """Clouds of a batch in a large dataset: seconds of work. A small one has `BATCHES` batches, if that many have the
 fewest clouds, so that workers end together."""
@@ -262,7 +264,7 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups", "batches")
+        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "clouds_per_file", "groups", "batches")
         return {name: getattr(self, name) for name in names}
 
     @cached_property
@@ -299,14 +301,29 @@ class Plan:
         """Pairs of view and point of each sampling of a mesh that are asked again of the oracle."""
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
+    @property
+    def _is_of_whole_scans(self) -> bool:
+        setup = self.recipe.setup
+        return setup is not None and setup.keep == "all" and self.recipe.sample_size is None
+
+    @cached_property
+    def clouds_per_file(self) -> int:
+        """Clouds of a full file."""
+        setup = self.recipe.setup
+        if setup is None or not self._is_of_whole_scans:
+            return CLOUDS_PER_FILE
+        return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // len(setup.made_sensor.rays())))
+
     @cached_property
     def clouds_per_group(self) -> int:
         """Approximate number of clouds of a group."""
-        return CLOUDS_PER_GROUP
+        return min(CLOUDS_PER_GROUP, 4 * self.clouds_per_file) if self._is_of_whole_scans else CLOUDS_PER_GROUP
 
     @cached_property
     def clouds_per_batch(self) -> int:
         """Approximate number of clouds of a batch."""
+        if self._is_of_whole_scans:
+            return max(1, self.clouds_per_file // 8)
         return min(CLOUDS_PER_BATCH, max(FEWEST_PER_BATCH, self.n_clouds // BATCHES))
 
     @cached_property
@@ -345,7 +362,7 @@ class Plan:
         found, n_before = list[PlannedFile](), Counter[str]()
         for group, mesh_ids in enumerate(self.groups):
             for split, n_meshes in zip(SPLITS, self._per_split(mesh_ids), strict=True):
-                n_files = -(-int(n_meshes) * self.clouds_per_mesh // CLOUDS_PER_FILE)
+                n_files = -(-int(n_meshes) * self.clouds_per_mesh // self.clouds_per_file)
                 found += [PlannedFile(group, split, n_before[split] + i) for i in range(n_files)]
                 n_before[split] += n_files
         return found
@@ -366,8 +383,8 @@ class Plan:
             n_clouds = int(self._per_split(self.groups[group])[split]) * self.clouds_per_mesh
             numbers = rank_of[mesh_ids[mine]].astype(int) * self.clouds_per_mesh + samples[mine]
             found = _shuffled(self.recipe.seed, SPLITS[split], group, n_clouds)[numbers]
-            files[mine] = first_file[group, SPLITS[split]] + found // CLOUDS_PER_FILE
-            rows[mine] = found % CLOUDS_PER_FILE
+            files[mine] = first_file[group, SPLITS[split]] + found // self.clouds_per_file
+            rows[mine] = found % self.clouds_per_file
         return files, rows
 
     @cached_property
@@ -395,7 +412,11 @@ class Plan:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
+        """The plan as plain data, for plan.json: the recipe, the positions and every mesh.
+
+        `clouds_per_file` is there where it is not `CLOUDS_PER_FILE`, as plans were written before it.
+        """
+        whole_scans = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
         return {
             "recipe": self.recipe.document,
             "format": self.format,
@@ -405,6 +426,7 @@ class Plan:
             "clouds_per_batch": self.clouds_per_batch,
             "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
+            **whole_scans,
         }
 
     @classmethod
@@ -420,6 +442,7 @@ class Plan:
         plan.__dict__["document"] = stored  # its identity, whatever a later version would write
         plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]
         plan.__dict__["clouds_per_group"] = stored["clouds_per_group"]
+        plan.__dict__["clouds_per_file"] = stored.get("clouds_per_file", CLOUDS_PER_FILE)
         plan.__dict__["classes"] = stored["classes"]
         return plan
 
@@ -475,6 +498,7 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator
         ("format", "format"),
         ("clouds_per_batch", "clouds of a batch"),
         ("clouds_per_group", "clouds of a group"),
+        ("clouds_per_file", "clouds of a file"),
         ("data_version", "data version"),
     ):
         if theirs.get(name) != mine.get(name):
