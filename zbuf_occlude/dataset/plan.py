@@ -117,8 +117,8 @@ class Recipe:
         "object": the mesh's axes, which a layout turns as its original has them; "z-up": they stay, z up, in every
         layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
-        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them. Scans of
-        level LiDARs that keep all may have "boxes".
+        What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
+        Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
@@ -264,7 +264,18 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "clouds_per_file", "groups", "batches")
+        names = (
+            "meshes",
+            "recipe",
+            "format",
+            "views",
+            "classes",
+            "fingerprint",
+            "split_of",
+            "clouds_per_file",
+            "groups",
+            "batches",
+        )
         return {name: getattr(self, name) for name in names}
 
     @cached_property

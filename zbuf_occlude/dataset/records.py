@@ -37,7 +37,11 @@ SCAN_FIELDS: Fields = {
     "clean_range": ("<f4", ()),
 }
 """What a point of a scan has: metres, radians, ..., normals in the frame of the positions; docs/sensors.md explains."""
-ATTRIBUTE_FIELDS: dict[str, Fields] = {BOXES: {}, "normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
+ATTRIBUTE_FIELDS: dict[str, Fields] = {
+    BOXES: {},
+    "normals": {"normal": ("<f4", (3,))},
+    "colors": {"color": ("|u1", (3,))},
+}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
 """What tells clouds apart."""

@@ -80,7 +80,7 @@ def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
-        whole = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
+        whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
         setup = Setup(make("hdl-64e").document, size="file", method=recipe.method, **whole)
         small = replace(small, scanning=asdict(setup))
     with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:

@@ -142,9 +142,7 @@ def captures(
                 hidden = _hidden(_visible(scene.mesh, occluder, seen, eye[None], setup))
                 reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
                 capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number, motion)
-                yield replace(
-                    capture, wanted=arranged.wanted, hidden=hidden, placed=arranged.placed, reached=reached
-                )
+                yield replace(capture, wanted=arranged.wanted, hidden=hidden, placed=arranged.placed, reached=reached)
 
 
 def _captured(

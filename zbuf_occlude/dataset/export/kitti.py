@@ -1,4 +1,4 @@
-"""KITTI's object benchmark: a LiDAR's frames with calibrations, pictures and labelled boxes, as its loaders read them."""
+"""KITTI's object benchmark: frames of a LiDAR with calibrations, pictures and labelled boxes."""
 
 from pathlib import Path
 from typing import Any
@@ -109,7 +109,11 @@ def _labels(record: Any) -> list[str]:
 def _calibration() -> bytes:
     camera = [[FOCAL, 0.0, CENTRE[0], 0.0], [0.0, FOCAL, CENTRE[1], 0.0], [0.0, 0.0, 1.0, 0.0]]
     rows = {f"P{i}": camera for i in range(4)}
-    rows |= {"R0_rect": np.eye(3).tolist(), "Tr_velo_to_cam": TO_CAMERA.tolist(), "Tr_imu_to_velo": np.eye(3, 4).tolist()}
+    rows |= {
+        "R0_rect": np.eye(3).tolist(),
+        "Tr_velo_to_cam": TO_CAMERA.tolist(),
+        "Tr_imu_to_velo": np.eye(3, 4).tolist(),
+    }
     lines = (f"{name}: {' '.join(f'{number:.12e}' for number in np.ravel(row))}\n" for name, row in rows.items())
     return "".join(lines).encode()
 
