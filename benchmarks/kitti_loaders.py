@@ -199,11 +199,10 @@ def outside_in_world(points: Array, box: Any) -> Array:
 
 def make(root: Path, n_meshes: int) -> None:
     """Generate streets, as `stored` and as `kitti`."""
-    for words in (
-        "generate --format hdf5 --sensor hdl-64e --set-sensor noise=0 --scene street --keep all --range 6..40 --views "
-        f"ring:4@0 --with boxes --sample-size all --scale mesh --classes car,chair --limit {n_meshes} --out {root}/stored",
-        f"convert {root}/stored --format kitti --out {root}/kitti",
-    ):
+    generate = "generate --format hdf5 --sensor hdl-64e --set-sensor noise=0 --scene street --keep all --with boxes "
+    generate += "--range 6..40 --views ring:4@0 --sample-size all --scale mesh --classes car,chair "
+    generate += f"--limit {n_meshes} --out {root}/stored"
+    for words in (generate, f"convert {root}/stored --format kitti --out {root}/kitti"):
         subprocess.run([sys.executable, "-m", "zbuf_occlude", *words.split()], check=True, capture_output=True)
 
 
