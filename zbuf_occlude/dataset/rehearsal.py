@@ -99,8 +99,10 @@ def compile_ahead(recipe: Recipe) -> None:
 
 
 def _kind(recipe: Recipe) -> str:
-    """Return the method's name; scans cast rays, which other functions do."""
-    return recipe.method if recipe.setup is None else f"{recipe.method}-scans"
+    """Return the method's name; scans cast rays, which other functions do, and boxes draw a picture."""
+    if recipe.setup is None:
+        return recipe.method
+    return f"{recipe.method}-{'boxes' if BOXES in recipe.attributes else 'scans'}"
 
 
 class Estimate(NamedTuple):
