@@ -53,12 +53,20 @@ def plan(format: str, **changes: object) -> Plan:
     recipe = Recipe(method="exact", n_points=17_000, views=str(row.options.get("views", "ring:3@10")), sample_size=512)
     if format in ("frames", "bop"):
         recipe = replace(recipe, scanning=camera(), attributes=("normals",))
+    if format == "kitti":
+        recipe = replace(recipe, views="ring:1@0", scanning=lidar(), attributes=("boxes",))
     return Plan(collection(format), replace(row.redrawn(recipe), **changes), format)
 
 
 def camera() -> dict[str, object]:
     """A pinhole camera that keeps all that it sees."""
     return asdict(Setup(make("pinhole", width=24, height=18, fov=40).document, size="file", keep="all"))
+
+
+def lidar() -> dict[str, object]:
+    """A coarse LiDAR on the ground that keeps all that it meets."""
+    sensor = make("hdl-64e", columns=60, divergence=0)
+    return asdict(Setup(sensor.document, range=(8, 12), size="file", scene="ground", keep="all"))
 
 
 Made = Callable[[str], Path]
@@ -290,7 +298,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
     assert victim.relative_to(root).as_posix() in fault
 
 
-@pytest.mark.parametrize("format", LAYOUTS)
+@pytest.mark.parametrize("format", [name for name in LAYOUTS if name != "kitti"])  # packed holds no boxes
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"

@@ -54,8 +54,7 @@ def random_records(n: int, scanned: bool = False) -> np.ndarray:
 @pytest.fixture(params=[False, True], ids=["surface", "scans"])
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Eleven of the plan's twelve clouds, of which each file takes three."""
-    for module in ("source", "plan", "formats.webdataset"):
-        monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_PER_FILE", 3)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 3)
     records = random_records(11, request.param)
     numbers: Numbers = np.random.default_rng(1).permutation(11)
     train = numbers[records["mesh_id"][numbers] == 0]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import write_off
-from tests.dataset.test_export import camera
+from tests.dataset.test_export import camera, lidar
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset import plan as plans
 from zbuf_occlude.dataset.batch import batch_path, group_path, read_outcome
@@ -55,7 +55,6 @@ def small(monkeypatch: pytest.MonkeyPatch, *, per_file: int, per_batch: int, per
     monkeypatch.setattr(plans, "CLOUDS_PER_BATCH", per_batch)
     monkeypatch.setattr(plans, "FEWEST_PER_BATCH", per_batch)
     monkeypatch.setattr(plans, "CLOUDS_PER_GROUP", per_group)
-    monkeypatch.setattr("zbuf_occlude.dataset.batch.CLOUDS_PER_FILE", per_file)
 
 
 @pytest.fixture
@@ -290,6 +289,8 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
     )
     if row.name in ("frames", "bop"):
         recipe = replace(recipe, scanning=camera(), attributes=("normals",))
+    if row.name == "kitti":
+        recipe = replace(recipe, views="ring:1@0", scanning=lidar(), attributes=("boxes",))
     entries = [
         MeshEntry(f"m{i}", ("bed", "table")[i % 2], "test" if i % 3 == 0 else "train", partial(tetrahedron, i))
         for i in range(6)

@@ -48,8 +48,7 @@ def equal(a: np.ndarray, b: np.ndarray) -> bool:
 @pytest.fixture(params=[None, SCANNING], ids=["surface", "scans"])
 def source(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Four clouds of unequal size, two in each file."""
-    for module in ("plan", "source", "formats.webdataset"):
-        monkeypatch.setattr(f"zbuf_occlude.dataset.{module}.CLOUDS_PER_FILE", 2)
+    monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_FILE", 2)
     recipe = Recipe(views="ring:2@10", sample_size=None, scanning=request.param)
     rng = np.random.default_rng(3)
     records = np.zeros(len(SIZES), record_type(recipe))

@@ -24,10 +24,12 @@ def compiled():
     functions = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
     return {(each.py_func.__qualname__, str(types)) for each in functions for types in each.overloads}
 
-method, scene = sys.argv[1:]
-setup = scene and asdict(Setup(make("hdl-64e").document, range=(10.0, 10.0), scene=scene))
+method, scene, kind = sys.argv[1:]
+boxes = ["boxes"] if kind.endswith("boxes") else []
+keep = "all" if boxes else "target"
+setup = scene and asdict(Setup(make("hdl-64e").document, range=(10.0, 10.0), scene=scene, keep=keep))
 compiler.note_compiled = print
-recipe = Recipe(method, views="ring:2@0", scanning=setup or None)
+recipe = Recipe(method, views="ring:2@0", scanning=setup or None, attributes=boxes)
 compile_ahead(recipe)
 ahead = compiled()
 with tempfile.TemporaryDirectory() as out, GlContext.open() if method == "depth_buffer" else nullcontext() as gl:
@@ -45,9 +47,12 @@ print(sorted(compiled() - ahead))
         ("exact", "", "exact"),
         pytest.param("depth_buffer", "", "depth_buffer", marks=pytest.mark.gl),
         ("exact", "street", "exact-scans"),
+        ("exact", "street", "exact-boxes"),
     ],
 )
 def test_a_job_calls_no_function_that_was_not_compiled_ahead(method: str, scene: str, kind: str) -> None:
-    child = subprocess.run([sys.executable, "-c", JOB, method, scene], capture_output=True, text=True, check=False)
+    child = subprocess.run(
+        [sys.executable, "-c", JOB, method, scene, kind], capture_output=True, text=True, check=False
+    )
     assert child.returncode == 0, child.stderr
     assert child.stdout.split("\n")[:2] == [kind, "[]"]

@@ -133,7 +133,7 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     show_default=True,
     help="Axes: the object's, z up in published layouts too, or the camera's.",
 )
-@with_option("Attributes of the points: normals towards the camera, base colours.")
+@with_option("Attributes of the points: normals towards the camera, base colours; boxes: of whole LiDAR scans.")
 @up_option
 @choice_options
 @engine_options

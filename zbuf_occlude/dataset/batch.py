@@ -27,7 +27,7 @@ from zbuf_occlude.dataset.folder import GROUPS, WORK, sha256_of
 from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.packed import Archive, archive_name
 from zbuf_occlude.dataset.pipeline import Sampling, count_mesh, samplings
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Numbers, Plan
+from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import Records, gather_clouds, laid_out, read_archive, record_type
 from zbuf_occlude.errors import ArgumentError, DatasetError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
@@ -361,7 +361,7 @@ def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
     DatasetError
         A batch is missing or damaged.
     """
-    records = np.empty(CLOUDS_PER_FILE, record_type(plan.recipe))
+    records = np.empty(plan.clouds_per_file, record_type(plan.recipe))
     is_filled = np.zeros(len(records), bool)
     for batch in plan.batches_of[plan.files[number].group]:
         piece = _read_piece(plan, batch_path(out, batch), number)

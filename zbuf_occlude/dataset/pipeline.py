@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.counts import BAD_VIEW, Counts, WorstMesh, WorstView
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
 from zbuf_occlude.dataset.records import ScanPoints, further_fields
 from zbuf_occlude.geometry.colors import GREY, Bytes, barycentric
 from zbuf_occlude.geometry.mesh import Mesh
@@ -21,6 +21,7 @@ from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.boxes import BOX, boxes_of
 from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
 from zbuf_occlude.sensors.casting import cast, prepare_scene
 from zbuf_occlude.sensors.scanning import Scan, no_windows
@@ -198,13 +199,14 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
         rng = np.random.default_rng(seed_of(recipe.seed, key + "/check", variation))
         n_checked = min(CHECKED_SCANS, -(-plan.n_checked // CHECKED_POINTS), len(places))
         checked = set(rng.choice(len(places), n_checked, replace=False).tolist())
-        found, counts, renderer = [], Counts(), "none"
+        found, counts, renderer = list[tuple[Scan, dict[str, Any]]](), Counts(), "none"
         for number, capture in enumerate(captures(standing, setup, places, floor, seeds, plan.pool)):
             renderer = capture.occluder.renderer
             if number in checked and len(capture.scan):
                 counts += _check_rays(capture, rng, key, variation, number)
-            found.append((capture.scan, capture.hidden, capture.reached))
-        scans = [scan for scan, _, _ in found]
+            facts = {"size": size, "hidden": capture.hidden, "hidden_reached": capture.reached}
+            found.append((capture.scan, facts | _boxes(capture, label, recipe)))
+        scans = [scan for scan, _ in found]
         face_ids = np.concatenate([np.where(scan.instances == 0, scan.face_ids, -1) for scan in scans])
         points = ScanPoints(
             np.concatenate([scan.positions for scan in scans]),
@@ -214,11 +216,7 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
                 name: np.concatenate([_column(name, scan, mesh, standing) for scan in scans])
                 for name in further_fields(recipe)
             },
-            facts={
-                "size": np.full(len(scans), size),
-                "hidden": np.array([hidden for _, hidden, _ in found]),
-                "hidden_reached": np.array([reached for _, _, reached in found]),
-            },
+            facts={name: np.array([facts[name] for _, facts in found]) for name in found[0][1]},
         )
         lengths = np.array([len(scan) for scan in scans])
         mask = np.repeat(np.arange(len(scans)), lengths) == np.arange(len(scans))[:, None]
@@ -250,6 +248,16 @@ def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
     floor, seeds = float(standing.bounds[0, 2]), partial(_seed, plan.recipe.seed, entry.key, variation)
     places = _places(mesh, size, floor, setup, plan, entry.key, seeds)
     return captured_scenes(standing, setup, places, floor, seeds, plan.pool)
+
+
+def _boxes(capture: Capture, label: str, recipe: Recipe) -> dict[str, Any]:
+    """Return the fields of the attribute boxes; `label` is the target's."""
+    if BOXES not in recipe.attributes or recipe.setup is None:
+        return {}
+    boxes = np.zeros(recipe.setup.most_objects, BOX)
+    boxes[: len(capture.scene.placed)], picture = boxes_of(capture.scene, capture.occluder, capture.pose)
+    boxes["label"][0] = label.encode()
+    return {"boxes": boxes, "picture": picture}
 
 
 def standing_points(mesh: Mesh, label: str, recipe: Recipe, key: str, variation: int) -> ScanPoints:

@@ -35,14 +35,18 @@ FRAMES = ("object", "z-up", "camera")
 SUBSETS = ("random", "fps")
 ATTRIBUTES = ("normals", "colors")
 """What points may have besides their positions."""
+BOXES = "boxes"
+"""The attribute of scans that says what the camera of a car shows of each object (`zbuf_occlude.sensors.boxes`)."""
 MAX_SAMPLE_SIZE = 100_000_000
 """NumPy's records end at 2 GB."""
 DATA_VERSION = 8
 """Raised whenever the same plan gives other files than before, so that unfinished work of before is not resumed."""
 CLOUDS_PER_FILE = 2048
-"""Clouds of a full file."""
+"""Clouds of a full file, unless they are whole scans."""
 CLOUDS_PER_GROUP = 4 * CLOUDS_PER_FILE
 """Approximate number of clouds of a group."""
+RAYS_PER_FILE = 2**23
+"""Of files of whole scans, which have fewer clouds: a file of them passes through memory, 80 bytes a point."""
 CLOUDS_PER_BATCH, FEWEST_PER_BATCH, BATCHES = 500, 125, 32
 """Clouds of a batch in a large dataset: seconds of work. A small one has `BATCHES` batches, if that many have the
 fewest clouds, so that workers end together."""
@@ -114,6 +118,7 @@ class Recipe:
         layout; "camera": eye space (x right, y up, the camera looks along -z).
     attributes : sequence of str
         What points have besides their positions: "normals", of their faces, and "colors", of meshes loaded with them.
+        Whole scans of level LiDARs may have "boxes", for the formats hdf5 and kitti.
     complete : bool
         Keep the hidden points too: clouds of whole surfaces, as the paper's original samples (4.3). No method is asked.
     scanning : mapping or None
@@ -174,7 +179,12 @@ class Recipe:
                 "subset fps needs the package fpsample; it is missing. pip install zbuf-occlude[fps]"
             )
         for name in self.attributes:
-            check_word("attribute", name, ATTRIBUTES)
+            check_word("attribute", name, (*ATTRIBUTES, BOXES))
+        if BOXES in self.attributes and not (self.setup and self.setup.is_level and self.setup.keep == "all"):
+            raise OptionError(
+                f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
+                "--sensor hdl-64e --scene street --keep all."
+            )
         if "colors" in self.attributes and find_spec("PIL") is None:
             raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:
@@ -183,7 +193,7 @@ class Recipe:
         if self.seed < 0:
             raise OptionError(f"seed must not be negative; got {self.seed}.")
         object.__setattr__(self, "method_options", dict(self.method_options or {}))
-        object.__setattr__(self, "attributes", [name for name in ATTRIBUTES if name in self.attributes])
+        object.__setattr__(self, "attributes", [name for name in (*ATTRIBUTES, BOXES) if name in self.attributes])
 
     def make_views(self, key: str = "") -> Views:
         """Return the views of a mesh, distances in longest sides, about the origin; draws are by its key."""
@@ -254,7 +264,18 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups", "batches")
+        names = (
+            "meshes",
+            "recipe",
+            "format",
+            "views",
+            "classes",
+            "fingerprint",
+            "split_of",
+            "clouds_per_file",
+            "groups",
+            "batches",
+        )
         return {name: getattr(self, name) for name in names}
 
     @cached_property
@@ -291,14 +312,29 @@ class Plan:
         """Pairs of view and point of each sampling of a mesh that are asked again of the oracle."""
         return -(-PAIRS_CHECKED // (len(self.meshes) * self.recipe.variations))
 
+    @property
+    def _is_of_whole_scans(self) -> bool:
+        setup = self.recipe.setup
+        return setup is not None and setup.keep == "all" and self.recipe.sample_size is None
+
+    @cached_property
+    def clouds_per_file(self) -> int:
+        """Clouds of a full file."""
+        setup = self.recipe.setup
+        if setup is None or not self._is_of_whole_scans:
+            return CLOUDS_PER_FILE
+        return min(CLOUDS_PER_FILE, max(1, RAYS_PER_FILE // len(setup.made_sensor.rays())))
+
     @cached_property
     def clouds_per_group(self) -> int:
         """Approximate number of clouds of a group."""
-        return CLOUDS_PER_GROUP
+        return min(CLOUDS_PER_GROUP, 4 * self.clouds_per_file) if self._is_of_whole_scans else CLOUDS_PER_GROUP
 
     @cached_property
     def clouds_per_batch(self) -> int:
         """Approximate number of clouds of a batch."""
+        if self._is_of_whole_scans:
+            return max(1, self.clouds_per_file // 8)
         return min(CLOUDS_PER_BATCH, max(FEWEST_PER_BATCH, self.n_clouds // BATCHES))
 
     @cached_property
@@ -337,7 +373,7 @@ class Plan:
         found, n_before = list[PlannedFile](), Counter[str]()
         for group, mesh_ids in enumerate(self.groups):
             for split, n_meshes in zip(SPLITS, self._per_split(mesh_ids), strict=True):
-                n_files = -(-int(n_meshes) * self.clouds_per_mesh // CLOUDS_PER_FILE)
+                n_files = -(-int(n_meshes) * self.clouds_per_mesh // self.clouds_per_file)
                 found += [PlannedFile(group, split, n_before[split] + i) for i in range(n_files)]
                 n_before[split] += n_files
         return found
@@ -358,8 +394,8 @@ class Plan:
             n_clouds = int(self._per_split(self.groups[group])[split]) * self.clouds_per_mesh
             numbers = rank_of[mesh_ids[mine]].astype(int) * self.clouds_per_mesh + samples[mine]
             found = _shuffled(self.recipe.seed, SPLITS[split], group, n_clouds)[numbers]
-            files[mine] = first_file[group, SPLITS[split]] + found // CLOUDS_PER_FILE
-            rows[mine] = found % CLOUDS_PER_FILE
+            files[mine] = first_file[group, SPLITS[split]] + found // self.clouds_per_file
+            rows[mine] = found % self.clouds_per_file
         return files, rows
 
     @cached_property
@@ -387,7 +423,11 @@ class Plan:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
+        """The plan as plain data, for plan.json: the recipe, the positions and every mesh.
+
+        `clouds_per_file` is there where it is not `CLOUDS_PER_FILE`, as plans were written before it.
+        """
+        whole_scans = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
         return {
             "recipe": self.recipe.document,
             "format": self.format,
@@ -397,6 +437,7 @@ class Plan:
             "clouds_per_batch": self.clouds_per_batch,
             "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
+            **whole_scans,
         }
 
     @classmethod
@@ -412,6 +453,7 @@ class Plan:
         plan.__dict__["document"] = stored  # its identity, whatever a later version would write
         plan.__dict__["clouds_per_batch"] = stored.get("clouds_per_batch") or stored["clouds_per_shard"]
         plan.__dict__["clouds_per_group"] = stored["clouds_per_group"]
+        plan.__dict__["clouds_per_file"] = stored.get("clouds_per_file", CLOUDS_PER_FILE)
         plan.__dict__["classes"] = stored["classes"]
         return plan
 
@@ -467,6 +509,7 @@ def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator
         ("format", "format"),
         ("clouds_per_batch", "clouds of a batch"),
         ("clouds_per_group", "clouds of a group"),
+        ("clouds_per_file", "clouds of a file"),
         ("data_version", "data version"),
     ):
         if theirs.get(name) != mine.get(name):

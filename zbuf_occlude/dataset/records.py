@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.dataset.plan import Recipe
+from zbuf_occlude.dataset.plan import BOXES, Recipe
 from zbuf_occlude.geometry.colors import GREY
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.sensors.boxes import BOX, HEIGHT, WIDTH
 from zbuf_occlude.views import Views
 
 Records = NDArray[Any]
@@ -39,7 +40,11 @@ SCAN_FIELDS: Fields = {
     "share": ("<f4", ()),
 }
 """What a point of a scan has: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
-ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
+ATTRIBUTE_FIELDS: dict[str, Fields] = {
+    BOXES: {},
+    "normals": {"normal": ("<f4", (3,))},
+    "colors": {"color": ("|u1", (3,))},
+}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
 """What tells clouds apart."""
@@ -89,9 +94,16 @@ def record_type(recipe: Recipe) -> np.dtype[Any]:
     size : float64, metres of the object's longest side
     hidden : float32, share of the object that others hide; hidden_reached : int32, 1 where it is as was asked for, or
         nothing was asked for, else 0
+
+    With boxes,
+
+    boxes : `BOX`, a row for each instance; rows of no object, and of ground and walls, are 0
+    picture : (375, 1242) uint8, grey
     """
-    scanned = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")]
+    scanned: list[tuple[Any, ...]] = [("size", "<f8"), ("hidden", "<f4"), ("hidden_reached", "<i4")]
     scanned = scanned if recipe.setup and not recipe.complete else []
+    if BOXES in recipe.attributes and recipe.setup is not None:
+        scanned += [("boxes", BOX, (recipe.setup.most_objects,)), ("picture", "|u1", (HEIGHT, WIDTH))]
     size = recipe.sample_size
     points: dict[str, tuple[Any, ...]] = {
         name: (name, object) if size is None else (name, kind, (size, *shape))

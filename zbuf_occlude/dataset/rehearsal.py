@@ -14,7 +14,7 @@ import numpy as np
 from zbuf_occlude.dataset.batch import make_batch, make_mesh, new_store
 from zbuf_occlude.dataset.formats import PACKED, find_format
 from zbuf_occlude.dataset.packed import Archive
-from zbuf_occlude.dataset.plan import Plan, Recipe
+from zbuf_occlude.dataset.plan import BOXES, Plan, Recipe
 from zbuf_occlude.dataset.records import record_type
 from zbuf_occlude.errors import ArgumentError, GlError, MeshError
 from zbuf_occlude.geometry.mesh import Mesh
@@ -80,7 +80,9 @@ def compile_ahead(recipe: Recipe) -> None:
     """Run the job of a recipe on a pyramid, and note that all is compiled; nothing of it stays."""
     small = replace(recipe, views="ring:2@30", n_points=100, density=None, variations=1, sample_size=16)
     if recipe.setup is not None:
-        small = replace(small, scanning=Setup(make("hdl-64e").document, size="file", method=recipe.method).document)
+        whole: dict[str, Any] = {"scene": "ground", "keep": "all"} if BOXES in recipe.attributes else {}
+        setup = Setup(make("hdl-64e").document, size="file", method=recipe.method, **whole)
+        small = replace(small, scanning=setup.document)
     with tempfile.TemporaryDirectory() as place, _context_for(recipe) as gl:
         path = Path(place, "pyramid.obj")
         path.write_text(_PYRAMID, encoding="utf-8")
@@ -97,8 +99,10 @@ def compile_ahead(recipe: Recipe) -> None:
 
 
 def _kind(recipe: Recipe) -> str:
-    """Return the method's name; scans cast rays, which other functions do."""
-    return recipe.method if recipe.setup is None else f"{recipe.method}-scans"
+    """Return the method's name; scans cast rays, which other functions do, and boxes draw a picture."""
+    if recipe.setup is None:
+        return recipe.method
+    return f"{recipe.method}-{'boxes' if BOXES in recipe.attributes else 'scans'}"
 
 
 class Estimate(NamedTuple):

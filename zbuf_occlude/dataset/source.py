@@ -13,7 +13,7 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Numbers, Plan
+from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -53,7 +53,7 @@ class Source:
     block : callable, optional
         Returns the points and the mask of a sampling, from its mesh's index and variation; where `complete` is.
     sizes : mapping of split to list of int
-        How many clouds each file has that is written of them; `CLOUDS_PER_FILE` where nothing is said.
+        How many clouds each file has that is written of them; `Plan.clouds_per_file` where nothing is said.
     ids : callable
         Returns what each cloud is of, (n,) of `IDS`, by its number.
     """
@@ -75,14 +75,15 @@ class Source:
     def files(self, split: str) -> Iterator[tuple[int, Numbers]]:
         """Yield the number and the clouds of each file that a split's are to fill; empty files are left out."""
         numbers = self.order[split]
-        sizes = self.sizes.get(split) or [CLOUDS_PER_FILE] * -(-len(numbers) // CLOUDS_PER_FILE)
+        full = self.plan.clouds_per_file
+        sizes = self.sizes.get(split) or [full] * -(-len(numbers) // full)
         for number, (end, size) in enumerate(zip(np.cumsum(sizes).tolist(), sizes, strict=True)):
             if size:
                 yield number, numbers[end - size : end]
 
-    def batches(self, split: str, size: int = CLOUDS_PER_FILE, *, in_any_order: bool = False) -> Iterator[Records]:
-        """Yield the records of a split, `size` at a time; `in_any_order` in the one that is read fastest."""
-        numbers = self.order[split]
+    def batches(self, split: str, size: int | None = None, *, in_any_order: bool = False) -> Iterator[Records]:
+        """Yield the records of a split, `size` or a full file's at a time; `in_any_order` in the fastest read one."""
+        numbers, size = self.order[split], size or self.plan.clouds_per_file
         if in_any_order and (blocks := self.blocks_of(numbers)) is not None:
             numbers = numbers[np.argsort(blocks, kind="stable")]
         for start in range(0, len(numbers), size):

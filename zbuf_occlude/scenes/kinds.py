@@ -139,6 +139,8 @@ class Kind:
         Metres above the ground; None: the sensor stands where the view says, and there is no ground.
     share : (float, float) or None
         Hidden of the target unless asked otherwise; None: nothing is put before it.
+    most : int
+        Objects of a scene, at most.
     """
 
     name: str
@@ -146,13 +148,21 @@ class Kind:
     arrange: Callable[[Asked, np.random.Generator], Arranged]
     sensor_height: float | None = None
     share: tuple[float, float] | None = None
+    most: int = 1
 
 
 KINDS: tuple[Kind, ...] = (
     Kind("none", "the target alone", none),
-    Kind("ground", "the target on a plane", ground, 1.73),
-    Kind("street", "ground, objects of the collection, poles, a wall", street, 1.73, (0.0, 0.7)),
-    Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5)),
+    Kind("ground", "the target on a plane", ground, 1.73, most=2),
+    Kind(
+        "street",
+        "ground, objects of the collection, poles, a wall",
+        street,
+        1.73,
+        (0.0, 0.7),
+        4 + STREET_OBJECTS + STREET_POLES,
+    ),
+    Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
 )
 """The sensor's heights: HDL-64E's on KITTI's car; assumed of a room."""
 

@@ -228,7 +228,7 @@ def _region(mesh: Mesh, setup: Setup) -> FloatArray | None:
 
 def _poses(places: Views, setup: Setup) -> list[FloatArray]:
     """A LiDAR on the ground stands level and looks towards the target; every other sensor looks at it, rolled."""
-    if setup.height is not None and setup.made_sensor.kind == "spinning":
+    if setup.is_level:
         return [look_at(eye, [0.0, 0.0, eye[2]]) for eye in places.eyes]
     return [pose_of_camera(matrix) for matrix in places.poses]
 

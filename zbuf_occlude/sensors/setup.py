@@ -157,6 +157,16 @@ class Setup:
         return self.kind.share if self.hidden is None or self.kind.share is None else self.hidden
 
     @property
+    def is_level(self) -> bool:
+        """Whether the sensor stands level: a LiDAR that spins, over a ground."""
+        return self.height is not None and self.made_sensor.kind == "spinning"
+
+    @property
+    def most_objects(self) -> int:
+        """Objects of a scene, at most."""
+        return self.kind.most + len(self.objects)
+
+    @property
     def height(self) -> float | None:
         """Of the sensor above the ground, metres; None where there is none."""
         return self.sensor_height if self.sensor_height is not None else self.kind.sensor_height

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.dataset.plan import CLASSES_OF, Plan, Recipe
+from zbuf_occlude.dataset.plan import BOXES, CLASSES_OF, Plan, Recipe
 from zbuf_occlude.errors import OptionError, find_row
 from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.sensors.setup import parse_span
@@ -139,6 +139,8 @@ class Format:
                 f"--format {self.name} holds clouds of one size; got --sample-size all. Give a number of points, or "
                 f"choose {', '.join(row.name for row in FORMATS if row.ragged)}."
             )
+        if BOXES in plan.recipe.attributes and self.name not in ("hdf5", "kitti"):
+            raise OptionError(f"{BOXES} must go with --format hdf5 or kitti; got {self.name}. Leave them out.")
         if outside := self._outside(plan.meshes):
             raise OptionError(f"{self.name} must have meshes of its classes alone; got {outside}. Leave them out.")
         getattr(self.load(), "check", lambda plan: None)(plan)
@@ -204,6 +206,23 @@ FORMATS: tuple[Format, ...] = (
             "attributes": "normals",
         },
         module="export.bop",
+    ),
+    Format(
+        "kitti",
+        "LiDAR frames with labelled boxes: velodyne, label_2, calib, image_2, ImageSets",
+        "hdf5",
+        ragged=True,
+        options={
+            "sensor": "hdl-64e",
+            "scene": "street",
+            "keep": "all",
+            "range_": "6..40",
+            "views": "ring:8@0",
+            "sample_size": "all",
+            "scale": "mesh",
+            "attributes": "boxes",
+        },
+        module="export.kitti",
     ),
     Format("huggingface", "Parquet shards and a card, for datasets.load_dataset", "hdf5", ragged=True),
     Format(

@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan, Recipe
+from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import Records, point_fields, record_type
 from zbuf_occlude.dataset.source import Source, kept, source_of_files
 
@@ -35,11 +35,11 @@ def file_name(split: str, number: int) -> str:
 
 
 def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
-    """Write one shard, whose first cloud has the number 2,048 x `number`."""
+    """Write one shard, whose first cloud has the number `number` times the clouds of a full file."""
 
     def fill(file: IO[bytes]) -> None:
         with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
-            for cloud, record in enumerate(records, number * CLOUDS_PER_FILE):
+            for cloud, record in enumerate(records, number * plan.clouds_per_file):
                 for ending, content in _members(record, plan):
                     info = tarfile.TarInfo(f"{cloud:09d}.{ending}")  # its times and owners are all zero
                     info.size = len(content)
