@@ -59,7 +59,7 @@ def test_a_spinning_sensor() -> None:
 
 
 def test_lasers_beside_the_axis() -> None:
-    """A laser 0.2 m up and 0.1 m left of the axis; of HDL-64E's uppermost, 0.21 m up, the elevation falls with range."""
+    """A laser 0.2 m up and 0.1 m left of the axis; of an HDL-64E one 0.21 m up, by range."""
     rays = make("vlp-16", lasers=[[10.0, 30.0]], offsets=[[0.2, 0.1]], columns=4).rays()
     assert np.allclose(rays.origins[:, 2], 0.2)
     assert np.allclose(np.linalg.norm(rays.origins[:, :2], axis=1), 0.1)
@@ -75,7 +75,7 @@ def test_lasers_beside_the_axis() -> None:
 def test_a_scan_of_lasers_beside_the_axis_is_their_first_hits() -> None:
     """Whatever is left out because it can meet no ray, and wherever a place is said to be seen from."""
     rng = np.random.default_rng(5)
-    soup = zo.Mesh(rng.uniform(-3, 3, (300, 3)) + [9, 2, 0], np.arange(300).reshape(-1, 3))
+    soup = zo.Mesh(rng.uniform([6, -1, -3], [12, 5, 3], (300, 3)), np.arange(300).reshape(-1, 3))
     sensor, pose = make("hdl-64e", noise=0, columns=300), zo.sensors.look_at([1, 0, 0.5], [9, 4, 1])
     rays, found = sensor.rays(), zo.scan(soup, sensor, pose, towards=soup.bounds)
     starts, directions = pose[:3, 3] + rays.origins @ pose[:3, :3].T, rays.directions @ pose[:3, :3].T

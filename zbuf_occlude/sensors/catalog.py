@@ -208,7 +208,7 @@ _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for 
 _ASSUMED = "assumed"
 _FITTED = (
     "metres, fitted to the vehicles and pedestrians from 10 to 60 m of one Argoverse 2 log "
-    "(benchmarks/against_real_scans.py), two VLP-32C; assumed of others"
+    "(benchmarks/real_lidar.py), two VLP-32C; assumed of others"
 )
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
