@@ -207,8 +207,8 @@ _HELIOS = "HELIOS++'s table of scanners"
 _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for all"
 _ASSUMED = "assumed"
 _FITTED = (
-    "metres, fitted to the vehicles and pedestrians from 10 to 60 m of one Argoverse 2 log "
-    "(benchmarks/real_lidar.py), two VLP-32C; assumed of others"
+    "metres, fitted once to the cars and pedestrians from 10 to 60 m of one Argoverse 2 log, two VLP-32C; assumed of "
+    "others (benchmarks/real_lidar.py holds it to other logs)"
 )
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))

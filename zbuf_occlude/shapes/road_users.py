@@ -17,21 +17,28 @@ from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.shapes.curves import circle
 from zbuf_occlude.shapes.kit import MeshPart, boxes, cuboid, cylinder, ellipsoid, join, pair, repeated, rod, tube
 
+USUAL_SIDES = MappingProxyType(
+    {
+        **{"pedestrian": (0.8, 0.6, 1.75), "bicycle": (1.8, 0.6, 1.75), "motorcycle": (2.1, 0.8, 1.6)},
+        **{"truck": (8.0, 2.5, 3.2), "bus": (12.0, 2.55, 3.1)},
+    }
+)
+"""Length, width and height of each, metres: assumed."""
 RIDDEN_FROM = 1.3
 """Metres of height from which somebody sits on a bicycle or motorcycle."""
 SEGMENTS = 12
 
 
-def road_user(label: str, sides: Sequence[float] | FloatArray) -> Mesh:
+def road_user(label: str, sides: Sequence[float] | FloatArray | None = None) -> Mesh:
     """Return a road user as large as its box.
 
     Parameters
     ----------
     label : str
         One of `ROAD_USERS`. A ``bicycle`` or ``motorcycle`` of 1.3 m height or more has a rider.
-    sides : (3,) float
-        Length, width and height of the box, metres. Of a ``pedestrian`` only the height counts: boxes of people hold
-        their stride and what they carry.
+    sides : (3,) float, optional
+        Length, width and height of the box, metres; the usual ones by default. Of a ``pedestrian`` only the height
+        counts: boxes of people hold their stride and what they carry.
 
     Returns
     -------
@@ -50,6 +57,7 @@ def road_user(label: str, sides: Sequence[float] | FloatArray) -> Mesh:
     8.0
     """
     check_word("label", label, ROAD_USERS)
+    sides = USUAL_SIDES[label] if sides is None else sides
     if len(sides) != 3 or not all(0.0 < side < np.inf for side in sides):
         raise OptionError(f"sides must be length, width and height, positive; got {list(sides)}.")
     length, width, height = (float(side) for side in sides)
