@@ -111,11 +111,15 @@ def found_sensor(sweeps: list[np.ndarray]) -> tuple[Sensor, str]:
     return make(first, columns=columns), words
 
 
+def within(box: Box, points: np.ndarray) -> np.ndarray:
+    """Return which points (n, 3) are in a box."""
+    local = (points - box.centre) @ turned(box.yaw)
+    return (np.abs(local) <= box.sides / 2).all(axis=1)
+
+
 def count_in(box: Box, points: np.ndarray) -> Box:
     """Return a box with the points counted that are in it."""
-    local = turned(box.yaw).T @ (points - box.centre).T
-    within = (np.abs(local) <= box.sides[:, None] / 2).all(axis=0)
-    return box._replace(n_points=int(within.sum()))
+    return box._replace(n_points=int(within(box, points).sum()))
 
 
 def turned(yaw: float) -> np.ndarray:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from drive_logs import Box, Log, Sweep, read_log
+from drive_logs import Box, Log, Sweep, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -33,6 +33,7 @@ from zbuf_occlude.sensors.scanning import detection
 
 KINDS = (
     *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
+    *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
     *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "bus")),
     *(("large_vehicle", "bus"), ("truck", "truck"), ("construction_veh", "truck"), ("vehicle.construction", "truck")),
     *(("car", "car"), ("van", "car"), ("regular_vehicle", "car"), ("vehicle.emergency", "car")),
@@ -118,7 +119,8 @@ def counted(sweep: Sweep, sensor: Sensor) -> list[Counted]:
                 continue
             corners = np.stack([models[number].vertices.min(axis=0), models[number].vertices.max(axis=0)])
             scans = [zo.scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
-            scans = [scan.select(scan.instances == number) for scan in scans]
+            # boxes overlap, as a rider's and the bicycle's do: real returns are counted in both
+            scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
             returns = np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], axis=1) for s in scans])
             distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
             group = GROUPS[kind_of(box.category)]

@@ -48,19 +48,39 @@ def held_to(log: "drive_logs.Log", drive: tuple[str, Scan], tolerance: float = 1
 
 
 def test_kitti(tmp_path: Path, drive: tuple[str, Scan]) -> None:
-    folders = [tmp_path / name for name in ("velodyne", "label_2", "calib")]
-    for folder in folders:
-        folder.mkdir()
+    """Objects and tracking: the camera is 0.3 m before the LiDAR and 0.1 m below it: x right, y down, z ahead."""
     points = drive[1].points
-    np.column_stack([points, np.zeros(len(points))]).astype("<f4").tofile(folders[0] / "000007.bin")
-    # the camera 0.3 m before the LiDAR and 0.1 m below it: x right, y down, z ahead
     lines = ["DontCare -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10"]
     for x, y, yaw in PLACES:
         at = f"{-y:.4f} {-FLOOR - 0.1:.4f} {x - 0.3:.4f} {-yaw - np.pi / 2:.5f}"
         lines.append(f"Car 0 0 0 0 0 0 0 {SIDES[2]} {SIDES[1]} {SIDES[0]} {at}")
-    (folders[1] / "000007.txt").write_text("\n".join(lines))
-    calibration = "R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n\n"
-    (folders[2] / "000007.txt").write_text(calibration)
+    tracks = [f"{frame} {number} {line}" for frame in (6, 7) for number, line in enumerate(lines, -1)]
+    for form, cloud, labels, stem, said in (
+        ("objects", "000007.bin", "label_2", "000007", lines),
+        ("tracking", "0003/000007.bin", "label_02", "0003", tracks),
+    ):
+        root = tmp_path / form / "training"
+        files = [root / "velodyne" / cloud, *(root / folder / f"{stem}.txt" for folder in (labels, "calib"))]
+        for file in files:
+            file.parent.mkdir(parents=True)
+        np.column_stack([points, np.zeros(len(points))]).astype("<f4").tofile(files[0])
+        files[1].write_text("\n".join(said))
+        files[2].write_text("R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n\n")
+        held_to(drive_logs.read_log(tmp_path / form), drive)
+
+
+def test_kittis_raw_data(tmp_path: Path, drive: tuple[str, Scan]) -> None:
+    points, items = drive[1].points, ""
+    for x, y, yaw in PLACES:
+        pose = f"<item><tx>{x}</tx><ty>{y}</ty><tz>{FLOOR}</tz><rx>0</rx><ry>0</ry><rz>{yaw}</rz></item>"
+        sides = "".join(f"<{name}>{side}</{name}>" for name, side in zip("lwh", SIDES, strict=True))
+        items += (
+            f"<item><objectType>Car</objectType>{sides}<first_frame>6</first_frame><poses>{pose * 2}</poses></item>"
+        )
+    (tmp_path / "velodyne_points" / "data").mkdir(parents=True)
+    (tmp_path / "tracklet_labels.xml").write_text(f"<boost><tracklets>{items}</tracklets></boost>")
+    cloud = np.column_stack([points, np.zeros(len(points))]).astype("<f4")
+    cloud.tofile(tmp_path / "velodyne_points" / "data" / "0000000007.bin")
     held_to(drive_logs.read_log(tmp_path), drive)
 
 
