@@ -81,8 +81,12 @@ def read_log(path: Path, sensor: str | None = None) -> Log:
     clouds = [sweep.cloud for sweep in sweeps if sweep.cloud is not None and len(sweep.mounts) == 1]
     if not clouds:
         return Log(form, sweeps, make(usual), f"named by {form}")
-    points = [points_of(cloud) for cloud in clouds[:: -(-len(clouds) // CLOUDS)]]
-    return Log(form, sweeps, *found_sensor(points))
+    found = [found_sensor(points_of(cloud)) for cloud in clouds[:: -(-len(clouds) // CLOUDS)]]
+    names = {made.name for made, _ in found}
+    if len(names) > 1:
+        raise SystemExit(f"error: {path} must be of one sensor; it has {', '.join(sorted(names))}. Give each alone.")
+    columns = round(np.median([made.pattern["columns"] for made, _ in found]))
+    return Log(form, sweeps, make(names.pop(), columns=columns), found[0][1])
 
 
 @lru_cache(2)
@@ -91,20 +95,17 @@ def points_of(cloud: Path) -> np.ndarray:
     return read_scan_file(cloud, SENSORS["hdl-64e"])
 
 
-def found_sensor(sweeps: list[np.ndarray]) -> tuple[Sensor, str]:
-    """Return the spinning sensor whose lasers explain the points (n, 3) of some sweeps best, and words about that."""
-    far = [points[np.hypot(*points[:, :2].T) > 4.0] for points in sweeps]
-    some, scores = np.concatenate([points[:: -(-len(points) // 10_000)] for points in far]), {}
+def found_sensor(points: np.ndarray) -> tuple[Sensor, str]:
+    """Return the spinning sensor whose lasers explain the elevations of a turn's points best, and words about that."""
+    far = points[np.hypot(*points[:, :2].T) > 4.0]
+    some, scores = far[:: -(-len(far) // 20_000)], {}
     for name in (name for name, sensor in SENSORS.items() if sensor.kind == "spinning"):
         near = [np.exp(-0.5 * (above / SHARPNESS) ** 2) for above in SENSORS[name].above_lasers(some)]
         scores[name] = float(np.log(np.mean(near, axis=0) / SHARPNESS + 1e-3).mean())
     first, second = sorted(scores, key=lambda name: -scores[name])[:2]
-    gaps = []
-    for points in far:
-        rings = np.argmin([np.abs(above) for above in SENSORS[first].above_lasers(points)], axis=0)
-        azimuths = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
-        gaps += [np.diff(np.sort(azimuths[rings == ring])) for ring in np.unique(rings)]
-    steps = np.concatenate(gaps)
+    rings = np.argmin([np.abs(above) for above in SENSORS[first].above_lasers(far)], axis=0)
+    azimuths = np.degrees(np.arctan2(far[:, 1], far[:, 0]))
+    steps = np.concatenate([np.diff(np.sort(azimuths[rings == ring])) for ring in np.unique(rings)])
     steps = steps[steps > 0.02]  # nearer ones are of the same firing, at two ranges
     columns = round(360.0 / steps[steps < 1.5 * np.median(steps)].mean())
     words = f"by elevations, e^{scores[first] - scores[second]:.1f} times as likely per point as {second}"
@@ -231,8 +232,8 @@ def completed(sweeps: list[list[Box]]) -> list[list[Box]]:
 
 def of_kitti(path: Path) -> Iterator[Sweep]:
     """KITTI's objects and tracking: boxes in the camera's frame, turned into the LiDAR's."""
-    for cloud in sorted(path.rglob("velodyne*/**/*.bin")):
-        folder = next(above for above in cloud.parents if above.name.startswith("velodyne"))
+    for cloud in sorted(path.rglob("velodyne/**/*.bin")):
+        folder = next(above for above in cloud.parents if above.name == "velodyne")
         stem = cloud.parent.name if cloud.parent != folder else cloud.stem  # tracking has a file per sequence
         labels = next(folder.parent.glob(f"label_*/{stem}.txt"), None)
         calibration = folder.parent / "calib" / f"{stem}.txt"
