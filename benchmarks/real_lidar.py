@@ -34,14 +34,20 @@ from zbuf_occlude.sensors.scanning import detection
 KINDS = (
     *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
     *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
-    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "bus")),
-    *(("large_vehicle", "bus"), ("truck", "truck"), ("construction_veh", "truck"), ("vehicle.construction", "truck")),
+    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "trailer")),
+    *(
+        ("large_vehicle", "bus"),
+        ("truck_cab", "tractor"),
+        ("truck", "truck"),
+        ("construction_veh", "truck"),
+        ("vehicle.construction", "truck"),
+    ),
     *(("car", "car"), ("van", "car"), ("regular_vehicle", "car"), ("vehicle.emergency", "car")),
     *(("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
 )
 """What a category is filled with: the first of which the word is in its name; else a box."""
 GROUPS = {
-    **{"car": "cars", "truck": "trucks and buses", "bus": "trucks and buses"},
+    **{"car": "cars", **dict.fromkeys(("truck", "tractor", "trailer", "bus"), "trucks and buses")},
     **{"bicycle": "cyclists", "motorcycle": "cyclists", "pedestrian": "pedestrians"},
 }
 FITTED_ON = ("cars", "pedestrians")
@@ -49,7 +55,7 @@ FITTED_ON = ("cars", "pedestrians")
 BINS = ((5.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 40.0), (40.0, 50.0), (50.0, 60.0), (60.0, 80.0))
 LEAST, LEAST_OBJECTS = 20, 5
 """Sightings, and objects among them, of fewer of which a distribution says nothing."""
-MOST = 4000
+MOST = 2000
 """Sightings; of longer logs every n-th sweep is taken."""
 CARS = [shapes.make("car", i) for i in range(12)]
 """What boxes of cars are filled with; `reach` was fitted with them."""

@@ -202,6 +202,7 @@ def test_stand_ins_have_the_papers_faces_and_vertices(paper: PaperObject) -> Non
     ("label", "sides"),
     [
         *(("truck", (12.3, 2.6, 2.9)), ("truck", (6.1, 2.3, 3.2)), ("bus", (12.0, 2.5, 3.1))),
+        *(("tractor", (6.0, 2.5, 3.3)), ("trailer", (12.0, 2.5, 3.9))),
         *(("bicycle", (1.8, 0.6, 1.75)), ("bicycle", (1.7, 0.5, 1.1)), ("motorcycle", (2.1, 0.8, 1.5))),
     ],
 )
@@ -225,6 +226,6 @@ def test_what_road_users_are_like() -> None:
     assert np.isclose(np.flatnonzero(~beside)[0] * 0.025, 2.1, atol=0.1)  # behind the cab
     heads = [(shapes.road_user("bicycle", (1.8, 0.6, h)).vertices[:, 2] > 0.8 * h).sum() for h in (1.2, 1.4)]
     assert heads[1] > 2 * heads[0]
-    for label, sides in (("tractor", (1, 1, 1)), ("truck", (1, 1)), ("truck", (1, 0, 1))):
+    for label, sides in (("tank", (1, 1, 1)), ("truck", (1, 1)), ("truck", (1, 0, 1))):
         with pytest.raises(zo.OptionError, match=r"one of pedestrian|length, width and height"):
             shapes.road_user(label, sides)

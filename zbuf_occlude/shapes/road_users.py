@@ -1,4 +1,4 @@
-"""Road users that are no cars: people, bicycles and motorcycles with riders, trucks, buses; made to a box's sides.
+"""Road users that are no cars: people, bicycles and motorcycles with riders, trucks, buses; as large as a box.
 
     shapes.road_user("truck", (12.3, 2.6, 2.9))        length, width, height in metres
     shapes.ROAD_USERS                                  the table of them
@@ -21,6 +21,7 @@ USUAL_SIDES = MappingProxyType(
     {
         **{"pedestrian": (0.8, 0.6, 1.75), "bicycle": (1.8, 0.6, 1.75), "motorcycle": (2.1, 0.8, 1.6)},
         **{"truck": (8.0, 2.5, 3.2), "bus": (12.0, 2.55, 3.1)},
+        **{"tractor": (6.0, 2.5, 3.2), "trailer": (12.0, 2.5, 4.0)},
     }
 )
 """Length, width and height of each, metres: assumed."""
@@ -131,20 +132,29 @@ def _axles(places: Sequence[float], width: float, radius: float) -> MeshPart:
     return repeated(pair(wheel), [(0.0, y, 0.0) for y in places])
 
 
+def _tractor(length: float, width: float, height: float) -> MeshPart:
+    """Return a cab of its own length, a low frame behind it, wheels."""
+    cab, x, front, r = min(2.1, 0.4 * length), width / 2, -length / 2, min(0.5, 0.16 * height)
+    hull = cuboid((-0.96 * x, front, 0.7 * r), (0.96 * x, front + cab, max(0.8 * height, min(height, 2.7))), 0.15, 2)
+    frame = boxes((-0.4 * x, front + cab, 1.2 * r), (0.4 * x, length / 2, 2.0 * r))
+    return join([hull, frame, _axles([front + 0.6 * cab, length / 2 - 1.4 * r], width, r)])
+
+
+def _trailer(length: float, width: float, height: float) -> MeshPart:
+    """Return a box on a frame, wheels below its rear, an underrun bar."""
+    x, rear, r = width / 2, length / 2, min(0.5, 0.16 * height)
+    box = boxes(
+        [(-x, -rear, 2.1 * r), (-0.95 * x, rear - 0.1, 0.8 * r)], [(x, rear, height), (0.95 * x, rear, 1.4 * r)]
+    )
+    return box + _axles([rear - 0.18 * length, rear - 0.18 * length - 2.1 * r], width, r)
+
+
 def _truck(length: float, width: float, height: float) -> MeshPart:
-    """Return a cab of its own length, a box behind it, skirts and an underrun bar down to 0.4 m, wheels."""
-    cab, x, front, rear, r = min(2.1, 0.4 * length), width / 2, -length / 2, length / 2, min(0.5, 0.16 * height)
-    top, floor = max(0.8 * height, min(height, 2.7)), 2.1 * r
-    last = rear - 0.18 * length
-    axles = [front + 0.6 * cab, last, *([last - 2.1 * r] if length > 8.0 else [])]
-    parts = [
-        cuboid((-0.96 * x, front, 0.7 * r), (0.96 * x, front + cab, top), edge=0.15, steps=2),
-        boxes((-x, front + cab + 0.15, floor), (x, rear, height)),
-        boxes((-0.9 * x, front + cab, r), (0.9 * x, rear - 0.1, floor)),
-        boxes((-0.95 * x, rear - 0.15, 0.8 * r), (0.95 * x, rear - 0.02, floor)),
-        _axles(axles, width, r),
-    ]
-    return join(parts)
+    """Return a tractor, a box behind its cab, skirts and an underrun bar."""
+    cab, x, rear, r = min(2.1, 0.4 * length) - length / 2, width / 2, length / 2, min(0.5, 0.16 * height)
+    low = [(-x, cab + 0.15, 2.1 * r), (-0.9 * x, cab, r), (-0.95 * x, rear - 0.15, 0.8 * r)]
+    high = [(x, rear, height), (0.9 * x, rear - 0.1, 2.1 * r), (0.95 * x, rear - 0.02, 2.1 * r)]
+    return _tractor(length, width, height) + boxes(low, high)
 
 
 def _bus(length: float, width: float, height: float) -> MeshPart:
@@ -154,6 +164,9 @@ def _bus(length: float, width: float, height: float) -> MeshPart:
 
 
 ROAD_USERS: MappingProxyType[str, Callable[[float, float, float], MeshPart]] = MappingProxyType(
-    {"pedestrian": _person, "bicycle": _bicycle, "motorcycle": _motorcycle, "truck": _truck, "bus": _bus}
+    {
+        **{"pedestrian": _person, "bicycle": _bicycle, "motorcycle": _motorcycle, "bus": _bus},
+        **{"truck": _truck, "tractor": _tractor, "trailer": _trailer},
+    }
 )
 """Each is modelled from length, width and height, metres, and then fitted to them."""
