@@ -197,14 +197,17 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
         json.dumps(
             {
                 "objects": [
-                    {"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9}
+                    {"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9},
+                    {"class": "truck", "position": [-20, 0, 0]},
                 ]
             }
         )
     )
     asked = setup(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
     (capture,) = scans(asked, ring(1))
-    assert capture.scene.labels == ("target", "ground", "crate")
+    assert capture.scene.labels == ("target", "ground", "crate", "truck")
+    truck = capture.scene.mesh.corners[capture.scene.instances == 3].reshape(-1, 3)
+    assert np.allclose(np.ptp(truck, axis=0), [2.5, 8.0, 3.2])  # built-in: in metres, without a file
     assert capture.scene.albedos[2] == 0.9
     assert (capture.scene.albedos[:2] < 0.9).all()
     crate_points = capture.scan.positions[capture.scan.instances == 2]
@@ -224,6 +227,7 @@ PLACED = '{"objects": [{"mesh": "a.off", "position": [0, 0, %s}]}'
         ("[" * 100_000, "must be JSON"),
         ("[]", "no list of objects"),
         ('{"objects": [{"mesh": "a.off"}]}', "object 0: .*has no mesh or position"),
+        ('{"objects": [{"class": "tank", "position": [0, 0, 0]}]}', "no mesh .* needed of a pedestrian, .*truck"),
         (PLACED % '0], "colour": 1', "object 0: .*; got 'colour'"),
         (PLACED % "]", r"must be JSON"),
         (PLACED % "0, 0]", r"object 0: position must be 3 numbers.*; got \[0, 0, 0, 0\]"),

@@ -193,3 +193,36 @@ def test_stand_ins_have_the_papers_faces_and_vertices(paper: PaperObject) -> Non
     assert len(np.unique(more.faces)) == n_vertices
     with pytest.raises(OptionError, match=f"n_vertices must be from .* to {3 * len(mesh.faces)} "):
         shapes.with_vertices(mesh, 3 * len(mesh.faces) + 1)
+
+
+@pytest.mark.parametrize(
+    ("label", "sides"),
+    [
+        *(("truck", (12.3, 2.6, 2.9)), ("truck", (6.1, 2.3, 3.2)), ("bus", (12.0, 2.5, 3.1))),
+        *(("tractor", (6.0, 2.5, 3.3)), ("trailer", (12.0, 2.5, 3.9))),
+        *(("bicycle", (1.8, 0.6, 1.75)), ("bicycle", (1.7, 0.5, 1.1)), ("motorcycle", (2.1, 0.8, 1.5))),
+    ],
+)
+def test_a_road_user_is_as_large_as_its_box(label: str, sides: tuple[float, float, float]) -> None:
+    mesh = shapes.road_user(label, sides)
+    length, width, height = sides
+    assert np.allclose(mesh.bounds, [[-width / 2, -length / 2, 0], [width / 2, length / 2, height]])
+    assert np.allclose(np.ptp(shapes.road_user("pedestrian", sides).bounds, axis=0)[2], height)
+
+
+def test_what_road_users_are_like() -> None:
+    """A truck's rear fills its outline from 0.4 m up; a cab keeps its length; a rider sits where a head needs room."""
+    truck = shapes.road_user("truck", (12.0, 2.5, 3.0))
+    across, up = (a.ravel() for a in np.meshgrid(np.linspace(-1.18, 1.18, 20), np.linspace(0.45, 2.95, 20)))
+    with zo.prepare(truck, "oracle") as rays:
+        starts = np.stack([across, np.full(400, 50.0), up], axis=1)
+        hits = rays.first_hits(starts, np.tile([0.0, -1.0, 0.0], (400, 1)))
+        assert np.allclose(50.0 - hits.distances, 6.0, atol=0.16)
+        gap = np.array([[5.0, y, 2.0] for y in np.linspace(-6, 6, 481)])
+        beside = rays.first_hits(gap, np.tile([-1.0, 0.0, 0.0], (481, 1))).distances < 4.5
+    assert np.isclose(np.flatnonzero(~beside)[0] * 0.025, 2.1, atol=0.1)  # behind the cab
+    heads = [(shapes.road_user("bicycle", (1.8, 0.6, h)).vertices[:, 2] > 0.8 * h).sum() for h in (1.2, 1.4)]
+    assert heads[1] > 2 * heads[0]
+    for label, sides in (("tank", (1, 1, 1)), ("truck", (1, 1)), ("truck", (1, 0, 1))):
+        with pytest.raises(zo.OptionError, match=r"one of pedestrian|length, width and height"):
+            shapes.road_user(label, sides)

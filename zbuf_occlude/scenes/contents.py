@@ -15,6 +15,7 @@ from zbuf_occlude.meshes.load import UP, load_mesh
 from zbuf_occlude.scenes.kinds import box_mesh
 from zbuf_occlude.scenes.scene import Placed, moved
 from zbuf_occlude.scenes.sizes import FILE, LEAST, MOST, Sizes, size_of
+from zbuf_occlude.shapes import ROAD_USERS, road_user
 
 FORM = '{"objects": [{"mesh": FILE, "position": [x, y, z]}, ...]}'
 NUMBERS = {
@@ -42,9 +43,9 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
     ----------
     path : Path
         ``{"objects": [{"mesh": FILE, "class": ..., "position": [x, y, z], "yaw": degrees, "size": metres}, ...]}``,
-        with albedo, velocity and turn as `Placed` has them; all but mesh and position may be left out. Positions are
-        metres from the middle of the target's foot; of the object it is the middle of the foot too. Files are found
-        from the JSON's folder.
+        with albedo, velocity and turn as `Placed` has them; all but mesh and position may be left out, and the mesh
+        where the class is a built-in road user's. Positions are metres from the middle of the target's foot; of the
+        object it is the middle of the foot too. Files are found from the JSON's folder.
 
     Returns
     -------
@@ -70,17 +71,22 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
 
 
 def _checked(given: Any, folder: Path) -> dict[str, Any]:
-    if not isinstance(given, dict) or not {"mesh", "position"} <= set(given):
-        raise OptionError(f"a scene must be {FORM}; this has no mesh or position.")
+    builtin = isinstance(given, dict) and "mesh" not in given and str(given.get("class")) in ROAD_USERS
+    if not isinstance(given, dict) or "position" not in given or not (builtin or "mesh" in given):
+        raise OptionError(
+            f"a scene must be {FORM}; this has no mesh or position. No mesh is needed of a {', '.join(ROAD_USERS)}."
+        )
     for name in given:
         check_word("a key of an object", name, KNOWN)
     found = {name: (NUMBERS[name].read if name in NUMBERS else line)(name, value) for name, value in given.items()}
     check_word("up", found.get("up", UP[0]), UP)
+    found |= {name: list(found[name]) for name in ("position", "velocity") if name in found}
+    if builtin:
+        return found
     mesh = str((folder / found["mesh"]).absolute())
     if not os.path.isfile(mesh):
         raise OptionError(f"mesh must name a file that is there; {mesh!r} is not.")
-    vectors = {name: list(found[name]) for name in ("position", "velocity") if name in found}
-    return {**found, "mesh": mesh, **vectors}
+    return {**found, "mesh": mesh}
 
 
 def placed_of(
@@ -95,8 +101,11 @@ def placed_of(
     """
     placed = []
     for given in objects:
-        mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
-        label = str(given.get("class", Path(given["mesh"]).stem))
+        label = str(given.get("class", Path(given.get("mesh", "")).stem))
+        if "mesh" in given:
+            mesh = load_mesh(given["mesh"], up=given.get("up"), colors=bool(transparent)).transparent(transparent or {})
+        else:
+            mesh = road_user(label)
         size = given.get("size", size_of(label, FILE, mesh.longest_side))
         x, y, z = given["position"]
         pose = moved(yaw=np.radians(given.get("yaw", 0.0)), to=(x, y, z + floor))

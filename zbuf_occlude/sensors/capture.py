@@ -246,13 +246,14 @@ def _near(placed: list[Placed], eye: FloatArray, reach: float, setup: Setup) -> 
     near = np.ones(len(placed), dtype=bool)
     distance = float(np.linalg.norm(eye))
     sensor = setup.made_sensor
-    elsewhere = setup.motion is not None or sensor.rays().origins is not None
-    if distance <= reach or elsewhere or len(sensor.imperfections.second_eyes):
+    spread = sensor.rays().spread
+    reach += spread  # rays are taken to begin at the eye, and all else to be larger by as far as they do not
+    if distance <= reach or setup.motion is not None or len(sensor.imperfections.second_eyes):
         return near
-    half_angle = np.arcsin(reach / distance) + setup.made_sensor.imperfections.divergence + 1e-6
+    half_angle = np.arcsin(reach / distance) + sensor.imperfections.divergence + 1e-6
     for number, each in enumerate(placed[1:], 1):
         to_it = each.centre - eye
-        radius, away = each.radius, float(np.linalg.norm(to_it))
+        radius, away = each.radius + spread, float(np.linalg.norm(to_it))
         if away > radius:
             angle = np.arccos(np.clip(-to_it @ eye / (away * distance), -1.0, 1.0))
             near[number] = angle <= half_angle + np.arcsin(radius / away)

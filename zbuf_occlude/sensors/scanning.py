@@ -282,7 +282,7 @@ def scan(
         raise ArgumentError("a sensor with a second eye must stand still, as all it sees. Or set baseline=0.")
     if motion is not None:
         rays = motion.applied(at_rest)
-    if towards is not None and rays.origins is None:
+    if towards is not None and motion is None:
         corners = as_vectors(towards, "towards")
         rays = at_rest = rays.select(_may_meet(rays, rotation, origin, corners, sensor.imperfections.divergence))
     if target is not None:
@@ -385,8 +385,11 @@ def _rigid(pose: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
 def _may_meet(
     rays: Rays, rotation: FloatArray, origin: FloatArray, corners: FloatArray, divergence: float
 ) -> NDArray[np.intp]:
-    """Return the rays whose beams may meet a box; first those near the ball around it, which is asked faster."""
-    to_middle, half = corners.mean(axis=0) - origin, np.ptp(corners, axis=0) / 2.0
+    """Return the rays whose beams may meet a box; first those near the ball around it, which is asked faster.
+
+    Rays are taken to begin at `origin`, and the box to be larger by as far as they do not.
+    """
+    to_middle, half = corners.mean(axis=0) - origin, np.ptp(corners, axis=0) / 2.0 + rays.spread
     distance, radius = float(np.linalg.norm(to_middle)), float(np.linalg.norm(half))
     if distance <= radius * 1.001:
         return np.arange(len(rays))

@@ -4,7 +4,7 @@ Rays are in the sensor's own frame: x forward, y to the left, z up. Each kind of
 """
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -83,6 +83,11 @@ class Rays:
     def __repr__(self) -> str:
         return f"Rays({len(self)})"
 
+    @cached_property
+    def spread(self) -> float:
+        """Metres from the sensor's origin to the farthest place where a ray begins."""
+        return 0.0 if self.origins is None else float(np.linalg.norm(self.origins, axis=1).max(initial=0.0))
+
     def select(self, which: ArrayLike) -> "Rays":
         """Return the rays that a boolean mask or an index array picks, in its order."""
         chosen = np.asarray(which)
@@ -142,11 +147,13 @@ def spinning(
     columns: int,
     azimuths: Sequence[float] = (-180.0, 180.0),
     turns: float = 10.0,
+    offsets: Sequence[Sequence[float]] | None = None,
 ) -> Rays:
     """Return the rays of a LiDAR that turns about its z axis, firing by firing, `columns` of them per turn.
 
     Each of `lasers` has an elevation and an azimuth offset, the lowest first; `azimuths` are where the firings begin
-    and end; all in degrees. `turns` is how many there are a second.
+    and end; all in degrees. `turns` is how many there are a second. `offsets` are metres that each laser sits above
+    the sensor's origin, and to the left of it as seen along its ray; all are in the origin by default.
     """
     _not_too_many(columns * len(lasers))
     angles, (first, last) = np.radians(lasers), np.radians(azimuths)
@@ -158,7 +165,20 @@ def spinning(
     flat = np.cos(elevation)
     directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
     firings, rings = np.divmod(np.arange(columns * len(angles), dtype=np.int32), len(angles))
-    return Rays(directions, rings, firings, times=firings / (columns * turns))
+    origins = None if offsets is None else _beside(azimuth, np.tile(_one_each(offsets, lasers), (columns, 1)))
+    return Rays(directions, rings, firings, origins, times=firings / (columns * turns))
+
+
+def _one_each(offsets: Sequence[Sequence[float]], lasers: Sequence[Sequence[float]]) -> FloatArray:
+    if len(offsets) != len(lasers):
+        raise OptionError(f"offsets must be one per laser ({len(lasers)}); got {len(offsets)}. Give both, or neither.")
+    return np.asarray(offsets, dtype=np.float64)
+
+
+def _beside(azimuths: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the places (n, 3) of lasers that look along `azimuths` (radians), by their offsets (n, 2): up and left."""
+    up, left = offsets.T
+    return np.stack([-left * np.sin(azimuths), left * np.cos(azimuths), up], axis=1)
 
 
 def risley(*, frequencies: Sequence[float], wedge: float, index: float, rate: float, seconds: float) -> Rays:
@@ -251,6 +271,7 @@ NUMBERS: dict[str, Number] = {
     **dict.fromkeys(("cx", "cy"), Number(-1e9, 1e9, "pixels")),
     "lasers": Number(-360.0, 360.0, "degrees", ((-1, 2),)),
     "azimuths": Number(-360.0, 360.0, "degrees", ((2,),)),
+    "offsets": Number(-100.0, 100.0, "metres", ((-1, 2),)),
     "frequencies": Number(-1e6, 1e6, "turns a second", ((2,),)),
     "wedge": Number(1e-3, 90.0, "degrees"),
     "index": Number(1.0, 5.0),  # no glass bends light more: germanium, of infrared prisms, has 4
@@ -465,8 +486,25 @@ class Sensor:
         return float(self.intrinsics[0, 0]) if self.kind == "pinhole" else 0.0
 
     def starts_towards(self, places: FloatArray) -> FloatArray:
-        """Return where the rays to some places (n, 3) begin, all in its frame: of a linear one beside each place."""
-        return np.asarray(places * [0.0, 1.0, 0.0] if self.kind == "linear" else np.zeros_like(places))
+        """Return where the rays to some places (n, 3) begin, all in its frame.
+
+        Of a linear sensor it is beside each place; of lasers with offsets it is the one whose rays pass nearest to it.
+        """
+        if "offsets" not in self.pattern:
+            return np.asarray(places * [0.0, 1.0, 0.0] if self.kind == "linear" else np.zeros_like(places))
+        nearest, least = np.zeros(len(places), dtype=np.intp), np.full(len(places), np.inf)
+        for number, above in enumerate(self.above_lasers(places)):
+            nearest[np.abs(above) < least] = number
+            least = np.minimum(np.abs(above), least)
+        offsets = np.asarray(self.pattern["offsets"])[nearest]
+        return _beside(np.arctan2(places[:, 1], places[:, 0]), offsets)
+
+    def above_lasers(self, places: FloatArray) -> Iterator[FloatArray]:
+        """Yield for each laser the degrees (n,) that places (n, 3) in its frame lie above its rays, as it sees them."""
+        lasers, level = self.pattern["lasers"], np.hypot(places[:, 0], places[:, 1])
+        offsets = self.pattern.get("offsets", [(0.0, 0.0)] * len(lasers))
+        for (elevation, _), (up, _) in zip(lasers, offsets, strict=True):
+            yield np.degrees(np.arctan2(places[:, 2] - up, level)) - elevation
 
     def covers(self, places: FloatArray) -> NDArray[np.bool_]:
         """Whether places (n, 3) in its frame are in its field of view, (n,); of a list of directions all are."""
@@ -482,9 +520,10 @@ class Sensor:
             beside = np.abs(places[:, 1]) <= given["columns"] * given["spacing"] / 2.0
             return np.asarray(ahead & beside & (slope >= low) & (slope <= high))
         if self.kind == "spinning":
-            lasers = [elevation for elevation, _ in given["lasers"]]
-            elevation = np.degrees(np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1])))
-            return np.asarray((elevation >= min(lasers)) & (elevation <= max(lasers)))
+            least, most = np.full((2, len(places)), [[np.inf], [-np.inf]])
+            for above in self.above_lasers(places):
+                least, most = np.minimum(least, above), np.maximum(most, above)
+            return np.asarray((least <= 0.0) & (most >= 0.0))
         return np.ones(len(places), dtype=bool)
 
     def with_numbers(self, **numbers: Any) -> "Sensor":

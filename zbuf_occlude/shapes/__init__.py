@@ -3,6 +3,7 @@
     shapes.CLASSES                      the eight labels
     shapes.make("chair", 7)             one member of a family, a Mesh
     shapes.collection()                 all 600 as a MeshCollection, nothing built yet
+    shapes.road_user("truck", (8, 2.5, 3))    people, cyclists, trucks, buses as large as a box
     shapes.solids.icosphere(4)          solids whose visible part is known in closed form
     shapes.formulas.make("torus")       the paper's Fig. 9 kind of objects, from formulas
     shapes.benchmark_mesh(45_000)       a mesh of a chosen number of faces
@@ -13,16 +14,19 @@ Everything is computed from numbers alone: the same arguments give the same byte
 from zbuf_occlude.shapes import formulas, solids
 from zbuf_occlude.shapes.benchmark import benchmark_mesh, refined, soup, with_vertices
 from zbuf_occlude.shapes.families import CLASSES, MEMBERS, collection, key_of, make, split_of
+from zbuf_occlude.shapes.road_users import ROAD_USERS, road_user
 
 __all__ = [
     "CLASSES",
     "MEMBERS",
+    "ROAD_USERS",
     "benchmark_mesh",
     "collection",
     "formulas",
     "key_of",
     "make",
     "refined",
+    "road_user",
     "solids",
     "soup",
     "split_of",

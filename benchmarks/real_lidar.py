@@ -1,0 +1,259 @@
+"""Simulated against real numbers of returns: models as large as the labelled boxes of a drive, seen by its LiDARs.
+
+    python benchmarks/real_lidar.py LOG [--sensor NAME] [--out FILE.md]
+
+LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
+and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
+
+Each labelled car, truck, bus, cyclist and pedestrian between 5 and 80 m is scanned among the other boxes of its sweep,
+all filled: with a built-in car stretched to the box, or with the road user of the class. There is no ground, and
+nothing that nobody labelled: roads are not flat, and what hides an object unlabelled is not known. Dropout goes by
+albedo, which is not known either: each object has one drawn, and all of it is drawn `DRAWS` times.
+
+KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
+sightings of 5 objects. "Within the draws" is the share of sightings whose real number is from the 5th to the 95th
+percentile of their own draws; a model without fault has 90 % or more. Sweeps follow each other in tenths of a second,
+so what differs is objects; "with other objects" is how the ratio of medians varies when they are drawn anew: 5 to 95 %.
+"""
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from drive_logs import Box, Log, Sweep, read_log, within
+
+import zbuf_occlude as zo
+from zbuf_occlude import shapes
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
+from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
+from zbuf_occlude.sensors import Sensor
+from zbuf_occlude.sensors.scanning import detection
+
+KINDS = (
+    *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
+    *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
+    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "trailer")),
+    *(
+        ("large_vehicle", "bus"),
+        ("truck_cab", "tractor"),
+        ("truck", "truck"),
+        ("construction_veh", "truck"),
+        ("vehicle.construction", "truck"),
+    ),
+    *(("car", "car"), ("van", "car"), ("regular_vehicle", "car"), ("vehicle.emergency", "car")),
+    *(("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
+)
+"""What a category is filled with: the first of which the word is in its name; else a box."""
+GROUPS = {
+    **{"car": "cars", **dict.fromkeys(("truck", "tractor", "trailer", "bus"), "trucks and buses")},
+    **{"bicycle": "cyclists", "motorcycle": "cyclists", "pedestrian": "pedestrians"},
+}
+FITTED_ON = ("cars", "pedestrians")
+"""Of one log, from 10 to 60 m: on them the `reach` of the VLP-32C was fitted."""
+BINS = ((5.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 40.0), (40.0, 50.0), (50.0, 60.0), (60.0, 80.0))
+LEAST, LEAST_OBJECTS = 20, 5
+"""Sightings, and objects among them, of fewer of which a distribution says nothing."""
+MOST = 2000
+"""Sightings; of longer logs every n-th sweep is taken."""
+CARS = [shapes.make("car", i) for i in range(12)]
+"""What boxes of cars are filled with; `reach` was fitted with them."""
+DRAWS = 40
+"""How often albedos and returns are drawn."""
+SHADES = 48
+"""Albedos for which the share of returns is computed; between them it is interpolated."""
+
+
+class Counted(NamedTuple):
+    """One sighting of an object: what, where, its real number of returns; cosine and range of each simulated one."""
+
+    group: str
+    category: str
+    identity: int
+    distance: float
+    real: int
+    returns: np.ndarray
+
+
+def kind_of(category: str) -> str:
+    """Return what a category of boxes is filled with."""
+    return next((kind for word, kind in KINDS if word in category.lower()), "box")
+
+
+def placed(given: Box) -> Placed:
+    """Return a model as large as a box, put there."""
+    kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
+    if kind in shapes.ROAD_USERS:
+        mesh = shapes.road_user(kind, given.sides)
+    else:
+        other = pole_mesh(0.5, 1.0) if kind == "pole" else box_mesh(1.0, 1.0, 1.0)
+        mesh = CARS[given.identity % len(CARS)] if kind == "car" else other
+        mesh = mesh.transformed(1.0, -mesh.centre)
+        scale = sides / np.ptp(mesh.bounds, axis=0)
+        mesh = zo.Mesh(mesh.vertices * scale + [0.0, 0.0, sides[2] / 2], mesh.faces)
+    foot = given.centre - [0.0, 0.0, sides[2] / 2]
+    return Placed(mesh, given.category, moved(yaw=given.yaw + np.pi / 2, to=foot))  # built-in ones face -y
+
+
+def wanted(given: Box, mount: np.ndarray) -> bool:
+    """Whether the returns of a box are compared."""
+    distance = np.hypot(*(given.centre - mount[:3, 3])[:2])
+    return given.n_points is not None and kind_of(given.category) in GROUPS and BINS[0][0] <= distance < BINS[-1][1]
+
+
+def without_own_car(sweep: Sweep) -> Sweep:
+    """Leave out boxes that a LiDAR stands in or on: the car that carries it."""
+    return sweep._replace(
+        boxes=[
+            box
+            for box in sweep.boxes
+            if min(np.hypot(*(box.centre - mount[:3, 3])[:2]) for mount in sweep.mounts) > box.sides[:2].max() / 2
+        ]
+    )
+
+
+def counted(sweep: Sweep, sensor: Sensor) -> list[Counted]:
+    """Scan every object of a sweep."""
+    models, found = [placed(box) for box in sweep.boxes], []
+    if not any(wanted(box, sweep.mounts[0]) for box in sweep.boxes):
+        return []
+    scene = Scene.joined(models)
+    with zo.prepare(scene.mesh, "exact") as occluder:
+        for number, box in enumerate(sweep.boxes):
+            if not wanted(box, sweep.mounts[0]):
+                continue
+            corners = np.stack([models[number].vertices.min(axis=0), models[number].vertices.max(axis=0)])
+            scans = [zo.scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
+            # boxes overlap, as a rider's and the bicycle's do: real returns are counted in both
+            scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
+            returns = np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], axis=1) for s in scans])
+            distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
+            group = GROUPS[kind_of(box.category)]
+            found.append(Counted(group, box.category, box.identity, distance, box.n_points or 0, returns))
+    return found
+
+
+def drawn(sightings: list[Counted], reach: float) -> np.ndarray:
+    """Return the numbers of returns (DRAWS, sightings) that dropout leaves, with an albedo drawn for each object."""
+    shades = np.linspace(*np.log(ALBEDOS), SHADES)
+    found = np.zeros((DRAWS, len(sightings)), dtype=np.int64)
+    rng = np.random.default_rng(0)
+    for number, one in enumerate(sightings):
+        albedos = draw_albedos(np.random.default_rng(one.identity), DRAWS)
+        cosines, ranges = one.returns.T
+        if len(ranges):
+            shares = detection(np.exp(shades)[:, None], cosines, ranges, reach).mean(axis=1)
+            found[:, number] = rng.binomial(len(ranges), np.interp(np.log(albedos), shades, shares))
+    return found
+
+
+def distance_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Kolmogorov's and Smirnov's: the largest difference of the two distribution functions."""
+    values = np.sort(np.concatenate([a, b]))
+    below = [np.searchsorted(np.sort(x), values, side="right") / len(x) for x in (a, b)]
+    return float(np.abs(below[0] - below[1]).max())
+
+
+def trusted(real: np.ndarray, simulated: np.ndarray, identities: list[int]) -> str:
+    """Say between what the ratio of medians lies when objects, not sightings, are drawn anew: 5 and 95 %."""
+    rng = np.random.default_rng(0)
+    names, which = np.unique(identities, return_inverse=True)
+    of_each = [np.flatnonzero(which == i) for i in range(len(names))]
+    ratios = []
+    for _ in range(400):
+        mine = np.concatenate([of_each[i] for i in rng.integers(len(names), size=len(names))])
+        ratios.append(np.median(real[mine]) / max(np.median(simulated[:, mine]), 0.5))
+    low, high = np.quantile(ratios, (0.05, 0.95))
+    return f"{low:.2f}..{high:.2f}"
+
+
+def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
+    """Say it as a table, class by class and range by range, and in a line."""
+    lines = [
+        "| | metres | sightings, objects | real 50, 75, 90 % | simulated 50, 75, 90 % | ratio of medians "
+        "| with other objects | KS | within the draws |",
+        "| --- | --- | ---: | --- | --- | ---: | ---: | ---: | ---: |",
+    ]
+    reals = np.array([one.real for one in sightings])
+    low, high = np.quantile(simulated, (0.05, 0.95), axis=0)
+    within = (low <= reals) & (reals <= high)
+    distances: dict[tuple[str, float], float] = {}
+    for group in dict.fromkeys(GROUPS.values()):
+        for nearest, farthest in BINS:
+            mine = [i for i, o in enumerate(sightings) if o.group == group and nearest <= o.distance < farthest]
+            if not mine:
+                continue
+            real, made, names = reals[mine], simulated[:, mine], [sightings[i].identity for i in mine]
+            of_both = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, made)]
+            shown = " | ".join(", ".join(f"{q:.0f}" for q in each) for each in of_both)
+            ratio = f"{of_both[0][0] / of_both[1][0]:.2f}" if of_both[1][0] else "-"
+            trust, far = "-", "-"
+            if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
+                distances[group, nearest] = distance_between(real, made.ravel())
+                trust, far = trusted(real, made, names), f"{distances[group, nearest]:.2f}"
+            lines.append(
+                f"| {group} | {nearest:.0f}-{farthest:.0f} | {len(mine)}, {len(set(names))} | {shown} | {ratio} "
+                f"| {trust} | {far} | {within[mine].mean():.0%} |"
+            )
+    usual = [far for (group, nearest), far in distances.items() if group in FITTED_ON and 10.0 <= nearest <= 50.0]
+    means = " ".join(
+        f"Mean KS of {what}: {np.mean(far):.3f}."
+        for what, far in (
+            (f"{len(distances)} rows", list(distances.values())),
+            (f"the {len(usual)} of cars and pedestrians from 10 to 60 m", usual),
+        )
+        if far
+    )
+    share = f"Within the draws: {within.mean():.0%} of {len(sightings)} sightings."
+    return [*lines, "", f"{means or 'No row has enough for a KS.'} {share}"]
+
+
+def listed(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
+    """Say it of each sighting, of logs with few."""
+    low, middle, high = np.quantile(simulated, (0.05, 0.5, 0.95), axis=0)
+    return [
+        "| | metres | real | simulated | 5 to 95 % | without dropout |",
+        "| --- | ---: | ---: | ---: | ---: | ---: |",
+        *(
+            f"| {o.category} | {o.distance:.0f} | {o.real} | {m:.0f} | {a:.0f}..{b:.0f} | {len(o.returns)} |"
+            for o, m, a, b in sorted(zip(sightings, middle, low, high, strict=True), key=lambda row: row[0].distance)
+        ),
+        "",
+    ]
+
+
+def measure(log: Log) -> list[str]:
+    """Scan a log's sweeps and report."""
+    sweeps = [without_own_car(sweep) for sweep in log.sweeps]
+    n_wanted = sum(wanted(box, sweep.mounts[0]) for sweep in sweeps for box in sweep.boxes)
+    taken = sweeps[:: -(-n_wanted // MOST) or 1]
+    reach = log.sensor.imperfections.reach
+    noiseless = log.sensor.with_numbers(reach=0.0, sigma=0.0, step=0.0)
+    sightings = [one for sweep in taken for one in counted(sweep, noiseless)]
+    columns = log.sensor.pattern["columns"]
+    head = (
+        f"{log.form}, {len(sightings)} sightings in {len(taken)} of {len(sweeps)} sweeps. Sensor: {log.sensor.name} "
+        f"({log.found}), {columns} firings a turn, reach {reach:g} m."
+    )
+    if not sightings:
+        return [head]
+    simulated = drawn(sightings, reach)
+    few = listed(sightings, simulated) if len(sightings) <= 3 * LEAST else []
+    return [head, "", *few, *report(sightings, simulated)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--sensor", help="A name of the table of sensors; by default it is found from the log.")
+    parser.add_argument("--out", type=Path, help="Write the tables here too.")
+    given = parser.parse_args()
+    lines = measure(read_log(given.log, given.sensor))
+    print("\n".join(lines))
+    if given.out is not None:
+        given.out.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""benchmarks/drive_logs.py: simulated drives in the forms of KITTI and nuScenes are read back."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zbuf_occlude as zo
+from zbuf_occlude.scenes import Placed, Scene, moved
+from zbuf_occlude.scenes.kinds import box_mesh
+from zbuf_occlude.sensors import make
+from zbuf_occlude.sensors.scanning import Scan
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+drive_logs = pytest.importorskip("drive_logs", reason="SciPy is not installed")
+real_lidar = pytest.importorskip("real_lidar")
+
+PLACES = ((12.0, 3.0, 0.4), (-9.0, 7.0, -1.2), (20.0, -6.0, 2.0))
+SIDES = np.array([4.2, 1.8, 1.5])
+FLOOR = -1.7
+
+
+@pytest.fixture(scope="module", params=["hdl-64e", "hdl-32e", "vlp-32c"])
+def drive(request: pytest.FixtureRequest) -> tuple[str, Scan]:
+    """A turn of a sensor among three boxes on a ground, in its own frame; of each box the instance."""
+    ground = zo.Mesh([[-80, -80, FLOOR], [80, -80, FLOOR], [80, 80, FLOOR], [-80, 80, FLOOR]], [[0, 1, 2], [0, 2, 3]])
+    boxes = [Placed(box_mesh(*(SIDES - 2e-3)), "car", moved(yaw=yaw, to=(x, y, FLOOR + 1e-3))) for x, y, yaw in PLACES]
+    return request.param, zo.scan(
+        Scene.joined([*boxes, Placed(ground, "ground")]), make(request.param, noise=0, columns=900)
+    )
+
+
+def held_to(log: "drive_logs.Log", drive: tuple[str, Scan], tolerance: float = 1e-3) -> None:
+    name, scan = drive
+    (sweep,) = log.sweeps
+    assert (log.sensor.name, log.sensor.pattern["columns"]) == (name, pytest.approx(900, abs=3))
+    for number, (box, (x, y, yaw)) in enumerate(zip(sweep.boxes, PLACES, strict=True)):
+        to_sensor = sweep.mounts[0]
+        middle = to_sensor[:3, :3] @ [x, y, FLOOR + SIDES[2] / 2] + to_sensor[:3, 3]
+        assert np.allclose(box.centre, middle, atol=tolerance)
+        ahead = to_sensor[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
+        assert np.allclose([np.cos(box.yaw), np.sin(box.yaw)], ahead[:2], atol=tolerance)
+        assert np.allclose(box.sides, SIDES)
+        assert box.n_points == pytest.approx((scan.instances == number).sum(), abs=6)  # some of the ground at its foot
+
+
+def test_kitti(tmp_path: Path, drive: tuple[str, Scan]) -> None:
+    """Objects and tracking: the camera is 0.3 m before the LiDAR and 0.1 m below it: x right, y down, z ahead."""
+    points = drive[1].points
+    lines = ["DontCare -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10"]
+    for x, y, yaw in PLACES:
+        at = f"{-y:.4f} {-FLOOR - 0.1:.4f} {x - 0.3:.4f} {-yaw - np.pi / 2:.5f}"
+        lines.append(f"Car 0 0 0 0 0 0 0 {SIDES[2]} {SIDES[1]} {SIDES[0]} {at}")
+    tracks = [f"{frame} {number} {line}" for frame in (6, 7) for number, line in enumerate(lines, -1)]
+    for form, cloud, labels, stem, said in (
+        ("objects", "000007.bin", "label_2", "000007", lines),
+        ("tracking", "0003/000007.bin", "label_02", "0003", tracks),
+    ):
+        root = tmp_path / form / "training"
+        files = [root / "velodyne" / cloud, *(root / folder / f"{stem}.txt" for folder in (labels, "calib"))]
+        for file in files:
+            file.parent.mkdir(parents=True)
+        np.column_stack([points, np.zeros(len(points))]).astype("<f4").tofile(files[0])
+        files[1].write_text("\n".join(said))
+        files[2].write_text("R0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n\n")
+        held_to(drive_logs.read_log(tmp_path / form), drive)
+
+
+def test_kittis_raw_data(tmp_path: Path, drive: tuple[str, Scan]) -> None:
+    points, items = drive[1].points, ""
+    for x, y, yaw in PLACES:
+        pose = f"<item><tx>{x}</tx><ty>{y}</ty><tz>{FLOOR}</tz><rx>0</rx><ry>0</ry><rz>{yaw}</rz></item>"
+        sides = "".join(f"<{name}>{side}</{name}>" for name, side in zip("lwh", SIDES, strict=True))
+        items += (
+            f"<item><objectType>Car</objectType>{sides}<first_frame>6</first_frame><poses>{pose * 2}</poses></item>"
+        )
+    (tmp_path / "velodyne_points" / "data").mkdir(parents=True)
+    (tmp_path / "tracklet_labels.xml").write_text(f"<boost><tracklets>{items}</tracklets></boost>")
+    cloud = np.column_stack([points, np.zeros(len(points))]).astype("<f4")
+    cloud.tofile(tmp_path / "velodyne_points" / "data" / "0000000007.bin")
+    held_to(drive_logs.read_log(tmp_path), drive)
+
+
+def test_nuscenes(tmp_path: Path, drive: tuple[str, Scan]) -> None:
+    """The sensor turned by a quarter on its car, the car turned and moved in the world."""
+    quarter, world = moved(yaw=-np.pi / 2, to=(0.9, 0.0, 1.8)), moved(yaw=0.7, to=(400.0, 1100.0, 0.0))
+
+    def spoken(yaw: float) -> list[float]:
+        return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+
+    rows = []
+    for number, (x, y, yaw) in enumerate(PLACES):
+        centre = (world @ quarter @ [x, y, FLOOR + SIDES[2] / 2, 1.0])[:3].tolist()
+        size, rotation = SIDES[[1, 0, 2]].tolist(), spoken(yaw - np.pi / 2 + 0.7)
+        row = {"token": f"a{number}", "sample_token": "s", "instance_token": "i", "translation": centre, "size": size}
+        rows.append({**row, "rotation": rotation, "num_lidar_pts": int((drive[1].instances == number).sum())})
+    frame = {"token": "d", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
+             "is_key_frame": True, "filename": "samples/LIDAR_TOP/1.pcd.bin"}  # fmt: skip
+    tables = {
+        "sample_annotation": rows,
+        "sample_data": [frame, {**frame, "token": "sweep", "is_key_frame": False}],
+        "sensor": [{"token": "t", "channel": "LIDAR_TOP"}],
+        "calibrated_sensor": [
+            {"token": "c", "sensor_token": "t", "translation": [0.9, 0.0, 1.8], "rotation": spoken(-np.pi / 2)}
+        ],
+        "ego_pose": [{"token": "e", "translation": [400.0, 1100.0, 0.0], "rotation": spoken(0.7)}],
+        "instance": [{"token": "i", "category_token": "k"}],
+        "category": [{"token": "k", "name": "vehicle.car"}],
+    }
+    (tmp_path / "v1.0-mini").mkdir()
+    for name, table in tables.items():
+        (tmp_path / "v1.0-mini" / f"{name}.json").write_text(json.dumps(table))
+    (tmp_path / "samples" / "LIDAR_TOP").mkdir(parents=True)
+    points = drive[1].points
+    np.column_stack([points, np.zeros((len(points), 2))]).astype("<f4").tofile(tmp_path / frame["filename"])
+    held_to(drive_logs.read_log(tmp_path), drive)
+
+
+def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> None:
+    """A log that is simulated itself, by the models that the benchmark takes, without dropout: every count is met."""
+    boxes = [drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([15.0, 4.0, 0.0]), 0.3, 0, 1),
+             drive_logs.Box("CYCLIST", np.array([1.8, 0.6, 1.75]), np.array([9.0, -4.0, -0.8]), 2.0, 0, 2)]  # fmt: skip
+    sensor = make("hdl-64e", noise=0, columns=900)
+    scan = zo.scan(Scene.joined([real_lidar.placed(box) for box in boxes]), sensor)
+    found = real_lidar.counted(drive_logs.Sweep(boxes, [np.eye(4)]), sensor)
+    assert [len(one.returns) for one in found] == [(scan.instances == i).sum() for i in range(2)]
+    assert [one.group for one in found] == ["trucks and buses", "cyclists"]
+    for i, box in enumerate(boxes):
+        larger = box._replace(sides=box.sides + 1e-6)  # faces of the box are rounded
+        assert drive_logs.count_in(larger, scan.points).n_points == (scan.instances == i).sum()
+    with pytest.raises(SystemExit, match="must be a log of drives"):
+        drive_logs.read_log(tmp_path)
