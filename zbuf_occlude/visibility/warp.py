@@ -11,7 +11,7 @@ from zbuf_occlude.errors import check_fraction
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, come_nearer
-from zbuf_occlude.warp import Scene, find_device
+from zbuf_occlude.warp import DeviceBvh, find_device
 
 
 def prepare(mesh: Mesh, *, contact: float = CONTACT, device: str = "auto") -> "Warp":
@@ -40,23 +40,23 @@ class Warp(Occluder):
     def __init__(self, mesh: Mesh, contact: float, device: wp.Device) -> None:
         super().__init__(mesh)
         self._contact, self._device = contact, device
-        self._scene = Scene(self._vectors(mesh.corners.reshape(-1, 3)), self._vectors(mesh.bounds))
+        self._bvh = DeviceBvh(self._vectors(mesh.corners.reshape(-1, 3)), self._vectors(mesh.bounds))
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         own = wp.array(points.face_ids, dtype=wp.int32, device=self._device)
         mask = wp.empty((len(eyes), len(points)), dtype=wp.bool, device=self._device)
-        self._scene.fill_visible(self._vectors(points.positions), own, self._vectors(eyes), self._contact, mask)
+        self._bvh.fill_visible(self._vectors(points.positions), own, self._vectors(eyes), self._contact, mask)
         return np.array(mask.numpy())
 
     def _first_hits(self, origins: FloatArray, directions: FloatArray) -> FirstHits:
         origins, skipped = come_nearer(self.mesh, origins, directions)
         face_ids = wp.empty(len(directions), dtype=wp.int32, device=self._device)
         distances = wp.empty(len(directions), dtype=wp.float64, device=self._device)
-        self._scene.fill_first_hits(self._vectors(origins), self._vectors(directions), face_ids, distances)
+        self._bvh.fill_first_hits(self._vectors(origins), self._vectors(directions), face_ids, distances)
         return FirstHits(np.array(face_ids.numpy()), distances.numpy() + skipped)
 
     def _vectors(self, values: NDArray[Any]) -> wp.array:
         return wp.array(values, dtype=wp.vec3d, device=self._device)
 
     def _release(self) -> None:
-        del self._scene
+        del self._bvh

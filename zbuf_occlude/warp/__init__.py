@@ -37,7 +37,7 @@ def find_device(name: str) -> wp.Device:
         raise OptionError(f"device must be auto, or one that Warp finds here, {found}; got {name!r}.") from None
 
 
-class Scene:
+class DeviceBvh:
     """A mesh's BVH on a device. It is asked about arrays there, and fills arrays there.
 
     Parameters

@@ -1,8 +1,8 @@
 """Kernels of lines of sight and rays, one source for CPU and CUDA: float32 boxes choose faces, float64 decides.
 
 A Warp BVH holds the faces' boxes in scene units: the mesh's centre is 0 and its longest side 1. A line begins where it
-enters a ball about the scene, so that float32 errs by less than `WIDER` on every axis, and the boxes are wider by that.
-Each face whose box is met is then asked by the definition, in world units and in the order of `geometry.predicates`.
+enters a ball about the scene: there float32 errs by less than `WIDER` on every axis. The boxes are wider by that. Each
+face whose box is met is then asked by the definition, in world units and in the order of `geometry.predicates`.
 """
 
 import warp as wp
@@ -26,13 +26,13 @@ LATER = wp.constant(wp.float64(1e-6))
 FAR = wp.constant(wp.float64(1000.0))
 """Diagonals from the centre. Points beyond are held against every face: there the definition's own rounding, 1e-16
 times the distance squared, outgrows `WIDER`. Callers let rays from beyond begin nearer."""
-ZERO, HALF, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(0.5)), wp.constant(wp.float64(1.0))
+ZERO, HALF = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(0.5))
 TINY = wp.constant(wp.float64(1e-200))
 """Lengths below it count as this, so that no division overflows."""
 
 
 @wp.struct
-class Frame:
+class Placement:
     """Where a mesh is, world units."""
 
     centre: wp.vec3d
@@ -41,60 +41,54 @@ class Frame:
 
 
 @wp.func
-def frame_of(bounds: Vectors) -> Frame:
-    """Return the frame of a mesh whose box has these two corners."""
+def placed(bounds: Vectors) -> Placement:
+    """Return where the mesh is whose box has these two corners."""
     extent = bounds[1] - bounds[0]
-    frame = Frame()
-    frame.centre = HALF * (bounds[0] + bounds[1])
-    frame.side = wp.max(wp.max(extent), TINY)
-    frame.diagonal = wp.length(extent)
-    return frame
+    place = Placement()
+    place.centre = HALF * (bounds[0] + bounds[1])
+    place.side = wp.max(wp.max(extent), TINY)
+    place.diagonal = wp.length(extent)
+    return place
 
 
 @wp.func
-def widest(a: wp.vec3d) -> wp.float64:
-    """Return the largest component's size."""
-    return wp.max(wp.abs(a))
-
-
-@wp.func
-def skipped(frame: Frame, origin: wp.vec3d, unit: wp.vec3d) -> wp.float64:
+def skipped(place: Placement, origin: wp.vec3d, unit: wp.vec3d) -> wp.float64:
     """Return how far along a line it enters the ball, scene units; 0 where it begins inside."""
-    return wp.max(-wp.dot(origin - frame.centre, unit) / frame.side - BALL, ZERO)
+    return wp.max(-wp.dot(origin - place.centre, unit) / place.side - BALL, ZERO)
 
 
 @wp.func
-def start_of(frame: Frame, origin: wp.vec3d, unit: wp.vec3d) -> wp.vec3:
-    """Return where a line enters the ball, scene units."""
-    start = (origin - frame.centre) / frame.side + skipped(frame, origin, unit) * unit
-    return wp.vec3(wp.float32(start[0]), wp.float32(start[1]), wp.float32(start[2]))
+def rounded(a: wp.vec3d) -> wp.vec3:
+    """Return a vector in float32."""
+    return wp.vec3(wp.float32(a[0]), wp.float32(a[1]), wp.float32(a[2]))
 
 
 @wp.func
-def component(u: wp.float64) -> wp.float32:
+def steep(u: wp.float64) -> wp.float64:
     """Return a component of a unit vector, not nearer to 0 than `STEEPEST`."""
-    return wp.float32(wp.where(u < ZERO, wp.min(u, -STEEPEST), wp.max(u, STEEPEST)))
+    return wp.where(u < ZERO, wp.min(u, -STEEPEST), wp.max(u, STEEPEST))
 
 
 @wp.func
-def direction_of(unit: wp.vec3d) -> wp.vec3:
-    """Return a unit vector as the slab test takes it."""
-    return wp.vec3(component(unit[0]), component(unit[1]), component(unit[2]))
+def _candidates(bvh: wp.uint64, place: Placement, origin: wp.vec3d, unit: wp.vec3d):
+    """Return the query for the faces whose boxes a line meets."""
+    start = (origin - place.centre) / place.side + skipped(place, origin, unit) * unit
+    return wp.bvh_query_ray(bvh, rounded(start), rounded(wp.vec3d(steep(unit[0]), steep(unit[1]), steep(unit[2]))))
 
 
 @wp.func
-def of_one_sign(u: wp.float64, v: wp.float64, w: wp.float64) -> wp.bool:
+def have_one_sign(u: wp.float64, v: wp.float64, w: wp.float64) -> wp.bool:
     """Whether none of three numbers has the other sign."""
     return (u >= ZERO and v >= ZERO and w >= ZERO) or (u <= ZERO and v <= ZERO and w <= ZERO)
 
 
 @wp.func
-def blocks(corners: Vectors, face: int, eye: wp.vec3d, point: wp.vec3d, contact: wp.float64) -> wp.bool:
+def face_blocks(corners: Vectors, face: int, eye: wp.vec3d, point: wp.vec3d, contact: wp.float64) -> wp.bool:
     """Whether a face blocks a line of sight: `geometry.predicates.blocks`."""
     a, b, c = corners[3 * face], corners[3 * face + 1], corners[3 * face + 2]
     d, a_, b_, c_ = point - eye, a - point, b - point, c - point
     u, v, w = wp.dot(d, wp.cross(b_, c_)), wp.dot(d, wp.cross(c_, a_)), wp.dot(d, wp.cross(a_, b_))
-    if not of_one_sign(u, v, w):
+    if not have_one_sign(u, v, w):
         return False
     n = wp.cross(b - a, c - a)
     slope = wp.dot(d, n)
@@ -107,7 +101,7 @@ def blocks(corners: Vectors, face: int, eye: wp.vec3d, point: wp.vec3d, contact:
 
 
 @wp.func
-def meeting(corners: Vectors, face: int, origin: wp.vec3d, direction: wp.vec3d) -> wp.float64:
+def face_meets(corners: Vectors, face: int, origin: wp.vec3d, direction: wp.vec3d) -> wp.float64:
     """Return how many times `direction` away a face meets a ray, infinity for none: `geometry.predicates.meeting`."""
     a, b, c = corners[3 * face], corners[3 * face + 1], corners[3 * face + 2]
     a_, b_, c_ = a - origin, b - origin, c - origin
@@ -116,23 +110,25 @@ def meeting(corners: Vectors, face: int, origin: wp.vec3d, direction: wp.vec3d) 
     w = wp.dot(direction, wp.cross(a_, b_))
     n = wp.cross(b - a, c - a)
     slope = wp.dot(direction, n)
-    if not of_one_sign(u, v, w) or slope == ZERO or u + v + w == ZERO:
+    if not have_one_sign(u, v, w) or slope == ZERO or u + v + w == ZERO:
         return wp.float64(wp.inf)
     fraction = wp.dot(a_, n) / slope
     return wp.where(fraction > ZERO, fraction, wp.float64(wp.inf))
 
 
 @wp.kernel
-def fill_boxes(corners: Vectors, bounds: Vectors, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3)) -> None:
+def fill_boxes(
+    corners: Vectors, bounds: Vectors, lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3)
+) -> None:
     """Fill in the boxes of the faces, scene units."""
     face = wp.tid()
-    frame = frame_of(bounds)
-    a = (corners[3 * face] - frame.centre) / frame.side
-    b = (corners[3 * face + 1] - frame.centre) / frame.side
-    c = (corners[3 * face + 2] - frame.centre) / frame.side
-    low, high = wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
-    lower[face] = wp.vec3(wp.float32(low[0] - WIDER), wp.float32(low[1] - WIDER), wp.float32(low[2] - WIDER))
-    upper[face] = wp.vec3(wp.float32(high[0] + WIDER), wp.float32(high[1] + WIDER), wp.float32(high[2] + WIDER))
+    place = placed(bounds)
+    a = (corners[3 * face] - place.centre) / place.side
+    b = (corners[3 * face + 1] - place.centre) / place.side
+    c = (corners[3 * face + 2] - place.centre) / place.side
+    wider = wp.vec3d(WIDER, WIDER, WIDER)
+    lower[face] = rounded(wp.min(wp.min(a, b), c) - wider)
+    upper[face] = rounded(wp.max(wp.max(a, b), c) + wider)
 
 
 @wp.kernel
@@ -148,21 +144,21 @@ def fill_visible(
 ) -> None:
     """Fill in which of n points each of k eyes sees; own: the points' own faces, -1 for none."""
     k, i = wp.tid()
-    frame = frame_of(bounds)
+    place = placed(bounds)
     eye, point = eyes[k], points[i]
-    tau = contact * frame.diagonal
+    tau = contact * place.diagonal
     distance = wp.length(eye - point)
     unit = (eye - point) / wp.max(distance, TINY)
     seen, face = wp.bool(True), wp.int32(0)
-    if widest(point - frame.centre) > FAR * frame.diagonal:
+    if wp.max(wp.abs(point - place.centre)) > FAR * place.diagonal:
         while seen and 3 * face < corners.shape[0]:
-            seen = face == own[i] or not blocks(corners, face, eye, point, tau)
+            seen = face == own[i] or not face_blocks(corners, face, eye, point, tau)
             face += 1
     else:
-        limit = wp.float32(distance / frame.side - skipped(frame, point, unit) + LATER)
-        query = wp.bvh_query_ray(bvh, start_of(frame, point, unit), direction_of(unit))
+        limit = wp.float32(distance / place.side - skipped(place, point, unit) + LATER)
+        query = _candidates(bvh, place, point, unit)
         while seen and wp.bvh_query_next(query, face, limit):
-            seen = face == own[i] or not blocks(corners, face, eye, point, tau)
+            seen = face == own[i] or not face_blocks(corners, face, eye, point, tau)
     visible[k, i] = seen
 
 
@@ -181,19 +177,19 @@ def fill_first_hits(
     One origin serves all. None is farther than `FAR`; directions are of usual length (`arrays.SHORTEST`).
     """
     i = wp.tid()
-    frame = frame_of(bounds)
+    place = placed(bounds)
     origin = origins[wp.where(origins.shape[0] == 1, 0, i)]
     direction = directions[i]
     length = wp.length(direction)
     unit = direction / length
-    before = skipped(frame, origin, unit)
+    before = skipped(place, origin, unit)
     nearest, first, face = wp.float64(wp.inf), wp.int32(-1), wp.int32(0)
     limit = wp.float32(wp.inf)
-    query = wp.bvh_query_ray(bvh, start_of(frame, origin, unit), direction_of(unit))
+    query = _candidates(bvh, place, origin, unit)
     while wp.bvh_query_next(query, face, limit):
-        found = meeting(corners, face, origin, direction)
+        found = face_meets(corners, face, origin, direction)
         if found < nearest or (found == nearest and face < first):
             nearest, first = found, face
-            limit = wp.float32(nearest * length / frame.side - before + LATER)
+            limit = wp.float32(nearest * length / place.side - before + LATER)
     face_ids[i] = first
     distances[i] = nearest * length

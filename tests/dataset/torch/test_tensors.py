@@ -1,5 +1,6 @@
 """Visibility of tensors: the oracle's answers, nothing copied to the host, meshes prepared once; Warp on the CPU."""
 
+import doctest
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -106,12 +107,12 @@ def test_a_mesh_is_prepared_once_and_again_when_it_changes(monkeypatch: pytest.M
 
     prepared: list[int] = []
 
-    class Counted(warp.Scene):
+    class Counted(warp.DeviceBvh):
         def __init__(self, corners: Any, bounds: Any) -> None:
             prepared.append(corners.shape[0] // 3)
             super().__init__(corners, bounds)
 
-    monkeypatch.setattr(warp, "Scene", Counted)
+    monkeypatch.setattr(warp, "DeviceBvh", Counted)
     vertices, faces, points, face_ids, eyes = asked()
     for _ in range(3):
         assert not zo.torch.visible(vertices, faces, points, -torch.ones_like(face_ids), eyes).all()
@@ -145,6 +146,12 @@ def test_errors(changed: dict[int, Any], error: type[Exception], message: str) -
     given = [changed.get(i, each) for i, each in enumerate(asked())]
     with pytest.raises(error, match=message):
         zo.torch.visible(*given)
+
+
+@pytest.mark.parametrize("function", [tensors.visible, tensors.first_hits])
+def test_the_examples_are_true(function: Any) -> None:
+    (test,) = doctest.DocTestFinder(recurse=False).find(function, globs={"zo": zo, "torch": torch})
+    assert doctest.DocTestRunner().run(test).failed == 0
 
 
 def test_contact_must_be_a_fraction() -> None:

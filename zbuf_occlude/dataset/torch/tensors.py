@@ -110,6 +110,13 @@ def first_hits(
     Notes
     -----
     As `visible`: exact, kept on the device, untested on CUDA.
+
+    Examples
+    --------
+    >>> vertices, faces = torch.eye(3), torch.tensor([[0, 1, 2]])
+    >>> hits = zo.torch.first_hits(vertices, faces, torch.zeros(1, 3), torch.tensor([[1.0, 1, 1], [1.0, 0, -1]]))
+    >>> hits.face_ids.tolist(), round(hits.distances[0].item(), 6)
+    ([0, -1], 0.57735)
     """
     mesh, device = tensor_mesh(vertices, faces), vertices.device
     directions = checked("directions", directions, (-1, 3), device)
@@ -124,7 +131,7 @@ class TensorMesh:
         with importing("warp", "visibility of tensors"):
             import warp
 
-            from zbuf_occlude.warp import Scene
+            from zbuf_occlude.warp import DeviceBvh
         device = vertices.device if isinstance(vertices, torch.Tensor) else torch.device("cpu")
         if device.type not in ("cpu", "cuda"):
             raise ArgumentError(f"tensors must be on the CPU or on a CUDA device; these are on {device}. Move them.")
@@ -142,7 +149,7 @@ class TensorMesh:
             raise ArgumentError(f"faces must lie in [0, {len(vertices)}); got values from {int(low)} to {int(high)}.")
         self._warp = warp
         with self._stream():
-            self._scene = Scene(self._shared(corners), self._shared(self.bounds))
+            self._bvh = DeviceBvh(self._shared(corners), self._shared(self.bounds))
 
     def visible(self, points: torch.Tensor, face_ids: torch.Tensor, eyes: torch.Tensor, contact: float) -> torch.Tensor:
         """Return which of n points, own faces int32, each of k eyes sees; (k, n) bool."""
@@ -150,7 +157,7 @@ class TensorMesh:
         if mask.numel():
             with self._stream():
                 shared = self._shared
-                self._scene.fill_visible(shared(points), shared(face_ids), shared(eyes), contact, shared(mask))
+                self._bvh.fill_visible(shared(points), shared(face_ids), shared(eyes), contact, shared(mask))
         return mask
 
     def first_hits(self, origins: torch.Tensor, directions: torch.Tensor) -> tuple[Any, Any]:
@@ -170,7 +177,7 @@ class TensorMesh:
         if len(directions):
             with self._stream():
                 rays = self._shared(origins), self._shared(directions)
-                self._scene.fill_first_hits(*rays, self._shared(face_ids), self._shared(distances))
+                self._bvh.fill_first_hits(*rays, self._shared(face_ids), self._shared(distances))
         return face_ids, distances + skipped[:, 0]
 
     def _stream(self) -> Any:
