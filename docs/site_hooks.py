@@ -45,6 +45,7 @@ API = {
         ("CloudDataset", "CloudStream", "CompletionPairs", "collate_ragged", "augmentation"),
     ),
     "on_the_fly": ("PyTorch, on the fly", "dataset.torch.", ("OnTheFlyOcclusion", "OnTheFlyScan")),
+    "tensors": ("PyTorch, visibility of tensors", "dataset.torch.", ("visible", "first_hits")),
     "errors": (
         "Errors",
         "",

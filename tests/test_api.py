@@ -24,6 +24,7 @@ PROMISED = {
     "exact_gl": (True, True, ""),
     "oracle": (True, False, ""),
     "embree": (False, False, "embree"),
+    "warp": (True, False, "warp"),
     "pyrender": (False, False, "pyrender"),
     "vertex_hsr": (False, False, ""),
     "vertex_hsr_culled": (False, False, ""),

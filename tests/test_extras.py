@@ -18,6 +18,7 @@ BROKEN = {
     "open3d": ("__init__", "import ctypes; ctypes.CDLL('libnowhere.so.3')", "library libnowhere.so.3"),
     "embreex": ("mesh_construction", f"raise ImportError({NO_LIBRARY!r})", "library libnowhere.so.3"),
     "pyrender": ("__init__", f"raise ImportError({NO_LIBRARY.replace('nowhere.so.3', 'GL.so.1')!r})", "install libgl1"),
+    "warp": ("__init__", "import ctypes; ctypes.CDLL('libnowhere.so.3')", "library libnowhere.so.3"),
     "torch": ("__init__", "raise AttributeError('numpy has no such thing\\nany more')", "no such thing any more"),
     "ray": ("__init__", "import needed_by_ray", "pip install needed_by_ray"),
     "matplotlib": ("__init__", f"raise ImportError({NO_LIBRARY!r})", "library libnowhere.so.3"),

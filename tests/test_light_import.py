@@ -11,11 +11,11 @@ import zbuf_occlude
 
 HEAVY = (
     *("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset"),
-    *("trimesh", "h5py", "PIL", "OpenEXR", "click", "tqdm"),
+    *("trimesh", "h5py", "PIL", "OpenEXR", "click", "tqdm", "warp"),
 )
 OPTIONAL = (
     *("matplotlib", "PIL", "trimesh", "OpenEXR", "pyrender", "OpenGL", "embreex", "open3d", "ray", "torch"),
-    "webdataset",
+    *("webdataset", "warp"),
 )
 """What `pip install zbuf-occlude` without extras does not bring."""
 

@@ -24,6 +24,7 @@ EXTRAS = {
     "pyrender": "pyrender",
     "ray": "ray",
     "torch": "learn",
+    "warp": "warp",
 }
 """Package to the extra that brings it."""
 

@@ -16,7 +16,18 @@ import numpy as np
 
 from zbuf_occlude.errors import OptionError
 
-PACKAGES = ("zbuf-occlude", "numpy", "numba", "moderngl", "trimesh", "h5py", "pyrender", "embreex", "open3d")
+PACKAGES = (
+    "zbuf-occlude",
+    "numpy",
+    "numba",
+    "moderngl",
+    "trimesh",
+    "h5py",
+    "pyrender",
+    "embreex",
+    "open3d",
+    "warp-lang",
+)
 """Whose versions are in every manifest and row of a comparison."""
 
 

@@ -53,6 +53,7 @@ COLOURS = {
     "exact_gl": "#e69f00",
     "oracle": "#333333",
     "embree": "#009e73",
+    "warp": "#117733",
     "pyrender": "#56b4e9",
     "vertex_hsr": "#a6761d",
     "vertex_hsr_culled": "#c9a66b",

@@ -53,6 +53,14 @@ METHODS = Methods(
             requires="embreex",
         ),
         Method(
+            "warp",
+            "ray casting with NVIDIA Warp, float64 where it decides: equal to the oracle; CUDA or CPU",
+            "zbuf_occlude.visibility.warp:prepare",
+            exact=True,
+            extra="warp",
+            requires="warp",
+        ),
+        Method(
             "pyrender",
             "depth images by pyrender in a process of its own, and the depth test: the peer in image space",
             "zbuf_occlude.visibility.pyrender:prepare",

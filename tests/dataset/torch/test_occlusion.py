@@ -5,6 +5,7 @@ import math
 import pickle
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,9 @@ from zbuf_occlude.geometry.colors import GREY, WHITE, SurfaceColors  # noqa: E40
 from zbuf_occlude.jit.threads import n_threads  # noqa: E402
 
 BALL = sphere(24)
+needs_warp = pytest.mark.skipif(find_spec("warp") is None, reason="Warp is not installed: zbuf-occlude[warp]")
+anywhere = pytest.mark.parametrize("device", [None, pytest.param("cpu", marks=needs_warp)])
+"""Drawn by NumPy, or by PyTorch on a device."""
 
 
 def mean_direction(cloud: Any) -> np.ndarray:
@@ -28,10 +32,11 @@ def mean_direction(cloud: Any) -> np.ndarray:
     return mean / np.linalg.norm(mean)
 
 
-def test_a_ball_is_seen_as_a_cap_from_everywhere() -> None:
+@anywhere
+def test_a_ball_is_seen_as_a_cap_from_everywhere(device: str | None) -> None:
     """From d = 4 diameters = 8 radii the cap is what has cos > 1/8, whose uniform points have mean (1 + 1/8) / 2."""
     torch.manual_seed(0)
-    occlude = OnTheFlyOcclusion(2048, scale="mesh")
+    occlude = OnTheFlyOcclusion(2048, scale="mesh", device=device)
     directions = []
     for _ in range(60):
         cloud = occlude(BALL)
@@ -47,10 +52,11 @@ def test_a_ball_is_seen_as_a_cap_from_everywhere() -> None:
     assert len(np.unique(spread.round(2), axis=0)) > 55, "another eye each time"
 
 
-def test_every_point_is_visible_by_the_oracles_word() -> None:
+@anywhere
+def test_every_point_is_visible_by_the_oracles_word(device: str | None) -> None:
     """For the one elevation whose eye is known: straight above a ring."""
     mesh = Mesh.from_trimesh(__import__("trimesh").creation.annulus(0.3, 0.5, 0.4))
-    occlude = OnTheFlyOcclusion(200, scale="mesh", elevation=(90, 90))  # straight above
+    occlude = OnTheFlyOcclusion(200, scale="mesh", elevation=(90, 90), device=device)  # straight above
     eye = mesh.centre + np.array([0, 0, 4 * mesh.longest_side])
     with prepare(mesh, "oracle", contact=1e-4) as oracle:  # positions are float32
         for _ in range(3):
@@ -63,8 +69,9 @@ def test_every_point_is_visible_by_the_oracles_word() -> None:
             assert (cloud[outer, 2] > 0.19).all(), "from above the outer wall is behind the rim"
 
 
-def test_scale_makes_the_longest_side_one() -> None:
-    cloud = OnTheFlyOcclusion(100)(BALL.transformed(37.0, [5, 6, 7]))
+@anywhere
+def test_scale_makes_the_longest_side_one(device: str | None) -> None:
+    cloud = OnTheFlyOcclusion(100, device=device)(BALL.transformed(37.0, [5, 6, 7]))
     assert np.ptp(cloud.numpy(), axis=0).max() == pytest.approx(1.0)
     assert np.allclose(cloud.numpy().min(axis=0) + cloud.numpy().max(axis=0), 0, atol=1e-6)
 
@@ -171,12 +178,13 @@ def test_meshes_are_kept_prepared_within_the_memory_allowed(monkeypatch: pytest.
     assert pickle.loads(pickle.dumps(occlude))._subjects == {}
 
 
-def test_where_little_is_visible_points_are_found_all_the_same() -> None:
+@anywhere
+def test_where_little_is_visible_points_are_found_all_the_same(device: str | None) -> None:
     """A hollow box of many inner walls shows less than a tenth of its surface."""
     shells = [BALL.transformed(0.05 * i) for i in range(4, 21)]
     corners = np.concatenate([shell.corners for shell in shells]).reshape(-1, 3)
     mesh = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
-    cloud = OnTheFlyOcclusion(300, scale="mesh")(mesh).numpy()
+    cloud = OnTheFlyOcclusion(300, scale="mesh", device=device)(mesh).numpy()
     assert len(np.unique(cloud, axis=0)) == 300
     assert np.linalg.norm(cloud, axis=1).min() > 0.97, "all of them on the outermost shell"
 
@@ -205,6 +213,9 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"n_points": "many"}, "n_points must be a positive int; got 'many'"),
         ({"distance": "far"}, "distance must be a positive number; got 'far'"),
         ({"elevation": (0.5, 91)}, "elevations must run upwards within -90..90"),
+        ({"device": "cpu", "method": "exact"}, "on a device must have method 'warp'; got 'exact'"),
+        ({"device": "cpu", "attributes": ("colors",)}, "on a device must have no colors"),
+        ({"device": "nowhere"}, "device must be one that PyTorch finds here; got 'nowhere'"),
         ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
     ],
 )
@@ -216,6 +227,29 @@ def test_errors(options: dict[str, Any], message: str) -> None:
 def test_a_cloud_is_no_mesh() -> None:
     with pytest.raises(ArgumentError, match="a mesh must have vertices and faces, or pos and face; got Tensor"):
         OnTheFlyOcclusion()(torch.zeros(5, 3))
+
+
+@needs_warp
+def test_an_eye_that_sees_too_little_repeats_points_and_one_that_sees_nothing_has_anothers_cloud() -> None:
+    occlude = OnTheFlyOcclusion(64, scale="mesh", device="cpu", eyes_per_sampling=3)
+    occlude(BALL)
+    (subject,) = occlude._subjects.values()
+    visible = subject._mesh.visible  # type: ignore[attr-defined]
+    seen: list[Any] = []
+
+    def few(points: Any, own: Any, eyes: Any, contact: float) -> Any:
+        mask = visible(points, own, eyes, contact)
+        mask[0], mask[1, 5:] = False, False
+        seen.append(points[mask[1]].float())
+        return mask
+
+    subject._mesh.visible = few  # type: ignore[attr-defined]
+    subject.forget_clouds()
+    third, second, first = (occlude(BALL) for _ in range(3))
+    assert set(map(tuple, second.tolist())) == set(map(tuple, seen[0].tolist()))
+    assert torch.equal(first, third)
+    subject._mesh.visible = lambda points, own, eyes, contact: torch.zeros(3, len(points), dtype=torch.bool)  # type: ignore[attr-defined]
+    assert occlude(BALL).isnan().all()
 
 
 def test_clouds_on_the_fly_have_normals_and_colours() -> None:

@@ -8,6 +8,8 @@
     occlude = OnTheFlyOcclusion(n_points=1024)
     cloud = occlude(mesh)                                 # another eye each time
 
+    mask = visible(vertices, faces, points, face_ids, eyes)  # tensors, on their device (extra ``warp``)
+
     scan = OnTheFlyScan(n_points=1024, sensor="hdl-64e", scene="street")
     cloud = scan(mesh, "car")                             # another azimuth, range and street each time
 
@@ -29,6 +31,7 @@ with importing("torch", "zbuf_occlude.dataset.torch"):
         augmentation,
         collate_ragged,
     )
+    from zbuf_occlude.dataset.torch.tensors import first_hits, visible
 
 __all__ = [
     "CloudDataset",
@@ -42,4 +45,6 @@ __all__ = [
     "Rotate",
     "augmentation",
     "collate_ragged",
+    "first_hits",
+    "visible",
 ]

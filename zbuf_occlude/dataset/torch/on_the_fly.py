@@ -15,6 +15,7 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import colors_of, draw, fit
+from zbuf_occlude.dataset.torch.tensors import TensorMesh
 from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_int, check_word
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
@@ -29,6 +30,7 @@ from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import PAPER_DISTANCE, Views
 from zbuf_occlude.views import random as random_views
 from zbuf_occlude.visibility import find_method, prepare
+from zbuf_occlude.visibility.interface import CONTACT
 
 SCALES = ("cloud", "mesh")
 BYTES_PER_FACE = 1000
@@ -50,8 +52,8 @@ class OnTheFlyOcclusion:
         Of the eye from the mesh's centre, in longest sides.
     elevation : (float, float)
         The eye is anywhere on the sphere between these elevations, degrees, uniformly by area.
-    method : str
-        Of the table of methods; one that needs no GL.
+    method : str, optional
+        Of the table of methods; one that needs no GL. "exact", or with a device "warp".
     method_options : mapping, optional
     scale : {"cloud", "mesh"}
         As in `zbuf_occlude.dataset.plan.Recipe`.
@@ -63,11 +65,16 @@ class OnTheFlyOcclusion:
         order.
     cache_megabytes : float
         Prepared meshes are kept, the least recently used given up beyond this; in each worker.
+    device : str or torch.device, optional
+        "cuda", say: points are sampled, held against the mesh by `warp` and drawn there, and clouds stay there
+        (extra ``warp``; untested on CUDA).
 
     Raises
     ------
     OptionError
-        A value out of range, or a method that needs GL.
+        A value out of range, a method that needs GL, or with a device another method than `warp`, or colours.
+    UnavailableError
+        A device without Warp.
 
     Notes
     -----
@@ -81,6 +88,10 @@ class OnTheFlyOcclusion:
     times what a cloud does. Randomness comes from torch's default generator: the same seed gives the same clouds in a
     new process; within one with ``eyes_per_sampling=1`` only, as clouds that are drawn already come first. In a worker,
     forked or spawned, one thread is used: the other cores belong to the other workers.
+
+    With a device, tensors there (``pos``, ``face``) are recognised by their memory and are not copied. Nothing waits
+    for the device but the first call with a mesh. An eye that sees fewer than `n_points` of the sampled points repeats
+    some, and one that sees none has another's cloud; where none of them sees any, the cloud is NaN.
     """
 
     def __init__(
@@ -89,12 +100,13 @@ class OnTheFlyOcclusion:
         *,
         distance: float = PAPER_DISTANCE,
         elevation: tuple[float, float] = (-90.0, 90.0),
-        method: str = "exact",
+        method: str | None = None,
         method_options: Mapping[str, Any] | None = None,
         scale: str = "cloud",
         eyes_per_sampling: int = 8,
         attributes: Sequence[str] = (),
         cache_megabytes: float = 500.0,
+        device: str | torch.device | None = None,
     ) -> None:
         check_int("n_points", n_points, 1)
         check_int("eyes_per_sampling", eyes_per_sampling, 1)
@@ -105,6 +117,11 @@ class OnTheFlyOcclusion:
         for name in attributes:
             check_word("attribute", name, ATTRIBUTES)
         self.attributes = tuple(name for name in ATTRIBUTES if name in attributes)
+        self.device = None if device is None else _found(device)
+        method = method or ("exact" if device is None else "warp")
+        if device is not None and (method != "warp" or "colors" in attributes):
+            what = "no colors" if method == "warp" else f"method 'warp'; got {method!r}"
+            raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))
@@ -129,7 +146,9 @@ class OnTheFlyOcclusion:
         """
         if hasattr(mesh, "pos") and hasattr(mesh, "face"):
             data = copy.copy(mesh)
-            cloud = self._cloud(_array(mesh.pos), _array(mesh.face).T, mesh)
+            there = all(isinstance(each, torch.Tensor) and each.device == self.device for each in (mesh.pos, mesh.face))
+            pos, face = (mesh.pos, mesh.face) if there else (_array(mesh.pos), _array(mesh.face))
+            cloud = self._cloud(pos, face.T, mesh)
             data.pos, data.face = cloud[:, :3], None
             for column, name in enumerate(self.attributes, 1):
                 setattr(data, name.removesuffix("s"), cloud[:, 3 * column : 3 * column + 3])
@@ -141,7 +160,7 @@ class OnTheFlyOcclusion:
             "Keep the faces: apply this transform before any that samples points."
         )
 
-    def _cloud(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any) -> torch.Tensor:
+    def _cloud(self, vertices: Any, faces: Any, mesh: Any) -> torch.Tensor:
         if self._process != os.getpid():
             self._process = os.getpid()
             for subject in self._subjects.values():
@@ -149,20 +168,29 @@ class OnTheFlyOcclusion:
             if get_worker_info() is not None:
                 use_threads(1)
         cloud = self._subject(vertices, faces, mesh).next_cloud(self)
+        if isinstance(cloud, torch.Tensor):
+            return cloud
         if self.scale == "cloud":
             centre, factor = fit(cloud[:, :3])
             cloud[:, :3] = (cloud[:, :3] - centre) * factor
         return torch.from_numpy(cloud.astype(np.float32))
 
-    def _subject(self, vertices: NDArray[Any], faces: NDArray[Any], mesh: Any = None) -> "_Subject":
+    def _subject(self, vertices: Any, faces: Any, mesh: Any = None) -> "_Subject":
         colors = None
         if "colors" in self.attributes:
             colors = mesh.colors if isinstance(mesh, Mesh) else of_trimesh(mesh) if hasattr(mesh, "visual") else None
-        key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
+        if isinstance(vertices, torch.Tensor):  # memory that its subject keeps, and so has no other content
+            tensors = vertices, faces
+            key = hash(tuple((t.data_ptr(), t.shape, 0 if t.is_inference() else t._version) for t in tensors))
+        else:
+            key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
         if key not in self._subjects:
-            self._subjects[key] = _Subject(Mesh(vertices, faces, colors=colors).cleaned(), self)
+            if self.device is None:
+                self._subjects[key] = _Subject(Mesh(vertices, faces, colors=colors).cleaned(), self)
+            else:
+                self._subjects[key] = _DeviceSubject(vertices, faces, self)
             while len(self._subjects) > 1 and sum(s.megabytes for s in self._subjects.values()) > self.cache_megabytes:
-                self._subjects.popitem(last=False)[1].occluder.close()
+                self._subjects.popitem(last=False)[1].close()
         self._subjects.move_to_end(key)
         return self._subjects[key]
 
@@ -174,10 +202,10 @@ class _Subject:
         self.mesh = mesh
         self.occluder = prepare(mesh, settings.method, **settings.method_options)
         self.megabytes = len(mesh.faces) * BYTES_PER_FACE / 1e6
-        self._clouds: list[FloatArray] = []
+        self._clouds: list[Any] = []
         self._visible_fraction = self._try(settings)
 
-    def next_cloud(self, settings: OnTheFlyOcclusion) -> FloatArray:
+    def next_cloud(self, settings: OnTheFlyOcclusion) -> Any:
         """Return what another eye sees, (n_points, 3, 6 or 9): positions, world space, and attributes."""
         for _ in range(ROUNDS):
             if not self._clouds:
@@ -189,6 +217,10 @@ class _Subject:
     def forget_clouds(self) -> None:
         """Have the next cloud drawn anew."""
         self._clouds.clear()
+
+    def close(self) -> None:
+        """Release what answers."""
+        self.occluder.close()
 
     def _try(self, settings: OnTheFlyOcclusion) -> float:
         """Return the share of its points that three eyes of four see, about; the same whatever was drawn before."""
@@ -221,6 +253,87 @@ class _Subject:
             rows = np.concatenate(parts)
             if len(rows):
                 self._clouds.append(rows[draw(np.arange(len(rows)), wanted, rng)])
+
+
+class _DeviceSubject(_Subject):
+    """The same on a device, of tensors or arrays (v, 3) and (f, 3); `next_cloud` returns a float32 tensor, scaled."""
+
+    def __init__(self, vertices: Any, faces: Any, settings: OnTheFlyOcclusion) -> None:
+        if not isinstance(vertices, torch.Tensor):
+            vertices, faces = (torch.tensor(each, device=settings.device) for each in (vertices, faces))
+        self._given = vertices, faces
+        self._mesh = TensorMesh(vertices, faces)
+        self.megabytes = len(faces) * BYTES_PER_FACE / 1e6
+        a, b, c = self._mesh.corners.unbind(dim=1)
+        normals = torch.linalg.cross(b - a, c - a)
+        areas = torch.linalg.vector_norm(normals, dim=1)
+        self._normals, self._areas = torch.nn.functional.normalize(normals, eps=0.0), areas.cumsum(dim=0)
+        self._clouds = []
+        points, own = self._sample(TRIED_POINTS)
+        mask = self._mesh.visible(points, own, self._eyes(TRIED_EYES, settings), self._contact(settings))
+        shares = mask.double().mean(dim=1)
+        if not shares.any():
+            raise MeshError(f"a mesh must be seen from somewhere; this one was not from {TRIED_EYES} places.")
+        self._visible_fraction = max(float(shares.min()), 0.02)
+
+    def close(self) -> None:
+        """Nothing is to be released that is not with the tensors."""
+
+    def _contact(self, settings: OnTheFlyOcclusion) -> float:
+        return float(settings.method_options.get("contact", CONTACT))
+
+    def _random(self, *shape: int) -> torch.Tensor:
+        return torch.rand(shape, dtype=torch.float64, device=self._areas.device)
+
+    def _sample(self, n: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return points uniform over the surface, (n, 3), and their faces, (n,) int32."""
+        own = torch.searchsorted(self._areas, self._random(n) * self._areas[-1:], right=True)
+        own = own.clamp(max=len(self._areas) - 1)
+        along, across = self._random(n, 1).sqrt(), self._random(n, 1)
+        a, b, c = self._mesh.corners.index_select(0, own).unbind(dim=1)
+        return torch.lerp(a, torch.lerp(b, c, across), along), own.int()
+
+    def _eyes(self, n: int, settings: OnTheFlyOcclusion) -> torch.Tensor:
+        """Return places uniform over the sphere's band, (n, 3)."""
+        low, high = np.sin(np.radians(settings.elevation))
+        heights, azimuths = low + (high - low) * self._random(n), 2.0 * np.pi * self._random(n)
+        flat = (1.0 - heights * heights).clamp(min=0.0).sqrt()
+        units = torch.stack([flat * azimuths.cos(), flat * azimuths.sin(), heights], dim=1)
+        lower, upper = self._mesh.bounds
+        return (lower + upper) / 2.0 + settings.distance * (upper - lower).amax() * units
+
+    def _draw(self, settings: OnTheFlyOcclusion) -> None:
+        n = settings.n_points
+        points, own = self._sample(int(1.15 * n / self._visible_fraction))
+        eyes = self._eyes(settings.eyes_per_sampling, settings)
+        mask = self._mesh.visible(points, own, eyes, self._contact(settings))
+        counts = mask.sum(dim=1, keepdim=True)
+        shuffled = self._random(*mask.shape).masked_fill_(~mask, 2.0).argsort(dim=1)  # the visible first
+        rows = shuffled.gather(1, torch.arange(n, device=mask.device) % counts.clamp(min=1))
+        most = counts.argmax().reshape(1)
+        rows = torch.where(counts > 0, rows, rows.index_select(0, most))
+        eyes = torch.where(counts > 0, eyes, eyes.index_select(0, most))
+        clouds = points[rows]
+        columns = [clouds]
+        if "normals" in settings.attributes:
+            normals = self._normals[own.long()][rows]
+            towards = ((eyes[:, None] - clouds) * normals).sum(dim=-1, keepdim=True)
+            columns.append(torch.where(towards < 0.0, -normals, normals))
+        if settings.scale == "cloud":
+            low, high = clouds.amin(dim=1, keepdim=True), clouds.amax(dim=1, keepdim=True)
+            longest = (high - low).amax(dim=-1, keepdim=True)
+            columns[0] = (clouds - (low + high) / 2.0) / torch.where(longest > 0.0, longest, 1.0)
+        drawn = torch.cat(columns, dim=-1).masked_fill(counts.amax() == 0, torch.nan)
+        self._clouds = list(drawn.float().unbind(dim=0))
+
+
+def _found(device: str | torch.device) -> torch.device:
+    """Return a device with its number; raise OptionError where PyTorch has none."""
+    try:
+        return torch.empty(0, device=device).device
+    except (AssertionError, RuntimeError) as error:
+        said = str(error).partition("\n")[0].rstrip(".")
+        raise OptionError(f"device must be one that PyTorch finds here; got {device!r}: {said}.") from None
 
 
 def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: Sequence[str]) -> FloatArray:

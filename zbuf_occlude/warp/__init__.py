@@ -1,0 +1,77 @@
+"""The engine of `warp` and of tensors (extra ``warp``): exact lines of sight and rays by NVIDIA Warp, on CPU and CUDA.
+
+Measured and tested on the CPU alone; CUDA runs the same source, and is untested.
+"""
+
+import os
+
+import warp as wp
+
+from zbuf_occlude.errors import OptionError
+from zbuf_occlude.jit.compiler import cache_folder
+
+# Warp prints when it starts and when it loads kernels; a process that has started it already keeps its settings
+if wp.config.kernel_cache_dir is None:
+    if "WARP_CACHE_PATH" not in os.environ and (folder := cache_folder()):
+        wp.config.kernel_cache_dir = str(folder / "warp")
+    wp.config.log_level = wp.LOG_WARNING
+    wp.init()
+
+from zbuf_occlude.warp import kernels
+
+
+def find_device(name: str) -> wp.Device:
+    """Return Warp's device of a name, "cpu", "cuda" or "cuda:1"; of "auto" the first CUDA device, or else the CPU.
+
+    Raises
+    ------
+    OptionError
+        Warp finds no such device.
+    """
+    if name == "auto":
+        return wp.get_preferred_device()
+    try:
+        return wp.get_device(name)
+    except (RuntimeError, ValueError):
+        found = ", ".join(str(device) for device in wp.get_devices())
+        raise OptionError(f"device must be auto, or one that Warp finds here, {found}; got {name!r}.") from None
+
+
+class DeviceBvh:
+    """A mesh's BVH on a device. It is asked about arrays there, and fills arrays there.
+
+    Parameters
+    ----------
+    corners : (3 f,) warp.array of vec3d
+        Of face after face, world space.
+    bounds : (2,) warp.array of vec3d
+        Lower and upper corner of their box.
+
+    Notes
+    -----
+    Answers are the oracle's outside the boundary band. Costs O(f log f) once, then about O(log f) a line. On CUDA
+    nothing waits for the device.
+    """
+
+    def __init__(self, corners: wp.array, bounds: wp.array) -> None:
+        n_faces = corners.shape[0] // 3
+        self._corners, self._bounds, self._device = corners, bounds, corners.device
+        lower, upper = (wp.empty(n_faces, dtype=wp.vec3, device=self._device) for _ in range(2))
+        self._launch(kernels.fill_boxes, n_faces, corners, bounds, lower, upper)
+        self._bvh = wp.Bvh(lower, upper)
+
+    def fill_visible(self, points: wp.array, face_ids: wp.array, eyes: wp.array, contact: float, out: wp.array) -> None:
+        """Fill (k, n) bool with which of n points, vec3d, own faces int32, each of k eyes, vec3d, sees.
+
+        `contact` is the contact tolerance, a fraction of the diagonal.
+        """
+        asked = self._bvh.id, self._corners, self._bounds, wp.float64(contact), points, face_ids, eyes
+        self._launch(kernels.fill_visible, out.shape, *asked, out)
+
+    def fill_first_hits(self, origins: wp.array, directions: wp.array, face_ids: wp.array, distances: wp.array) -> None:
+        """Fill (n,) int32 and float64 with the faces that rays meet first, and how far; one origin serves all."""
+        asked = self._bvh.id, self._corners, self._bounds, origins, directions
+        self._launch(kernels.fill_first_hits, directions.shape, *asked, face_ids, distances)
+
+    def _launch(self, kernel: wp.Kernel, shape: int | tuple[int, ...], *arguments: object) -> None:
+        wp.launch(kernel, dim=shape, inputs=arguments, device=self._device)
