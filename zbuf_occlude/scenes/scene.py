@@ -130,7 +130,7 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, label: str = "object") -> "Scene":
         """Return a mesh alone, as it stands, in metres."""
-        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), {}, _passing([mesh]))
+        return cls(mesh, np.zeros(len(mesh.faces), np.int32), (label,), np.full(1, TYPICAL), (), _passing([mesh]))
 
     @classmethod
     def joined(
