@@ -250,6 +250,8 @@ def test_an_eye_that_sees_too_little_repeats_points_and_one_that_sees_nothing_ha
     assert torch.equal(first, third)
     subject._mesh.visible = lambda points, own, eyes, contact: torch.zeros(3, len(points), dtype=torch.bool)  # type: ignore[attr-defined]
     assert occlude(BALL).isnan().all()
+    with pytest.raises(MeshError, match="must have faces of some area"):
+        occlude(Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]))
 
 
 def test_clouds_on_the_fly_have_normals_and_colours() -> None:

@@ -268,6 +268,8 @@ class _DeviceSubject(_Subject):
         normals = torch.linalg.cross(b - a, c - a)
         areas = torch.linalg.vector_norm(normals, dim=1)
         self._normals, self._areas = torch.nn.functional.normalize(normals, eps=0.0), areas.cumsum(dim=0)
+        if not self._areas[-1] > 0.0:
+            raise MeshError(f"a mesh must have faces of some area; none of these {len(areas)} has.")
         self._clouds = []
         points, own = self._sample(TRIED_POINTS)
         mask = self._mesh.visible(points, own, self._eyes(TRIED_EYES, settings), self._contact(settings))
