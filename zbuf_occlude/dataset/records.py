@@ -37,11 +37,7 @@ SCAN_FIELDS: Fields = {
     "clean_range": ("<f4", ()),
 }
 """What a point of a scan has: metres, radians, ..., normals in the frame of the positions; docs/sensors.md explains."""
-ATTRIBUTE_FIELDS: dict[str, Fields] = {
-    BOXES: {},
-    "normals": {"normal": ("<f4", (3,))},
-    "colors": {"color": ("|u1", (3,))},
-}
+ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
 """What tells clouds apart."""
@@ -131,7 +127,7 @@ def point_fields(recipe: Recipe) -> Fields:
 
 def further_fields(recipe: Recipe) -> Fields:
     """Return the fields of a record besides data and face_ids that have a row per point."""
-    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS[each].items()}
+    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
     if recipe.setup is None or recipe.complete:
         return of_attributes
     of_scans = {name: row for name, row in SCAN_FIELDS.items() if name != "clean_range" or recipe.setup.keep_clean}
