@@ -128,7 +128,7 @@ def test_a_mesh_without_colours_is_grey_and_counted(tmp_path: Path) -> None:
 
 
 def test_attributes_are_refused_in_words() -> None:
-    with pytest.raises(OptionError, match="attribute must be one of normals, colors; got 'colours'"):
+    with pytest.raises(OptionError, match="attribute must be one of normals, colors, boxes; got 'colours'"):
         Recipe(attributes=("colours",))
     assert Recipe(attributes=("colors", "normals")).attributes == ["normals", "colors"]
 

@@ -264,18 +264,7 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what workers are sent: the fields, and what is costly to compute again; no document of all meshes."""
-        names = (
-            "meshes",
-            "recipe",
-            "format",
-            "views",
-            "classes",
-            "fingerprint",
-            "split_of",
-            "clouds_per_file",
-            "groups",
-            "batches",
-        )
+        names = ("meshes", "recipe", "format", "views", "classes", "fingerprint", "split_of", "groups", "batches")
         return {name: getattr(self, name) for name in names}
 
     @cached_property
@@ -423,11 +412,8 @@ class Plan:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """The plan as plain data, for plan.json: the recipe, the positions and every mesh.
-
-        `clouds_per_file` is there where it is not `CLOUDS_PER_FILE`, as plans were written before it.
-        """
-        whole_scans = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
+        """The plan as plain data, for plan.json: the recipe, the positions and every mesh."""
+        full = {} if self.clouds_per_file == CLOUDS_PER_FILE else {"clouds_per_file": self.clouds_per_file}
         return {
             "recipe": self.recipe.document,
             "format": self.format,
@@ -437,7 +423,7 @@ class Plan:
             "clouds_per_batch": self.clouds_per_batch,
             "clouds_per_group": self.clouds_per_group,
             "data_version": DATA_VERSION,
-            **whole_scans,
+            **full,  # only where it differs, as plans were written before it
         }
 
     @classmethod

@@ -40,11 +40,7 @@ SCAN_FIELDS: Fields = {
     "share": ("<f4", ()),
 }
 """What a point of a scan has: metres, radians, seconds; normals in the frame of the positions (docs/sensors.md)."""
-ATTRIBUTE_FIELDS: dict[str, Fields] = {
-    BOXES: {},
-    "normals": {"normal": ("<f4", (3,))},
-    "colors": {"color": ("|u1", (3,))},
-}
+ATTRIBUTE_FIELDS: dict[str, Fields] = {"normals": {"normal": ("<f4", (3,))}, "colors": {"color": ("|u1", (3,))}}
 """For each attribute of a recipe the fields of a point on a surface."""
 IDS = np.dtype([("mesh_id", "<i4"), ("variation", "<i4"), ("view_id", "<i4")])
 """What tells clouds apart."""
@@ -134,7 +130,7 @@ def point_fields(recipe: Recipe) -> Fields:
 
 def further_fields(recipe: Recipe) -> Fields:
     """Return the fields of a record besides data and face_ids that have a row per point."""
-    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS[each].items()}
+    of_attributes = {name: row for each in recipe.attributes for name, row in ATTRIBUTE_FIELDS.get(each, {}).items()}
     if recipe.setup is None or recipe.complete:
         return of_attributes
     one_return = recipe.setup.made_sensor.imperfections.returns != "all"

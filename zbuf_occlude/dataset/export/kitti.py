@@ -11,6 +11,7 @@ from zbuf_occlude.dataset.export import Exported
 from zbuf_occlude.dataset.plan import BOXES, Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
+from zbuf_occlude.extras import importing
 from zbuf_occlude.sensors.boxes import CENTRE, FOCAL, TO_CAMERA
 from zbuf_occlude.sensors.frames import png
 from zbuf_occlude.sensors.scanning import look_at
@@ -130,3 +131,5 @@ def check(plan: Plan) -> None:
             raise OptionError(f"kitti must have all points as they are, {option} {wanted or 'all'}; got {found}.")
     if BOXES not in recipe.attributes:
         raise OptionError("kitti must have boxes; got none. Give --with boxes.")
+    with importing("PIL", "--format kitti"):
+        import PIL  # noqa: F401  # now, not when all is scanned
