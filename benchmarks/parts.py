@@ -123,9 +123,9 @@ PARTS = (
     ),
     Part(
         "two-eyes",
-        "zbuf-occlude paper realism --quick --objects 8 --models pointnet --out OUT/two-eyes",
+        "zbuf-occlude paper realism --quick --objects 8 --seeds 1 --out OUT/two-eyes",
         8,
-        "--objects 5 --seeds 1 --points 64",
+        "--objects 5 --points 64",
         times=False,
         reads="two-eyes/study.md",
     ),
