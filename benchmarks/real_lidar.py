@@ -34,16 +34,10 @@ from zbuf_occlude.sensors.scanning import detection
 KINDS = (
     *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
     *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
-    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "trailer")),
-    *(
-        ("large_vehicle", "bus"),
-        ("truck_cab", "tractor"),
-        ("truck", "truck"),
-        ("construction_veh", "truck"),
-        ("vehicle.construction", "truck"),
-    ),
-    *(("car", "car"), ("van", "car"), ("regular_vehicle", "car"), ("vehicle.emergency", "car")),
-    *(("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
+    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("railed", "bus")),
+    *(("trailer", "trailer"), ("large_vehicle", "bus"), ("truck_cab", "tractor"), ("truck", "truck")),
+    *(("construction_veh", "truck"), ("vehicle.construction", "truck")),
+    *(("car", "car"), ("van", "car"), ("vehicle", "car"), ("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
 )
 """What a category is filled with: the first of which the word is in its name; else a box."""
 GROUPS = {

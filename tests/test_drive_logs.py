@@ -133,3 +133,21 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
         assert drive_logs.count_in(larger, scan.points).n_points == (scan.instances == i).sum()
     with pytest.raises(SystemExit, match="must be a log of drives"):
         drive_logs.read_log(tmp_path)
+
+
+def test_what_categories_are_filled_with() -> None:
+    """As Argoverse 2, KITTI and nuScenes call them."""
+    names = {
+        "car": "REGULAR_VEHICLE Car Van vehicle.car vehicle.emergency.police",
+        "pedestrian": "PEDESTRIAN Person_sitting human.pedestrian.adult OFFICIAL_SIGNALER",
+        "bicycle": "BICYCLE BICYCLIST Cyclist vehicle.bicycle",
+        "motorcycle": "MOTORCYCLE MOTORCYCLIST vehicle.motorcycle",
+        "truck": "BOX_TRUCK TRUCK Truck vehicle.truck construction_vehicle vehicle.construction",
+        "tractor": "TRUCK_CAB",
+        "trailer": "VEHICULAR_TRAILER vehicle.trailer",
+        "bus": "BUS SCHOOL_BUS Tram vehicle.bus.bendy LARGE_VEHICLE RAILED_VEHICLE",
+        "pole": "SIGN STOP_SIGN MOBILE_PEDESTRIAN_CROSSING_SIGN BOLLARD movable_object.trafficcone",
+        "box": "Misc static_object.bicycle_rack movable_object.barrier STROLLER",
+    }
+    for kind, categories in names.items():
+        assert {real_lidar.kind_of(name) for name in categories.split()} == {kind}
