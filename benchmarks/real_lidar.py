@@ -32,8 +32,8 @@ from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.scanning import detection
 
 KINDS = (
-    *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
-    *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
+    *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
+    *(("person", "pedestrian"), ("wheeled_rider", "pedestrian")),
     *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("railed", "bus")),
     *(("trailer", "trailer"), ("large_vehicle", "bus"), ("truck_cab", "tractor"), ("truck", "truck")),
     *(("construction_veh", "truck"), ("vehicle.construction", "truck")),
