@@ -6,13 +6,14 @@ a folder with      annotations*.feather of Argoverse 2, with calibration/egovehi
                    velodyne_points/data/*.bin and tracklet_labels.xml of KITTI's raw data
                    sample_annotation.json and the other tables of nuScenes
                    *.pkl of MMDetection3D, with the .bin that they name
-a table            .tsv or .csv with category, length, width, height, x, y, z, yaw_deg, n_points; Argoverse 2's car
+a table            .tsv or .csv with category, length, width, height, x, y, z, yaw_deg, n_points
 =================  ================================================================================================
 
 The sensor is the one of the table of sensors whose lasers' elevations explain the points best; firings per turn are as
 the points' azimuths are spaced. Without points it is the one that the maker of the log names.
 """
 
+import csv
 import io
 import json
 import pickle
@@ -33,6 +34,7 @@ from zbuf_occlude.sensors.sensor import Sensor
 
 ARGOVERSE_MOUNTS = ((1.35, 0.0, 1.64, (0.0, 0.0, 0.0, 1.0)), (1.35, 0.0, 1.53, (1.0, 0.0, 0.0, 0.0)))
 """x, y, z and quaternion of its two VLP-32C, one upside down; where a log has no calibration of its own."""
+COLUMNS = ("category", "length", "width", "height", "x", "y", "z", "yaw_deg", "n_points")
 KITTI_CATEGORIES = ("Pedestrian", "Cyclist", "Car")
 CLOUDS = 4
 """Sweeps from which the sensor is found."""
@@ -79,6 +81,8 @@ def read_log(path: Path, sensor: str | None = None) -> Log:
     if sensor is not None:
         return Log(form, sweeps, make(sensor), "told")
     clouds = [sweep.cloud for sweep in sweeps if sweep.cloud is not None and len(sweep.mounts) == 1]
+    if not clouds and form == FORMS[0][0] and len(sweeps[0].mounts) == 1:
+        raise SystemExit(f"error: {path} has boxes in the LiDAR's own frame and no points. Name it: --sensor NAME.")
     if not clouds:
         return Log(form, sweeps, make(usual), f"named by {form}")
     found = [found_sensor(points_of(cloud)) for cloud in clouds[:: -(-len(clouds) // CLOUDS)]]
@@ -182,20 +186,25 @@ def of_argoverse(path: Path) -> Iterator[Sweep]:
 
 
 def of_table(path: Path) -> Iterator[Sweep]:
-    """A table of boxes in Argoverse 2's car's frame. Sweeps begin where the categories begin anew, in their order."""
+    """A table of boxes in a frame on the ground, Argoverse 2's car's, or in the LiDAR's own, which is above 1 m.
+
+    Sweeps begin where the categories begin anew, in their order.
+    """
     if path.suffix not in (".tsv", ".csv"):
         return
-    lines = path.read_text().splitlines()
-    words = [line.split("\t" if path.suffix == ".tsv" else ",") for line in lines if line.strip()]
-    sweeps = [list[Box]()]
-    for category, *numbers in words[1:]:
-        length, width, height, x, y, z, yaw, n_points = map(float, numbers)
-        if sweeps[-1] and category < sweeps[-1][-1].category:
+    rows = list(csv.DictReader(path.read_text().splitlines(), delimiter="\t" if path.suffix == ".tsv" else ","))
+    if missing := [name for name in COLUMNS if not rows or name not in rows[0]]:
+        raise SystemExit(f"error: {path} must have the columns {', '.join(COLUMNS)}; it has no {missing[0]}.")
+    sweeps, feet = [list[Box]()], []
+    for row in rows:
+        length, width, height, x, y, z, yaw, n_points = (float(row[name]) for name in COLUMNS[1:])
+        if sweeps[-1] and row["category"] < sweeps[-1][-1].category:
             sweeps.append([])
-        sides, centre = np.array([length, width, height]), np.array([x, y, z])
-        sweeps[-1].append(Box(category, sides, centre, np.radians(yaw), int(n_points), number_of(sides.tolist())))
+        sides, centre, name = np.array([length, width, height]), np.array([x, y, z]), [length, width, height]
+        sweeps[-1].append(Box(row["category"], sides, centre, np.radians(yaw), int(n_points), number_of(name)))
+        feet.append(z - height / 2)
     mounts = [rigid(Rotation.from_quat(q).as_matrix(), at) for *at, q in ARGOVERSE_MOUNTS]
-    yield from (Sweep(boxes, mounts) for boxes in completed(sweeps))
+    yield from (Sweep(boxes, mounts if np.median(feet) > -1.0 else [np.eye(4)]) for boxes in completed(sweeps))
 
 
 MOST_STEP = 2.5

@@ -5,15 +5,15 @@
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
 and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
 
-Each labelled car, truck, bus, cyclist and pedestrian between 5 and 80 m is scanned among the other boxes of its sweep,
-all filled: with a built-in car stretched to the box, or with the road user of the class. There is no ground, and
+Labelled cars, trucks, buses, cyclists and pedestrians between 5 and 80 m are scanned among all other boxes of their
+sweep. A box is filled with a built-in car stretched to it, or with the road user of its class. There is no ground, and
 nothing that nobody labelled: roads are not flat, and what hides an object unlabelled is not known. Dropout goes by
 albedo, which is not known either: each object has one drawn, and all of it is drawn `DRAWS` times.
 
 KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
-sightings of 5 objects. "Within the draws" is the share of sightings whose real number is from the 5th to the 95th
-percentile of their own draws; a model without fault has 90 % or more. Sweeps follow each other in tenths of a second,
-so what differs is objects; "with other objects" is how the ratio of medians varies when they are drawn anew: 5 to 95 %.
+sightings of 5 objects. "Within the draws" is the share of sightings whose real number lies from the 5th to the 95th
+percentile of their own draws; a model without fault has 90 %. Sweeps follow each other in tenths of a second, so what
+differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %.
 """
 
 import argparse

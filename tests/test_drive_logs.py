@@ -131,6 +131,13 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
     for i, box in enumerate(boxes):
         larger = box._replace(sides=box.sides + 1e-6)  # faces of the box are rounded
         assert drive_logs.count_in(larger, scan.points).n_points == (scan.instances == i).sum()
+    rows = [[box.category, *box.sides, *box.centre, np.degrees(box.yaw), 7] for box in reversed(boxes)]
+    table = [drive_logs.COLUMNS, *rows]
+    (tmp_path / "boxes.csv").write_text("\n".join(",".join(map(str, row)) for row in table))
+    with pytest.raises(SystemExit, match="--sensor NAME"):
+        drive_logs.read_log(tmp_path / "boxes.csv")
+    (sweep,) = drive_logs.read_log(tmp_path / "boxes.csv", "hdl-64e").sweeps
+    assert [(box.category, box.n_points) for box in sweep.boxes] == [("CYCLIST", 7), ("TRUCK", 7)]
     with pytest.raises(SystemExit, match="must be a log of drives"):
         drive_logs.read_log(tmp_path)
 
