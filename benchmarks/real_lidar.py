@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from drive_logs import Box, Log, Sweep, read_log, within
+from drive_logs import Box, DriveSweep, Log, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -75,7 +75,7 @@ def kind_of(category: str) -> str:
     return next((kind for word, kind in KINDS if word in category.lower()), "box")
 
 
-def placed(given: Box) -> Placed:
+def filled(given: Box) -> Placed:
     """Return a model as large as a box, put there."""
     kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
     if kind in shapes.ROAD_USERS:
@@ -96,7 +96,7 @@ def wanted(given: Box, mount: np.ndarray) -> bool:
     return given.n_points is not None and kind_of(given.category) in GROUPS and BINS[0][0] <= distance < BINS[-1][1]
 
 
-def without_own_car(sweep: Sweep) -> Sweep:
+def without_own_car(sweep: DriveSweep) -> DriveSweep:
     """Leave out boxes that a LiDAR stands in or on: the car that carries it."""
     return sweep._replace(
         boxes=[
@@ -107,9 +107,9 @@ def without_own_car(sweep: Sweep) -> Sweep:
     )
 
 
-def counted(sweep: Sweep, sensor: Sensor) -> list[Counted]:
+def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
     """Scan every object of a sweep."""
-    models, found = [placed(box) for box in sweep.boxes], []
+    models, found = [filled(box) for box in sweep.boxes], []
     if not any(wanted(box, sweep.mounts[0]) for box in sweep.boxes):
         return []
     scene = Scene.joined(models)
@@ -224,7 +224,7 @@ def measure(log: Log) -> list[str]:
     taken = sweeps[:: -(-n_wanted // MOST) or 1]
     reach = log.sensor.imperfections.reach
     noiseless = log.sensor.with_numbers(reach=0.0, sigma=0.0, step=0.0)
-    sightings = [one for sweep in taken for one in counted(sweep, noiseless)]
+    sightings = [one for sweep in taken for one in sightings_in(sweep, noiseless)]
     columns = log.sensor.pattern["columns"]
     head = (
         f"{log.form}, {len(sightings)} sightings in {len(taken)} of {len(sweeps)} sweeps. Sensor: {log.sensor.name} "

@@ -124,8 +124,8 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
     boxes = [drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([15.0, 4.0, 0.0]), 0.3, 0, 1),
              drive_logs.Box("CYCLIST", np.array([1.8, 0.6, 1.75]), np.array([9.0, -4.0, -0.8]), 2.0, 0, 2)]  # fmt: skip
     sensor = make("hdl-64e", noise=0, columns=900)
-    scan = zo.scan(Scene.joined([real_lidar.placed(box) for box in boxes]), sensor)
-    found = real_lidar.counted(drive_logs.Sweep(boxes, [np.eye(4)]), sensor)
+    scan = zo.scan(Scene.joined([real_lidar.filled(box) for box in boxes]), sensor)
+    found = real_lidar.sightings_in(drive_logs.DriveSweep(boxes, [np.eye(4)]), sensor)
     assert [len(one.returns) for one in found] == [(scan.instances == i).sum() for i in range(2)]
     assert [one.group for one in found] == ["trucks and buses", "cyclists"]
     for i, box in enumerate(boxes):
