@@ -6,13 +6,14 @@ a folder with      annotations*.feather of Argoverse 2, with calibration/egovehi
                    velodyne_points/data/*.bin and tracklet_labels.xml of KITTI's raw data
                    sample_annotation.json and the other tables of nuScenes
                    *.pkl of MMDetection3D, with the .bin that they name
-a table            .tsv or .csv with category, length, width, height, x, y, z, yaw_deg, n_points; Argoverse 2's car
+a table            .tsv or .csv with category, length, width, height, x, y, z, yaw_deg, n_points
 =================  ================================================================================================
 
 The sensor is the one of the table of sensors whose lasers' elevations explain the points best; firings per turn are as
 the points' azimuths are spaced. Without points it is the one that the maker of the log names.
 """
 
+import csv
 import io
 import json
 import pickle
@@ -33,6 +34,7 @@ from zbuf_occlude.sensors.sensor import Sensor
 
 ARGOVERSE_MOUNTS = ((1.35, 0.0, 1.64, (0.0, 0.0, 0.0, 1.0)), (1.35, 0.0, 1.53, (1.0, 0.0, 0.0, 0.0)))
 """x, y, z and quaternion of its two VLP-32C, one upside down; where a log has no calibration of its own."""
+COLUMNS = ("category", "length", "width", "height", "x", "y", "z", "yaw_deg", "n_points")
 KITTI_CATEGORIES = ("Pedestrian", "Cyclist", "Car")
 CLOUDS = 4
 """Sweeps from which the sensor is found."""
@@ -53,7 +55,7 @@ class Box(NamedTuple):
     """The same of the same object in all sweeps."""
 
 
-class Sweep(NamedTuple):
+class DriveSweep(NamedTuple):
     """The boxes of one turn, poses of the LiDARs in their frame, and the file of the turn's points, if there is one."""
 
     boxes: list[Box]
@@ -65,7 +67,7 @@ class Log(NamedTuple):
     """A drive: its form, its turns, its sensor, and how that was found."""
 
     form: str
-    sweeps: list[Sweep]
+    sweeps: list[DriveSweep]
     sensor: Sensor
     found: str
 
@@ -79,6 +81,8 @@ def read_log(path: Path, sensor: str | None = None) -> Log:
     if sensor is not None:
         return Log(form, sweeps, make(sensor), "told")
     clouds = [sweep.cloud for sweep in sweeps if sweep.cloud is not None and len(sweep.mounts) == 1]
+    if not clouds and form == FORMS[0][0] and len(sweeps[0].mounts) == 1:
+        raise SystemExit(f"error: {path} has boxes in the LiDAR's own frame and no points. Name it: --sensor NAME.")
     if not clouds:
         return Log(form, sweeps, make(usual), f"named by {form}")
     found = [found_sensor(points_of(cloud)) for cloud in clouds[:: -(-len(clouds) // CLOUDS)]]
@@ -128,14 +132,14 @@ def turned(yaw: float) -> np.ndarray:
     return Rotation.from_euler("z", yaw).as_matrix()
 
 
-def rigid(rotation: np.ndarray, position: Any) -> np.ndarray:
+def pose_from(rotation: np.ndarray, position: Any) -> np.ndarray:
     """Return a pose (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 
 
-def quaternion(w: float, x: float, y: float, z: float) -> np.ndarray:
+def rotation_from(w: float, x: float, y: float, z: float) -> np.ndarray:
     """Return its rotation (3, 3)."""
     return Rotation.from_quat([x, y, z, w]).as_matrix()
 
@@ -150,18 +154,18 @@ def number_of(name: object) -> int:
     return zlib.crc32(f"{name}".encode())
 
 
-def of_argoverse(path: Path) -> Iterator[Sweep]:
+def of_argoverse(path: Path) -> Iterator[DriveSweep]:
     """Argoverse 2: boxes in the car's frame, their returns counted by the makers."""
     files = [path] if path.suffix == ".feather" else sorted(path.rglob("annotations*.feather"))
     for file in files:
         import pandas
 
         rows, calibration = pandas.read_feather(file), file.parent / "calibration" / "egovehicle_SE3_sensor.feather"
-        mounts = [rigid(Rotation.from_quat(q).as_matrix(), (x, y, z)) for x, y, z, q in ARGOVERSE_MOUNTS]
+        mounts = [pose_from(Rotation.from_quat(q).as_matrix(), (x, y, z)) for x, y, z, q in ARGOVERSE_MOUNTS]
         if calibration.exists():
             table = pandas.read_feather(calibration)
             mounts = [
-                rigid(quaternion(row.qw, row.qx, row.qy, row.qz), (row.tx_m, row.ty_m, row.tz_m))
+                pose_from(rotation_from(row.qw, row.qx, row.qy, row.qz), (row.tx_m, row.ty_m, row.tz_m))
                 for row in table[table.sensor_name.isin(["up_lidar", "down_lidar"])].itertuples()
             ]
         if "num_interior_pts" not in rows:
@@ -172,30 +176,35 @@ def of_argoverse(path: Path) -> Iterator[Sweep]:
                     row.category,
                     np.array([row.length_m, row.width_m, row.height_m]),
                     np.array([row.tx_m, row.ty_m, row.tz_m]),
-                    heading(quaternion(row.qw, row.qx, row.qy, row.qz)),
+                    heading(rotation_from(row.qw, row.qx, row.qy, row.qz)),
                     int(row.num_interior_pts),
                     number_of(row.track_uuid),
                 )
                 for row in sweep.itertuples()
             ]
-            yield Sweep(boxes, mounts)
+            yield DriveSweep(boxes, mounts)
 
 
-def of_table(path: Path) -> Iterator[Sweep]:
-    """A table of boxes in Argoverse 2's car's frame. Sweeps begin where the categories begin anew, in their order."""
+def of_table(path: Path) -> Iterator[DriveSweep]:
+    """A table of boxes in a frame on the ground, Argoverse 2's car's, or in the LiDAR's own, which is above 1 m.
+
+    Sweeps begin where the categories begin anew, in their order.
+    """
     if path.suffix not in (".tsv", ".csv"):
         return
-    lines = path.read_text().splitlines()
-    words = [line.split("\t" if path.suffix == ".tsv" else ",") for line in lines if line.strip()]
-    sweeps = [list[Box]()]
-    for category, *numbers in words[1:]:
-        length, width, height, x, y, z, yaw, n_points = map(float, numbers)
-        if sweeps[-1] and category < sweeps[-1][-1].category:
+    rows = list(csv.DictReader(path.read_text().splitlines(), delimiter="\t" if path.suffix == ".tsv" else ","))
+    if missing := [name for name in COLUMNS if not rows or name not in rows[0]]:
+        raise SystemExit(f"error: {path} must have the columns {', '.join(COLUMNS)}; it has no {missing[0]}.")
+    sweeps, feet = [list[Box]()], []
+    for row in rows:
+        length, width, height, x, y, z, yaw, n_points = (float(row[name]) for name in COLUMNS[1:])
+        if sweeps[-1] and row["category"] < sweeps[-1][-1].category:
             sweeps.append([])
-        sides, centre = np.array([length, width, height]), np.array([x, y, z])
-        sweeps[-1].append(Box(category, sides, centre, np.radians(yaw), int(n_points), number_of(sides.tolist())))
-    mounts = [rigid(Rotation.from_quat(q).as_matrix(), at) for *at, q in ARGOVERSE_MOUNTS]
-    yield from (Sweep(boxes, mounts) for boxes in completed(sweeps))
+        sides, centre, name = np.array([length, width, height]), np.array([x, y, z]), [length, width, height]
+        sweeps[-1].append(Box(row["category"], sides, centre, np.radians(yaw), int(n_points), number_of(name)))
+        feet.append(z - height / 2)
+    mounts = [pose_from(Rotation.from_quat(q).as_matrix(), at) for *at, q in ARGOVERSE_MOUNTS]
+    yield from (DriveSweep(boxes, mounts if np.median(feet) > -1.0 else [np.eye(4)]) for boxes in completed(sweeps))
 
 
 MOST_STEP = 2.5
@@ -230,7 +239,7 @@ def completed(sweeps: list[list[Box]]) -> list[list[Box]]:
     return full
 
 
-def of_kitti(path: Path) -> Iterator[Sweep]:
+def of_kitti(path: Path) -> Iterator[DriveSweep]:
     """KITTI's objects and tracking: boxes in the camera's frame, turned into the LiDAR's."""
     for cloud in sorted(path.rglob("velodyne/**/*.bin")):
         folder = next(above for above in cloud.parents if above.name == "velodyne")
@@ -247,7 +256,7 @@ def of_kitti(path: Path) -> Iterator[Sweep]:
         to_camera = np.eye(4)
         to_camera[:3] = next(v for k, v in matrices.items() if k.startswith("Tr_velo")).reshape(3, 4)
         rectified = next(v for k, v in matrices.items() if k in ("R0_rect", "R_rect")).reshape(3, 3)
-        to_lidar = np.linalg.inv(rigid(rectified, 0.0) @ to_camera)
+        to_lidar = np.linalg.inv(pose_from(rectified, 0.0) @ to_camera)
         boxes = []
         for number, row in enumerate(rows):
             height, width, length, *at, turn = map(float, row[8:15])
@@ -255,7 +264,7 @@ def of_kitti(path: Path) -> Iterator[Sweep]:
             if row[0] != "DontCare":
                 boxes.append(of_camera(row[0], np.array([length, width, height]), at, turn, to_lidar, identity))
         points = points_of(cloud)
-        yield Sweep([count_in(box, points) for box in boxes], [np.eye(4)], cloud)
+        yield DriveSweep([count_in(box, points) for box in boxes], [np.eye(4)], cloud)
 
 
 def of_camera(
@@ -267,7 +276,7 @@ def of_camera(
     return Box(category, sides, centre, float(np.arctan2(ahead[1], ahead[0])), n, identity)
 
 
-def of_tracklets(path: Path) -> Iterator[Sweep]:
+def of_tracklets(path: Path) -> Iterator[DriveSweep]:
     """KITTI's raw data: tracklets in the LiDAR's frame."""
     for file in sorted(path.rglob("tracklet_labels.xml")):
         boxes = defaultdict(list)
@@ -280,10 +289,10 @@ def of_tracklets(path: Path) -> Iterator[Sweep]:
                 boxes[frame].append(Box(category, sides, centre, yaw, None, number_of(number)))
         for cloud in sorted(file.parent.glob("velodyne_points/data/*.bin")):
             points = points_of(cloud)
-            yield Sweep([count_in(box, points) for box in boxes[int(cloud.stem)]], [np.eye(4)], cloud)
+            yield DriveSweep([count_in(box, points) for box in boxes[int(cloud.stem)]], [np.eye(4)], cloud)
 
 
-def of_nuscenes(path: Path) -> Iterator[Sweep]:
+def of_nuscenes(path: Path) -> Iterator[DriveSweep]:
     """nuScenes' tables: boxes in the world, turned into the car's frame at each key frame."""
     for file in sorted(path.rglob("sample_annotation.json")):
 
@@ -299,18 +308,18 @@ def of_nuscenes(path: Path) -> Iterator[Sweep]:
             if not frame["is_key_frame"] or "LIDAR_TOP" not in sensors[mount["sensor_token"]]["channel"]:
                 continue
             car = poses[frame["ego_pose_token"]]
-            back = quaternion(*car["rotation"]).T
+            back = rotation_from(*car["rotation"]).T
             boxes = []
             for row in annotations[frame["sample_token"]]:
                 width, length, height = row["size"]
                 category = categories[instances[row["instance_token"]]["category_token"]]["name"]
                 centre = back @ (np.array(row["translation"]) - car["translation"])
-                yaw, seen = heading(back @ quaternion(*row["rotation"])), row["num_lidar_pts"]
+                yaw, seen = heading(back @ rotation_from(*row["rotation"])), row["num_lidar_pts"]
                 sides, identity = np.array([length, width, height]), number_of(row["instance_token"])
                 boxes.append(Box(category, sides, centre, yaw, seen if seen >= 0 else None, identity))
             clouds = (root / frame["filename"] for root in file.parents)
             cloud = next((each for each in clouds if each.exists()), None)
-            yield Sweep(boxes, [rigid(quaternion(*mount["rotation"]), mount["translation"])], cloud)
+            yield DriveSweep(boxes, [pose_from(rotation_from(*mount["rotation"]), mount["translation"])], cloud)
 
 
 class _Plain(pickle.Unpickler):
@@ -324,7 +333,7 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is not read")
 
 
-def of_pickles(path: Path) -> Iterator[Sweep]:
+def of_pickles(path: Path) -> Iterator[DriveSweep]:
     """MMDetection3D's: boxes in the camera's frame of KITTI, in the LiDAR's of nuScenes."""
     for file in sorted(path.rglob("*.pkl")):
         document = _Plain(io.BytesIO(file.read_bytes())).load()
@@ -342,10 +351,10 @@ def of_pickles(path: Path) -> Iterator[Sweep]:
                 else:
                     boxes.append(Box(category, np.array(sides), np.array([x, y, z]), turn, seen, identity))
             cloud = next(file.parent.rglob(Path(lidar["lidar_path"]).name), None)
-            yield Sweep(boxes, [np.eye(4)], cloud)
+            yield DriveSweep(boxes, [np.eye(4)], cloud)
 
 
-FORMS: tuple[tuple[str, str, Callable[[Path], Iterator[Sweep]]], ...] = (
+FORMS: tuple[tuple[str, str, Callable[[Path], Iterator[DriveSweep]]], ...] = (
     ("a table of Argoverse 2", "vlp-32c", of_table),
     ("Argoverse 2", "vlp-32c", of_argoverse),
     ("nuScenes", "hdl-32e:columns=1084,turns=20", of_nuscenes),

@@ -5,15 +5,15 @@
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
 and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
 
-Each labelled car, truck, bus, cyclist and pedestrian between 5 and 80 m is scanned among the other boxes of its sweep,
-all filled: with a built-in car stretched to the box, or with the road user of the class. There is no ground, and
+Labelled cars, trucks, buses, cyclists and pedestrians between 5 and 80 m are scanned among all other boxes of their
+sweep. A box is filled with a built-in car stretched to it, or with the road user of its class. There is no ground, and
 nothing that nobody labelled: roads are not flat, and what hides an object unlabelled is not known. Dropout goes by
 albedo, which is not known either: each object has one drawn, and all of it is drawn `DRAWS` times.
 
 KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
-sightings of 5 objects. "Within the draws" is the share of sightings whose real number is from the 5th to the 95th
-percentile of their own draws; a model without fault has 90 % or more. Sweeps follow each other in tenths of a second,
-so what differs is objects; "with other objects" is how the ratio of medians varies when they are drawn anew: 5 to 95 %.
+sightings of 5 objects. "Within the draws" is the share of sightings whose real number lies from the 5th to the 95th
+percentile of their own draws; a model without fault has 90 %. Sweeps follow each other in tenths of a second, so what
+differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from drive_logs import Box, Log, Sweep, read_log, within
+from drive_logs import Box, DriveSweep, Log, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -32,18 +32,12 @@ from zbuf_occlude.sensors import Sensor
 from zbuf_occlude.sensors.scanning import detection
 
 KINDS = (
-    *(("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian"), ("person", "pedestrian")),
-    *(("wheeled_rider", "pedestrian"), ("signaler", "pedestrian")),
-    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("trailer", "trailer")),
-    *(
-        ("large_vehicle", "bus"),
-        ("truck_cab", "tractor"),
-        ("truck", "truck"),
-        ("construction_veh", "truck"),
-        ("vehicle.construction", "truck"),
-    ),
-    *(("car", "car"), ("van", "car"), ("regular_vehicle", "car"), ("vehicle.emergency", "car")),
-    *(("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
+    *(("signaler", "pedestrian"), ("sign", "pole"), ("rack", "box"), ("pedestrian", "pedestrian")),
+    *(("person", "pedestrian"), ("wheeled_rider", "pedestrian")),
+    *(("motorcycl", "motorcycle"), ("cycl", "bicycle"), ("bus", "bus"), ("tram", "bus"), ("railed", "bus")),
+    *(("trailer", "trailer"), ("large_vehicle", "bus"), ("truck_cab", "tractor"), ("truck", "truck")),
+    *(("construction_veh", "truck"), ("vehicle.construction", "truck")),
+    *(("car", "car"), ("van", "car"), ("vehicle", "car"), ("cone", "pole"), ("bollard", "pole"), ("pole", "pole")),
 )
 """What a category is filled with: the first of which the word is in its name; else a box."""
 GROUPS = {
@@ -81,7 +75,7 @@ def kind_of(category: str) -> str:
     return next((kind for word, kind in KINDS if word in category.lower()), "box")
 
 
-def placed(given: Box) -> Placed:
+def filled(given: Box) -> Placed:
     """Return a model as large as a box, put there."""
     kind, sides = kind_of(given.category), given.sides[[1, 0, 2]]
     if kind in shapes.ROAD_USERS:
@@ -102,7 +96,7 @@ def wanted(given: Box, mount: np.ndarray) -> bool:
     return given.n_points is not None and kind_of(given.category) in GROUPS and BINS[0][0] <= distance < BINS[-1][1]
 
 
-def without_own_car(sweep: Sweep) -> Sweep:
+def without_own_car(sweep: DriveSweep) -> DriveSweep:
     """Leave out boxes that a LiDAR stands in or on: the car that carries it."""
     return sweep._replace(
         boxes=[
@@ -113,9 +107,9 @@ def without_own_car(sweep: Sweep) -> Sweep:
     )
 
 
-def counted(sweep: Sweep, sensor: Sensor) -> list[Counted]:
+def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
     """Scan every object of a sweep."""
-    models, found = [placed(box) for box in sweep.boxes], []
+    models, found = [filled(box) for box in sweep.boxes], []
     if not any(wanted(box, sweep.mounts[0]) for box in sweep.boxes):
         return []
     scene = Scene.joined(models)
@@ -230,7 +224,7 @@ def measure(log: Log) -> list[str]:
     taken = sweeps[:: -(-n_wanted // MOST) or 1]
     reach = log.sensor.imperfections.reach
     noiseless = log.sensor.with_numbers(reach=0.0, sigma=0.0, step=0.0)
-    sightings = [one for sweep in taken for one in counted(sweep, noiseless)]
+    sightings = [one for sweep in taken for one in sightings_in(sweep, noiseless)]
     columns = log.sensor.pattern["columns"]
     head = (
         f"{log.form}, {len(sightings)} sightings in {len(taken)} of {len(sweeps)} sweeps. Sensor: {log.sensor.name} "

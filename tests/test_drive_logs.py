@@ -124,12 +124,37 @@ def test_a_box_scanned_by_its_own_sensor_has_as_many_returns(tmp_path: Path) -> 
     boxes = [drive_logs.Box("TRUCK", np.array([8.0, 2.5, 3.2]), np.array([15.0, 4.0, 0.0]), 0.3, 0, 1),
              drive_logs.Box("CYCLIST", np.array([1.8, 0.6, 1.75]), np.array([9.0, -4.0, -0.8]), 2.0, 0, 2)]  # fmt: skip
     sensor = make("hdl-64e", noise=0, columns=900)
-    scan = zo.scan(Scene.joined([real_lidar.placed(box) for box in boxes]), sensor)
-    found = real_lidar.counted(drive_logs.Sweep(boxes, [np.eye(4)]), sensor)
+    scan = zo.scan(Scene.joined([real_lidar.filled(box) for box in boxes]), sensor)
+    found = real_lidar.sightings_in(drive_logs.DriveSweep(boxes, [np.eye(4)]), sensor)
     assert [len(one.returns) for one in found] == [(scan.instances == i).sum() for i in range(2)]
     assert [one.group for one in found] == ["trucks and buses", "cyclists"]
     for i, box in enumerate(boxes):
         larger = box._replace(sides=box.sides + 1e-6)  # faces of the box are rounded
         assert drive_logs.count_in(larger, scan.points).n_points == (scan.instances == i).sum()
+    rows = [[box.category, *box.sides, *box.centre, np.degrees(box.yaw), 7] for box in reversed(boxes)]
+    table = [drive_logs.COLUMNS, *rows]
+    (tmp_path / "boxes.csv").write_text("\n".join(",".join(map(str, row)) for row in table))
+    with pytest.raises(SystemExit, match="--sensor NAME"):
+        drive_logs.read_log(tmp_path / "boxes.csv")
+    (sweep,) = drive_logs.read_log(tmp_path / "boxes.csv", "hdl-64e").sweeps
+    assert [(box.category, box.n_points) for box in sweep.boxes] == [("CYCLIST", 7), ("TRUCK", 7)]
     with pytest.raises(SystemExit, match="must be a log of drives"):
         drive_logs.read_log(tmp_path)
+
+
+def test_what_categories_are_filled_with() -> None:
+    """As Argoverse 2, KITTI and nuScenes call them."""
+    names = {
+        "car": "REGULAR_VEHICLE Car Van vehicle.car vehicle.emergency.police",
+        "pedestrian": "PEDESTRIAN Person_sitting human.pedestrian.adult OFFICIAL_SIGNALER",
+        "bicycle": "BICYCLE BICYCLIST Cyclist vehicle.bicycle",
+        "motorcycle": "MOTORCYCLE MOTORCYCLIST vehicle.motorcycle",
+        "truck": "BOX_TRUCK TRUCK Truck vehicle.truck construction_vehicle vehicle.construction",
+        "tractor": "TRUCK_CAB",
+        "trailer": "VEHICULAR_TRAILER vehicle.trailer",
+        "bus": "BUS SCHOOL_BUS Tram vehicle.bus.bendy LARGE_VEHICLE RAILED_VEHICLE",
+        "pole": "SIGN STOP_SIGN MOBILE_PEDESTRIAN_CROSSING_SIGN BOLLARD movable_object.trafficcone",
+        "box": "Misc static_object.bicycle_rack movable_object.barrier STROLLER",
+    }
+    for kind, categories in names.items():
+        assert {real_lidar.kind_of(name) for name in categories.split()} == {kind}
