@@ -41,7 +41,7 @@ class Placement:
 
 
 @wp.func
-def placed(bounds: Vectors) -> Placement:
+def placement_in(bounds: Vectors) -> Placement:
     """Return where the mesh is whose box has these two corners."""
     extent = bounds[1] - bounds[0]
     place = Placement()
@@ -58,7 +58,7 @@ def skipped(place: Placement, origin: wp.vec3d, unit: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def rounded(a: wp.vec3d) -> wp.vec3:
+def single(a: wp.vec3d) -> wp.vec3:
     """Return a vector in float32."""
     return wp.vec3(wp.float32(a[0]), wp.float32(a[1]), wp.float32(a[2]))
 
@@ -73,7 +73,7 @@ def steep(u: wp.float64) -> wp.float64:
 def _candidates(bvh: wp.uint64, place: Placement, origin: wp.vec3d, unit: wp.vec3d):
     """Return the query for the faces whose boxes a line meets."""
     start = (origin - place.centre) / place.side + skipped(place, origin, unit) * unit
-    return wp.bvh_query_ray(bvh, rounded(start), rounded(wp.vec3d(steep(unit[0]), steep(unit[1]), steep(unit[2]))))
+    return wp.bvh_query_ray(bvh, single(start), single(wp.vec3d(steep(unit[0]), steep(unit[1]), steep(unit[2]))))
 
 
 @wp.func
@@ -122,13 +122,13 @@ def fill_boxes(
 ) -> None:
     """Fill in the boxes of the faces, scene units."""
     face = wp.tid()
-    place = placed(bounds)
+    place = placement_in(bounds)
     a = (corners[3 * face] - place.centre) / place.side
     b = (corners[3 * face + 1] - place.centre) / place.side
     c = (corners[3 * face + 2] - place.centre) / place.side
     wider = wp.vec3d(WIDER, WIDER, WIDER)
-    lower[face] = rounded(wp.min(wp.min(a, b), c) - wider)
-    upper[face] = rounded(wp.max(wp.max(a, b), c) + wider)
+    lower[face] = single(wp.min(wp.min(a, b), c) - wider)
+    upper[face] = single(wp.max(wp.max(a, b), c) + wider)
 
 
 @wp.kernel
@@ -144,7 +144,7 @@ def fill_visible(
 ) -> None:
     """Fill in which of n points each of k eyes sees; own: the points' own faces, -1 for none."""
     k, i = wp.tid()
-    place = placed(bounds)
+    place = placement_in(bounds)
     eye, point = eyes[k], points[i]
     tau = contact * place.diagonal
     distance = wp.length(eye - point)
@@ -177,7 +177,7 @@ def fill_first_hits(
     One origin serves all. None is farther than `FAR`; directions are of usual length (`arrays.SHORTEST`).
     """
     i = wp.tid()
-    place = placed(bounds)
+    place = placement_in(bounds)
     origin = origins[wp.where(origins.shape[0] == 1, 0, i)]
     direction = directions[i]
     length = wp.length(direction)
