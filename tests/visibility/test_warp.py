@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,3 +59,18 @@ def test_warp_prints_nothing() -> None:
     )
     child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (child.returncode, child.stdout) == (0, ""), child.stderr
+
+
+def test_the_source_compiles_for_cuda_and_contracts_no_product(tmp_path: Path) -> None:
+    """No device is needed to compile. A product fused with a sum would let edges that two faces share leak."""
+    import warp
+
+    from zbuf_occlude.warp import kernels
+
+    warp.compile_aot_module(kernels, arch=75, module_dir=tmp_path, use_ptx=True)
+    (path,) = tmp_path.glob("*.ptx")
+    code = path.read_bytes()
+    assert all(name in code for name in (b"fill_boxes", b"fill_visible", b"fill_first_hits"))
+    assert code.count(b"mul.rn.f64") > 50, "rounded on its own"
+    assert b"mul.f64" not in code
+    assert b"fma.rn.f64" not in code
