@@ -137,6 +137,9 @@ def test_materials_by_name() -> None:
     assert len(zo.scan(mesh, lidar(noise=0, returns="all"), transparent={})) == 90 * 16
     with pytest.raises(zo.ArgumentError, match="glass0, glass1"):
         zo.scan(mesh, "vlp-16", transparent={"window": None})
+    for bad in (0.5, {"glass0": 1.5}, {"glass0": "half"}):
+        with pytest.raises(zo.ArgumentError, match=r"transparent must|lets pass"):
+            zo.scan(mesh, "vlp-16", transparent=bad)
     with pytest.raises(zo.ArgumentError, match="prepare_scene"), zo.prepare(mesh, "exact") as occluder:
         zo.scan(mesh, "vlp-16", occluder=occluder)
     assert len(zo.scan(mesh, lidar(), zo.sensors.look_at([20.0, 0, 0], [40.0, 0, 0]), transparent={"*": 0.5})) == 0

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.errors import ArgumentError
 
 Bytes = NDArray[np.uint8]
 
@@ -82,8 +83,13 @@ class SurfaceColors:
     def transparent(self, shares: Mapping[str, float | None]) -> "SurfaceColors":
         """Return the colours with only those materials transparent that have a name of `shares`, which may have ``*``.
 
-        A share is of the light that passes; None: as the material's file says.
+        A share is of the light that passes; None: as the material's file says. Raises ArgumentError for others.
         """
+        if not isinstance(shares, Mapping):
+            raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(shares).__name__}.")
+        for name, share in shares.items():
+            if share is not None and not (isinstance(share, int | float | np.number) and 0.0 <= share <= 1.0):
+                raise ArgumentError(f"the share of light that {name} lets pass must lie in 0..1; got {share!r:.40}.")
         found = []
         for material in self.materials:
             mine = [share for name, share in shares.items() if fnmatchcase(material.name, name)]

@@ -121,7 +121,7 @@ class Scene:
         if passing is not None and not (len(passing) == len(instances) and ((passing >= 0) & (passing <= 1)).all()):
             raise ArgumentError(f"passing must be a share in [0, 1] per face ({len(instances)}); it is not.")
         vars(self).update(
-            instances=frozen(instances), passing=passing if passing is not None and any(passing) else None
+            instances=frozen(instances), passing=None if passing is None or not passing.any() else frozen(passing)
         )
 
     def __repr__(self) -> str:
