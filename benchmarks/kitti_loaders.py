@@ -209,7 +209,7 @@ def make(root: Path, n_meshes: int) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("folder", type=Path, help="of checkouts")
-    parser.add_argument("--meshes", type=int, default=8, help="built-in cars and chairs, four frames of each")
+    parser.add_argument("--meshes", type=int, default=12, help="built-in cars and chairs, four frames of each")
     parser.add_argument("--keep", type=Path, help="make the datasets here, and leave them")
     arguments = parser.parse_args()
     checkouts = {repository: find_checkout(arguments.folder, repository) for repository in READERS}
