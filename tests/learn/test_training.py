@@ -199,7 +199,7 @@ def test_augmentation_is_seen_by_the_network(tmp_path: Path) -> None:
         assert weights(changed) != plain, name
 
 
-@pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5-small"])
+@pytest.mark.parametrize("model", ["voxnet", "pointnet", "threedmfv5"])
 def test_half_precision_is_near_the_full_one(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The dtypes that mixed precision on CUDA brings, on a processor: nothing clashes, the loss is nearly the same."""
     monkeypatch.setattr("zbuf_occlude.learn.networks.SMALL", 0)  # CUDA takes torch's convolution
