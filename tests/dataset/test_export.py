@@ -298,7 +298,7 @@ def test_verified_by_checksums_and_not_read_back(made: Made, tmp_path: Path, for
     assert victim.relative_to(root).as_posix() in fault
 
 
-@pytest.mark.parametrize("format", [name for name in LAYOUTS if name != "kitti"])  # packed holds no boxes
+@pytest.mark.parametrize("format", [name for name in LAYOUTS if name not in ("kitti", "bop", "voxels")])
 def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     """Pairs byte for byte; other layouts' clouds are rounded there."""
     out, wanted, packed = made(format), plan(format), tmp_path / "packed"
@@ -310,6 +310,12 @@ def test_the_same_from_packed(made: Made, tmp_path: Path, format: str) -> None:
     if format in PAIRS:
         for name in written - {Path("contact_sheet.png"), Path("plan.json")}:
             assert (tmp_path / "converted" / name).read_bytes() == (out / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("format", ["bop", "voxels"])
+def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, format: str) -> None:
+    with pytest.raises(DatasetError, match=f"generate --format {format}"):
+        convert(made("frames"), tmp_path / "converted", format)
 
 
 def test_clouds_tell_which_rows_are_which(made: Made) -> None:

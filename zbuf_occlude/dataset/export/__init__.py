@@ -220,6 +220,11 @@ def _converted(old: Plan, format: str) -> Plan:
             f"a {format} dataset must be made of all points of its objects; {old.format} keeps those of each cloud. "
             f"Make it with `zbuf-occlude generate --format {format}`."
         )
+    if row.from_meshes:
+        raise DatasetError(
+            f"{format} must be made from the meshes, which a dataset does not hold. Make it with `zbuf-occlude generate "
+            f"--format {format}`."
+        )
     if (row.keeps_points or row.complete) and not is_packed:
         raise DatasetError(
             f"{format} must be made of all points of the objects, for it holds complete clouds; {old.format} keeps "

@@ -45,6 +45,8 @@ class Format:
         Of a layout, the format of the dataset that it is exported from: `packed` where it needs whole objects' points.
     complete : bool
         Whether it holds clouds of whole surfaces alone.
+    from_meshes : bool
+        Whether its export reads the meshes again, so that it is not converted from a dataset.
     ragged : bool
         Whether its clouds may be of unequal size (`--sample-size all`).
     least_tested : int
@@ -63,6 +65,7 @@ class Format:
     summary: str
     exported_from: str = ""
     complete: bool = False
+    from_meshes: bool = False
     ragged: bool = False
     least_tested: int = 0
     axes: tuple[str, str, str] = ("x", "y", "z")
@@ -197,6 +200,7 @@ FORMATS: tuple[Format, ...] = (
         "bop",
         "scenes of several objects for 6D poses: rgb, depth, mask, mask_visib, models, scene_gt.json",
         "hdf5",
+        from_meshes=True,
         ragged=True,
         options={
             "sensor": "pinhole:width=640,height=480,fov=50",
@@ -278,6 +282,7 @@ FORMATS: tuple[Format, ...] = (
         "voxels",
         "partial and complete signed distances, 32 voxels a side, for PatchComplete",
         "hdf5",
+        from_meshes=True,
         ragged=True,
         axes=Y_UP,
         options={"views": "fibonacci:8"},
