@@ -222,8 +222,8 @@ def _converted(old: Plan, format: str) -> Plan:
         )
     if row.from_meshes:
         raise DatasetError(
-            f"{format} must be made from the meshes, which a dataset does not hold. Make it with `zbuf-occlude generate "
-            f"--format {format}`."
+            f"{format} must be made from the meshes, which a dataset does not hold. "
+            f"Make it with `zbuf-occlude generate --format {format}`."
         )
     if (row.keeps_points or row.complete) and not is_packed:
         raise DatasetError(
