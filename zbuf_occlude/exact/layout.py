@@ -58,10 +58,20 @@ class CandidateList(NamedTuple):
     rectangles: Float32  # (6, capacity) around them in the image
 
 
+class Stack(NamedTuple):
+    """Nodes, or ~leaves, that a ray still has to test, of one parent the nearest on top."""
+
+    nodes: IntArray
+    nearest: Float32
+    lanes: Float32  # (16,) scratch
+
+
 class Workspace(NamedTuple):
     """What a thread needs to search views: up to 4 MB of triangle set-ups, and about 5 bytes per face."""
 
-    rectangles: Float32  # (6, total nodes) around the nodes in the image
+    rectangles: Float32  # (6, 16 n) around the children of n nodes in the image
+    projected: Int64  # (n,) in which view those of each node are
+    stack: Stack
     chunk_rectangles: Float32  # (6, GROUP) around the chunks of a group
     scratch: IntArray  # (2, leaves + 16)
     depth_starts: Int64  # (DEPTHS + 1,)
@@ -82,7 +92,14 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
     while n_slots < min(n_leaves, SLOTS):
         n_slots *= 2
     return Workspace(
-        rectangles=np.empty((6, n_nodes), dtype=np.float32),
+        rectangles=np.empty((6, n_nodes * LEAF), dtype=np.float32),
+        projected=np.full(n_nodes, -1, dtype=np.int64),
+        stack=Stack(
+            # of each node on the way down all children but one
+            np.empty(n_nodes * LEAF + 1, dtype=np.int32),
+            np.empty(n_nodes * LEAF + 1, dtype=np.float32),
+            np.empty(LEAF, dtype=np.float32),
+        ),
         chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
         scratch=np.empty((2, capacity), dtype=np.int32),
         depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
@@ -102,3 +119,8 @@ def put(candidates, at, leaf, rectangles, column):
     candidates.leaves[at] = leaf
     for row in range(6):
         candidates.rectangles[row, at] = rectangles[row, column]
+
+
+def make_stack(n_nodes: int) -> Stack:
+    """Allocate what a thread needs where it looks along lines only."""
+    return make_workspace(0, n_nodes).stack

@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points, hide_near_points
+from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points, hide_near_points, is_hidden
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     CHUNK,
     COORDINATE_ERROR,
     DEPTHS,
-    ENDLESS,
     GROUP,
     LEAF,
     LEFT,
@@ -19,6 +18,7 @@ from zbuf_occlude.exact.layout import (
     RIGHT,
     TOP,
     ZERO,
+    make_stack,
     make_workspace,
     put,
 )
@@ -26,15 +26,18 @@ from zbuf_occlude.exact.points import Packets
 from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, window_of_chunk
 from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
 from zbuf_occlude.exact.view import EyeViews, view_of
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, not_less, number, splat
-from zbuf_occlude.jit.threads import n_threads, shared, take, together
+from zbuf_occlude.jit.threads import n_blocks, n_threads, shared, take, take_block, together
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
 TIGHT_LEAVES = 1024
 """Lists of at most this many leaves get the rectangles of the projected faces."""
+LINES = 256
+"""Lines of sight that a thread takes at a time."""
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a leaf."""
 
@@ -42,29 +45,49 @@ FEW_POINTS = 5
 def find_visible(bvh: Bvh, points: Packets, views: EyeViews) -> BoolArray:
     """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
     n_eyes, wanted = len(views.eyes), 4 * n_threads()
-    n_groups = -(-len(points.chunk_reach) // GROUP)
-    n_blocks = 1 if n_eyes >= wanted else min(n_groups, wanted)
+    n_parts = 1 if n_eyes >= wanted else min(n_blocks(len(points.chunk_reach), GROUP), wanted)
     answer = np.ones((n_eyes, points.n_points), dtype=np.uint8)
-    n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_blocks
-    sizes = len(bvh.used), bvh.nodes.shape[1]
-    together(_search_views, n_tasks, bvh, points, views, n_blocks, answer, own=lambda: make_workspace(*sizes))
+    n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_parts
+    sizes = len(bvh.used), len(bvh.n_children)
+    together(_search_views, n_tasks, bvh, points, views, n_parts, answer, own=lambda: make_workspace(*sizes))
+    return answer.view(bool)
+
+
+def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+    """Return the same, line of sight after line of sight: where points are few an eye would see mostly other leaves."""
+    answer = np.ones((len(eyes), len(points)), dtype=np.uint8)
+    asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), answer
+    n_tasks = n_blocks(answer.size, LINES)
+    together(_look_along_lines, n_tasks, bvh, *asked, own=lambda: make_stack(len(bvh.n_children)))
     return answer.view(bool)
 
 
 @shared
-def _search_views(tasks, bvh, points, views, n_blocks, answer, space):
+def _look_along_lines(tasks, bvh, positions, face_ids, eyes, answer, stack):
+    bvh_at, stack_at, n = reference(bvh), reference(stack), len(positions)
+    first, last = take_block(tasks, answer.size, LINES)
+    while first < last:
+        for i in range(first, last):
+            p, eye, own = positions[i % n], eyes[i // n], np.int64(face_ids[i % n])
+            hidden = is_hidden(bvh_at, (eye[0], eye[1], eye[2]), (p[0], p[1], p[2]), own, stack_at)
+            answer[i // n, i % n] = not hidden
+        first, last = take_block(tasks, answer.size, LINES)
+
+
+@shared
+def _search_views(tasks, bvh, points, views, n_parts, answer, space):
     """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
-    _search_tasks(tasks, reference(bvh), reference(points), views, n_blocks, answer, space)
+    _search_tasks(tasks, reference(bvh), reference(points), views, n_parts, answer, space)
 
 
 @merged
-def _search_tasks(tasks, bvh, points, views, n_blocks, answer, space):
+def _search_tasks(tasks, bvh, points, views, n_parts, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     task = take(tasks)
-    while task < len(views.eyes) * n_blocks:
-        k, block = task // n_blocks, task % n_blocks
-        first = n_groups * block // n_blocks * GROUP
-        last = min(n_groups * (block + 1) // n_blocks * GROUP, n_chunks)
+    while task < len(views.eyes) * n_parts:
+        k, block = task // n_parts, task % n_parts
+        first = n_groups * block // n_parts * GROUP
+        last = min(n_groups * (block + 1) // n_parts * GROUP, n_chunks)
         for frame in range(views.n_frames[k]):
             _search_view(bvh, points, view_of(views, k, frame), (first, last), space, answer[k])
         task = take(tasks)
@@ -75,8 +98,7 @@ def _search_view(bvh, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
     if view.near > ZERO and view.number % 6 == 0:
-        hide_near_points(bvh, points, view, chunks[0], chunks[1], answer)
-    project_nodes(bvh, view, space)
+        hide_near_points(bvh, points, view, chunks, space.stack, answer)
     _search_chunks(bvh, points, view, chunks, space, answer)
 
 
@@ -87,13 +109,13 @@ def _search_chunks(bvh, points, view, chunks, space, answer):
     error = COORDINATE_ERROR * max(points.farthest, view.reach)
     for first in range(chunks[0], chunks[1], GROUP):
         last = min(first + GROUP, chunks[1])
-        project_boxes(points.chunk_boxes, first, first + GROUP, view, error, rectangles)
+        project_boxes(points.chunk_boxes, first, view, error, rectangles)
         window = window_of_chunk(first, view, rectangles)
         for chunk in range(first + 1, last):
             window = joined(window, window_of_chunk(chunk, view, rectangles))
         if is_empty(window):
             continue
-        n_before = list_candidates(bvh, window, space)
+        n_before = list_candidates(bvh, view, window, space)
         if n_before <= TIGHT_LEAVES:
             _tighten(bvh, n_before, view, space)
         for chunk in range(first, last):
@@ -188,14 +210,11 @@ def _promote(listed, entry):
 
 
 @inner
-def project_nodes(bvh, view, space):
-    """Fill ``space.rectangles``; those of the padding are empty."""
-    error = COORDINATE_ERROR * view.reach
-    project_boxes(bvh.nodes, bvh.level_starts[0], bvh.nodes.shape[1], view, error, space.rectangles)
-    for level in range(len(bvh.level_counts)):
-        padding = bvh.level_starts[level] + bvh.level_counts[level]
-        for i in range(padding, padding + (-padding % GROUP)):
-            space.rectangles[LEFT, i], space.rectangles[RIGHT, i] = ENDLESS, -ENDLESS
+def project_children(bvh, node, view, space):
+    """Fill ``space.rectangles`` for the children of a node, unless this view did."""
+    if space.projected[node] != view.number:
+        space.projected[node] = view.number
+        project_boxes(bvh.boxes, LEAF * node, view, COORDINATE_ERROR * view.reach, space.rectangles)
 
 
 @inlined
@@ -212,50 +231,47 @@ def overlapping(rectangles, i, window):
 
 
 @inner
-def list_candidates(bvh, window, space):
+def list_candidates(bvh, view, window, space):
     """Descend through the nodes to the leaves that overlap a window; fill ``space.before``, return how many."""
-    current, below = space.scratch[0], space.scratch[1]
-    top = len(bvh.level_counts) - 1
-    n = np.int64(0)  # as a plain 0, a constant, it would have what it is given to compiled twice
-    for i in range(0, bvh.level_counts[top], LEAF):
-        found = overlapping(space.rectangles, bvh.level_starts[top] + i, window)
+    stack, found_at, n, n_nodes = space.scratch[0], space.scratch[1], np.int64(0), np.int64(1)
+    stack[0] = 0
+    while n_nodes > 0:
+        n_nodes -= 1
+        node = np.int64(stack[n_nodes])
+        project_children(bvh, node, view, space)
+        found = overlapping(space.rectangles, LEAF * node, window) & ((1 << bvh.n_children[node]) - 1)
         while found:
-            current[n] = i + first_lane(found)
+            i = LEAF * node + first_lane(found)
             found &= found - 1
-            n += 1
-    for level in range(top - 1, -1, -1):
-        m = np.int64(0)
-        for j in range(n):
-            i = LEAF * current[j]
-            found = overlapping(space.rectangles, bvh.level_starts[level] + i, window)
-            while found:
-                below[m] = i + first_lane(found)
-                found &= found - 1
-                m += 1
-        current, below, n = below, current, m
-    _sort_by_depth(current, below, n, window.farthest, space)
+            if bvh.children[i] < 0:
+                found_at[n] = i
+                n += 1
+            else:
+                stack[n_nodes] = bvh.children[i]
+                n_nodes += 1
+    _sort_by_depth(found_at, stack, n, window.farthest, space)
     for j in range(n):
-        put(space.before, j, below[j], space.rectangles, below[j])
+        put(space.before, j, ~bvh.children[stack[j]], space.rectangles, stack[j])
     return n
 
 
 @inner
-def _sort_by_depth(leaves, nearest_first, n, farthest, space):
-    """Sort n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
+def _sort_by_depth(columns, nearest_first, n, farthest, space):
+    """Sort columns of n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
     w, starts = space.rectangles[NEAREST], space.depth_starts
     nearest = farthest
     for j in range(n):
-        nearest = min(nearest, w[leaves[j]])
+        nearest = min(nearest, w[columns[j]])
     nearest = max(nearest, ZERO)
     scale = np.float32(DEPTHS - 1) / max(farthest - nearest, np.float32(1e-30))
     starts[:] = 0
     for j in range(n):
-        starts[np.int64(max(w[leaves[j]] - nearest, ZERO) * scale) + 1] += 1
+        starts[np.int64(max(w[columns[j]] - nearest, ZERO) * scale) + 1] += 1
     for i in range(DEPTHS):
         starts[i + 1] += starts[i]
     for j in range(n):
-        depth = np.int64(max(w[leaves[j]] - nearest, ZERO) * scale)
-        nearest_first[starts[depth]] = leaves[j]
+        depth = np.int64(max(w[columns[j]] - nearest, ZERO) * scale)
+        nearest_first[starts[depth]] = columns[j]
         starts[depth] += 1
 
 
