@@ -5,7 +5,7 @@
 
 Scenes are meshes of FOLDER (default: furniture/ in ZBUF_OCCLUDE_DATA), the larger ones subdivided; a terrain; a street
 of such meshes. Asked are points from eyes, and first hits: of a picture, of a LiDAR's turn, of rays in no order.
---quick takes a few of both, --scene and --question those whose names match, as *. Each repetition builds every side from
+--quick takes a few of both, --scene and --question those whose names match, as *. Each repetition builds all sides from
 arrays, and asks all sides each question in turn; medians count. A cell is *fresh* with the building, else *again*.
 Its ratio is that of the fastest peer's seconds to those of `exact`. Peers' rays are made beforehand, which is not
 counted. Of more than `MOST_PAIRS` pairs of point and eye, peers answer some eyes, and are taken to be as fast with

@@ -13,7 +13,7 @@ def leaves_below(bvh: Bvh, node: int, box: np.ndarray) -> list[int]:
     """Return the leaves below a node, whose boxes, and whose faces, must be inside one."""
     found = []
     for i in range(LEAF * node, LEAF * node + bvh.n_children[node]):
-        mine, child = bvh.boxes[:, i], bvh.children[i]
+        mine, child = bvh.boxes[6 * node : 6 * node + 6, i % LEAF], bvh.children[i]
         assert (mine[:3] >= box[:3]).all()
         assert (mine[3:] <= box[3:]).all()
         if child >= 0:
@@ -53,7 +53,8 @@ def test_leaves_are_full_and_smaller_than_runs_along_the_curve() -> None:
     # all are full but the last of the long faces, and of the others
     assert ((bvh.face_ids >= 0).sum(axis=1) < LEAF).sum() <= 2
     lower, upper = mesh.corners.min(axis=1), mesh.corners.max(axis=1)
-    boxes = bvh.boxes[:, (bvh.children < 0) & (np.arange(len(bvh.children)) % LEAF < np.repeat(bvh.n_children, LEAF))].T
+    used = np.arange(LEAF) < bvh.n_children[:, None]
+    boxes = bvh.boxes.reshape(-1, 6, LEAF).transpose(0, 2, 1)[used & (bvh.children.reshape(-1, LEAF) < 0)]
     runs = hilbert_order((lower + upper) / 2.0)[: len(lower) // LEAF * LEAF].reshape(-1, LEAF)
     along = area(lower[runs].min(axis=1), upper[runs].max(axis=1)) * bvh.scale**2
     assert area(boxes[:, :3], boxes[:, 3:]) < 0.8 * along

@@ -45,7 +45,7 @@ class Bvh(NamedTuple):
     planes: Float32  # (m, 4, 16) unit normal and offset of each face: n . p = offset on it
     used: Int64  # (m,) masks of the faces that there are in each leaf
     weak: Int64  # (m,) masks of the faces without a float32 plane (`WEAK_NORMAL`)
-    boxes: Float32  # (6, 16 n) of the children of n nodes, those of node i from column 16 i on; node 0 is the root
+    boxes: Float32  # (6 n, 16) of the children of n nodes, those of node i from row 6 i on; node 0 is the root
     children: IntArray  # (16 n,) their nodes, or ~leaf
     n_children: IntArray  # (n,) how many each node has, the first of its 16
     vertices: FloatArray  # (v, 3) world space
@@ -85,7 +85,7 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
         weak=np.empty(n_leaves, dtype=np.int64),
-        boxes=np.zeros((6, 0), dtype=np.float32),
+        boxes=np.empty((0, LEAF), dtype=np.float32),
         children=np.empty(0, dtype=np.int32),
         n_children=np.empty(0, dtype=np.int32),
         vertices=mesh.vertices,
@@ -400,14 +400,14 @@ def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray]:
     """Return the fields of a `Bvh` that are about nodes, of the rows of its leaves."""
     n_leaves = len(leaf_boxes) // ROW
     room = max(n_leaves, 1)  # more nodes than leaves there cannot be
-    boxes, children = np.zeros((6, room * LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
+    boxes, children = np.zeros((room * 6, LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
     n_children, leaves = np.empty(room, dtype=np.int32), np.arange(n_leaves, dtype=np.int32)
     spans, parts = np.empty((room, 2), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
     extents, bins = np.empty(LEAF * ROW, dtype=np.float32), np.empty((BINS + 1) * ROW, dtype=np.float32)
     sizes, areas = np.empty(BINS, dtype=np.int64), np.empty(BINS, dtype=np.float32)
     scratch = parts, extents, bins, sizes, areas
     n = _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
-    return boxes[:, : n * LEAF].copy(), children[: n * LEAF].copy(), n_children[:n].copy()
+    return boxes[: n * 6].copy(), children[: n * LEAF].copy(), n_children[:n].copy()
 
 
 @njit(nogil=True, cache=True)
@@ -441,8 +441,8 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
         n_children[node] = n
         for i in range(n):
             for axis in range(3):
-                boxes[axis, LEAF * node + i] = extents[ROW * i + axis]
-                boxes[UPPER + axis, LEAF * node + i] = -extents[ROW * i + UPPER + axis]
+                boxes[6 * node + axis, i] = extents[ROW * i + axis]
+                boxes[6 * node + UPPER + axis, i] = -extents[ROW * i + UPPER + axis]
             if parts[i, 1] - parts[i, 0] == 1:
                 children[LEAF * node + i] = ~leaves[parts[i, 0]]
             else:

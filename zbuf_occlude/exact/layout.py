@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.jit.compiler import inlined
-from zbuf_occlude.jit.simd import N_LANES, N_WIDE
+from zbuf_occlude.jit.simd import N_LANES, N_WIDE, number
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
@@ -69,7 +69,7 @@ class Stack(NamedTuple):
 class Workspace(NamedTuple):
     """What a thread needs to search views: up to 4 MB of triangle set-ups, and about 5 bytes per face."""
 
-    rectangles: Float32  # (6, 16 n) around the children of n nodes in the image
+    rectangles: Float32  # (6 n, 16) around the children of n nodes in the image
     projected: Int64  # (n,) in which view those of each node are
     stack: Stack
     chunk_rectangles: Float32  # (6, GROUP) around the chunks of a group
@@ -92,7 +92,7 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
     while n_slots < min(n_leaves, SLOTS):
         n_slots *= 2
     return Workspace(
-        rectangles=np.empty((6, n_nodes * LEAF), dtype=np.float32),
+        rectangles=np.empty((n_nodes * 6, LEAF), dtype=np.float32),
         projected=np.full(n_nodes, -1, dtype=np.int64),
         stack=Stack(
             # of each node on the way down all children but one
@@ -114,11 +114,17 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
 
 
 @inlined
-def put(candidates, at, leaf, rectangles, column):
-    """Write a leaf and its rectangle, a column of `rectangles`, to a place of a list."""
+def put(candidates, at, leaf, rectangles, index, stride):
+    """Write a leaf to a place of a list, and its rectangle: every `stride` numbers from a flat index on."""
     candidates.leaves[at] = leaf
     for row in range(6):
-        candidates.rectangles[row, at] = rectangles[row, column]
+        candidates.rectangles[row, at] = number(rectangles, index + row * stride)
+
+
+@inlined
+def flat(slot):
+    """Flat index, in boxes or rectangles of nodes' children, of the first number of a child."""
+    return 6 * (slot & -LEAF) + (slot & (LEAF - 1))
 
 
 def make_stack(n_nodes: int) -> Stack:

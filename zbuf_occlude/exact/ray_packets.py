@@ -142,7 +142,7 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
     state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
-        found = overlapping(space.listed.rectangles, j, window)
+        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], window)
         if n_listed - j < LEAF:
             found &= (1 << (n_listed - j)) - 1
         while found:

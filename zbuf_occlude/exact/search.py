@@ -18,6 +18,7 @@ from zbuf_occlude.exact.layout import (
     RIGHT,
     TOP,
     ZERO,
+    flat,
     make_stack,
     make_workspace,
     put,
@@ -109,7 +110,7 @@ def _search_chunks(bvh, points, view, chunks, space, answer):
     error = COORDINATE_ERROR * max(points.farthest, view.reach)
     for first in range(chunks[0], chunks[1], GROUP):
         last = min(first + GROUP, chunks[1])
-        project_boxes(points.chunk_boxes, first, view, error, rectangles)
+        project_boxes(points.chunk_boxes, first, points.chunk_boxes.shape[1], view, error, rectangles, 0)
         window = window_of_chunk(first, view, rectangles)
         for chunk in range(first + 1, last):
             window = joined(window, window_of_chunk(chunk, view, rectangles))
@@ -149,7 +150,7 @@ def _search_packet(bvh, points, view, undecided, extent, n, space):
     least = seen[0] - error, seen[1] - error
     most = seen[0] + error, seen[1] + error, seen[2] + error
     for j in range(0, n, LEAF):
-        found = overlapping(space.listed.rectangles, j, extent)
+        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], extent)
         if n - j < LEAF:
             found &= (1 << (n - j)) - 1
         while found:
@@ -214,13 +215,13 @@ def project_children(bvh, node, view, space):
     """Fill ``space.rectangles`` for the children of a node, unless this view did."""
     if space.projected[node] != view.number:
         space.projected[node] = view.number
-        project_boxes(bvh.boxes, LEAF * node, view, COORDINATE_ERROR * view.reach, space.rectangles)
+        at, error = 6 * LEAF * node, COORDINATE_ERROR * view.reach
+        project_boxes(bvh.boxes, at, LEAF, view, error, space.rectangles, at)
 
 
 @inlined
-def overlapping(rectangles, i, window):
-    """Mask of the 16 rectangles from column i on that overlap a window and do not lie wholly behind it."""
-    total = rectangles.shape[1]
+def overlapping(rectangles, i, total, window):
+    """Mask of the 16 rectangles, `total` numbers apart from a flat index on, that overlap a window, not behind it."""
     return (
         not_less(splat(window.right), load(rectangles, LEFT * total + i))
         & not_less(load(rectangles, RIGHT * total + i), splat(window.left))
@@ -239,7 +240,7 @@ def list_candidates(bvh, view, window, space):
         n_nodes -= 1
         node = np.int64(stack[n_nodes])
         project_children(bvh, node, view, space)
-        found = overlapping(space.rectangles, LEAF * node, window) & ((1 << bvh.n_children[node]) - 1)
+        found = overlapping(space.rectangles, 6 * LEAF * node, LEAF, window) & ((1 << bvh.n_children[node]) - 1)
         while found:
             i = LEAF * node + first_lane(found)
             found &= found - 1
@@ -251,27 +252,27 @@ def list_candidates(bvh, view, window, space):
                 n_nodes += 1
     _sort_by_depth(found_at, stack, n, window.farthest, space)
     for j in range(n):
-        put(space.before, j, ~bvh.children[stack[j]], space.rectangles, stack[j])
+        put(space.before, j, ~bvh.children[stack[j]], space.rectangles, flat(np.int64(stack[j])), LEAF)
     return n
 
 
 @inner
-def _sort_by_depth(columns, nearest_first, n, farthest, space):
-    """Sort columns of n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
-    w, starts = space.rectangles[NEAREST], space.depth_starts
+def _sort_by_depth(slots, nearest_first, n, farthest, space):
+    """Sort the slots of n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
+    w, starts, bounds = NEAREST * LEAF, space.depth_starts, space.rectangles
     nearest = farthest
     for j in range(n):
-        nearest = min(nearest, w[columns[j]])
+        nearest = min(nearest, number(bounds, w + flat(np.int64(slots[j]))))
     nearest = max(nearest, ZERO)
     scale = np.float32(DEPTHS - 1) / max(farthest - nearest, np.float32(1e-30))
     starts[:] = 0
     for j in range(n):
-        starts[np.int64(max(w[columns[j]] - nearest, ZERO) * scale) + 1] += 1
+        starts[np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale) + 1] += 1
     for i in range(DEPTHS):
         starts[i + 1] += starts[i]
     for j in range(n):
-        depth = np.int64(max(w[columns[j]] - nearest, ZERO) * scale)
-        nearest_first[starts[depth]] = columns[j]
+        depth = np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale)
+        nearest_first[starts[depth]] = slots[j]
         starts[depth] += 1
 
 
@@ -280,20 +281,21 @@ def _tighten(bvh, n, view, space):
     """Replace the rectangles of the n leaves in ``space.before`` by those of their projected faces."""
     for j in range(n):
         leaf = space.before.leaves[j]
-        put(space.before, j, leaf, space.slot_rectangles, slot_of(bvh, leaf, view, space, set_up_for_points))
+        slot = slot_of(bvh, leaf, view, space, set_up_for_points)
+        put(space.before, j, leaf, space.slot_rectangles, slot, len(space.slot_tags))
 
 
 @inner
 def choose(n, window, space):
     """List in ``space.listed`` those of the n leaves in ``space.before`` that overlap a window; return how many."""
-    n_listed = np.int64(0)
+    n_listed, capacity = np.int64(0), space.before.rectangles.shape[1]
     for j in range(0, n, LEAF):
-        found = overlapping(space.before.rectangles, j, window)
+        found = overlapping(space.before.rectangles, j, capacity, window)
         if n - j < LEAF:
             found &= (1 << (n - j)) - 1
         while found:
             entry = j + first_lane(found)
             found &= found - 1
-            put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry)
+            put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry, capacity)
             n_listed += 1
     return n_listed

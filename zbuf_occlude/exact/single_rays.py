@@ -193,14 +193,14 @@ def _limit(ray, fraction):
 @inlined
 def _open_node(bvh, ray, node, limit, stack, n):
     """Push the children of a node that the ray meets before `limit`, the nearest on top; return the stack's size."""
-    column, stride = LEAF * node, bvh.boxes.shape[1]
+    index = 6 * LEAF * node
     enter, leave = splat(ZERO), splat(limit)
     for axis in range(3):
         inverse = ray.inverse[axis]
         near = axis if inverse > ZERO else UPPER + axis
         far = axis + UPPER + axis - near
-        enter = maximum(enter, muladd(load(bvh.boxes, near * stride + column), inverse, splat(ray.enters[axis])))
-        leave = minimum(leave, muladd(load(bvh.boxes, far * stride + column), inverse, splat(ray.leaves[axis])))
+        enter = maximum(enter, muladd(load(bvh.boxes, index + near * LEAF), inverse, splat(ray.enters[axis])))
+        leave = minimum(leave, muladd(load(bvh.boxes, index + far * LEAF), inverse, splat(ray.leaves[axis])))
     store(stack.lanes, 0, enter)
     mask, bottom = not_less(leave, enter) & ((np.int64(1) << bvh.n_children[node]) - 1), n
     while mask:
@@ -210,7 +210,7 @@ def _open_node(bvh, ray, node, limit, stack, n):
         while place > bottom and stack.nearest[place - 1] < nearest:
             stack.nodes[place], stack.nearest[place] = stack.nodes[place - 1], stack.nearest[place - 1]
             place -= 1
-        stack.nodes[place], stack.nearest[place] = bvh.children[column + lane], nearest
+        stack.nodes[place], stack.nearest[place] = bvh.children[LEAF * node + lane], nearest
         n += 1
     return n
 
