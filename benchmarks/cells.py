@@ -382,6 +382,7 @@ def draw(cells: list[Cell], path: Path) -> None:
 
 def report(cells: list[Cell], sides: list[str]) -> None:
     """Print a table of Markdown, the worst cell first, and what the cells come to."""
+    print()
     print(
         "| scene, faces | points x eyes, or rays | ratio | " + " | ".join(f"{side} ms" for side in sides),
         end=" | agree |\n",
