@@ -41,6 +41,8 @@ from zbuf_occlude.jit.vec3 import minus
 
 SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
+NEAR_EYE = np.uint8(2)
+"""In an answer: to be looked at alone."""
 BESIDE = 1e-6
 """A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
 point is from mesh or eye: as the oracle (`visibility.oracle.ROUNDING`), which leaves out runs of faces so."""
@@ -203,8 +205,8 @@ def _faces_block(bvh, points, view, i, leaf, faces):
 
 
 @inner
-def hide_near_points(bvh, points, view, chunks, stack, answer):
-    """Write 0 for the hidden points of some chunks that are too near to an eye inside for any frame."""
+def mark_near_points(points, view, chunks, answer):
+    """Write `NEAR_EYE` for the points of some chunks that are too near to an eye inside for any frame."""
     for packet in range(chunks[0] * CHUNK, chunks[1] * CHUNK):
         radius = view.near * max(points.reach[packet], view.reach) * 1.01
         apart = ZERO
@@ -215,9 +217,7 @@ def hide_near_points(bvh, points, view, chunks, stack, answer):
             continue
         for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
             if _is_near(points, view, i, radius):
-                row, point = points.own[i], _world_point(points, i)
-                own = np.int64(bvh.face_ids[row // LEAF, row % LEAF]) if row >= 0 else np.int64(-1)
-                answer[points.order[i]] &= not is_hidden(bvh, view.world_eye, point, own, stack)
+                answer[points.order[i]] = NEAR_EYE
 
 
 @inner

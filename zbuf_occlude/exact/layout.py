@@ -71,7 +71,6 @@ class Workspace(NamedTuple):
 
     rectangles: Float32  # (6 n, 16) around the children of n nodes in the image
     projected: Int64  # (n,) in which view those of each node are
-    stack: Stack
     chunk_rectangles: Float32  # (6, GROUP) around the chunks of a group
     scratch: IntArray  # (2, leaves + 16)
     depth_starts: Int64  # (DEPTHS + 1,)
@@ -94,12 +93,6 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
     return Workspace(
         rectangles=np.empty((n_nodes * 6, LEAF), dtype=np.float32),
         projected=np.full(n_nodes, -1, dtype=np.int64),
-        stack=Stack(
-            # of each node on the way down all children but one
-            np.empty(n_nodes * LEAF + 1, dtype=np.int32),
-            np.empty(n_nodes * LEAF + 1, dtype=np.float32),
-            np.empty(LEAF, dtype=np.float32),
-        ),
         chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
         scratch=np.empty((2, capacity), dtype=np.int32),
         depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
@@ -128,5 +121,6 @@ def flat(slot):
 
 
 def make_stack(n_nodes: int) -> Stack:
-    """Allocate what a thread needs where it looks along lines only."""
-    return make_workspace(0, n_nodes).stack
+    """Allocate what a thread needs to look along lines: of each node on the way down all children but one."""
+    room = n_nodes * LEAF + 1
+    return Stack(np.empty(room, dtype=np.int32), np.empty(room, dtype=np.float32), np.empty(LEAF, dtype=np.float32))

@@ -1,10 +1,11 @@
 """The search: for each view the leaves before each packet of points, until every point is hidden or none is left."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points, hide_near_points, is_hidden
+from zbuf_occlude.exact.hide import NEAR_EYE, classify, hide_by_faces, hide_by_points, is_hidden, mark_near_points
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     CHUNK,
@@ -18,15 +19,16 @@ from zbuf_occlude.exact.layout import (
     RIGHT,
     TOP,
     ZERO,
+    Int64,
     flat,
     make_stack,
     make_workspace,
     put,
 )
-from zbuf_occlude.exact.points import Packets
+from zbuf_occlude.exact.points import make_packets
 from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, window_of_chunk
 from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
-from zbuf_occlude.exact.view import EyeViews, view_of
+from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
@@ -43,36 +45,46 @@ FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a leaf."""
 
 
-def find_visible(bvh: Bvh, points: Packets, views: EyeViews) -> BoolArray:
+def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
-    n_eyes, wanted = len(views.eyes), 4 * n_threads()
-    n_parts = 1 if n_eyes >= wanted else min(n_blocks(len(points.chunk_reach), GROUP), wanted)
-    answer = np.ones((n_eyes, points.n_points), dtype=np.uint8)
+    packets = make_packets(bvh, points)
+    views = project_eyes(bvh, eyes, float(packets.farthest))
+    n_eyes, wanted = len(eyes), 4 * n_threads()
+    n_parts = 1 if n_eyes >= wanted else min(n_blocks(len(packets.chunk_reach), GROUP), wanted)
+    answer = np.ones((n_eyes, len(points)), dtype=np.uint8)
     n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_parts
     sizes = len(bvh.used), len(bvh.n_children)
-    together(_search_views, n_tasks, bvh, points, views, n_parts, answer, own=lambda: make_workspace(*sizes))
+    together(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
+    if (views.n_frames > 1).any():
+        _look_at(bvh, points, eyes, np.flatnonzero(answer == NEAR_EYE), answer)
     return answer.view(bool)
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return the same, line of sight after line of sight: where points are few an eye would see mostly other leaves."""
-    answer = np.ones((len(eyes), len(points)), dtype=np.uint8)
-    asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), answer
-    n_tasks = n_blocks(answer.size, LINES)
-    together(_look_along_lines, n_tasks, bvh, *asked, own=lambda: make_stack(len(bvh.n_children)))
+    answer = np.empty((len(eyes), len(points)), dtype=np.uint8)
+    _look_at(bvh, points, eyes, np.arange(answer.size), answer)
     return answer.view(bool)
 
 
+def _look_at(bvh: Bvh, points: SurfacePoints, eyes: FloatArray, pairs: Int64, answer: NDArray[np.uint8]) -> None:
+    """Write the answers of pairs, numbered through all of them."""
+    if len(pairs):
+        asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), pairs, answer
+        tasks, n_nodes = n_blocks(len(pairs), LINES), len(bvh.n_children)
+        together(_look_along_lines, tasks, bvh, *asked, own=lambda: make_stack(n_nodes))
+
+
 @shared
-def _look_along_lines(tasks, bvh, positions, face_ids, eyes, answer, stack):
+def _look_along_lines(tasks, bvh, positions, face_ids, eyes, pairs, answer, stack):
     bvh_at, stack_at, n = reference(bvh), reference(stack), len(positions)
-    first, last = take_block(tasks, answer.size, LINES)
+    first, last = take_block(tasks, len(pairs), LINES)
     while first < last:
-        for i in range(first, last):
-            p, eye, own = positions[i % n], eyes[i // n], np.int64(face_ids[i % n])
+        for pair in pairs[first:last]:
+            p, eye, own = positions[pair % n], eyes[pair // n], np.int64(face_ids[pair % n])
             hidden = is_hidden(bvh_at, (eye[0], eye[1], eye[2]), (p[0], p[1], p[2]), own, stack_at)
-            answer[i // n, i % n] = not hidden
-        first, last = take_block(tasks, answer.size, LINES)
+            answer[pair // n, pair % n] = not hidden
+        first, last = take_block(tasks, len(pairs), LINES)
 
 
 @shared
@@ -98,9 +110,9 @@ def _search_tasks(tasks, bvh, points, views, n_parts, answer, space):
 def _search_view(bvh, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
-    if view.near > ZERO and view.number % 6 == 0:
-        hide_near_points(bvh, points, view, chunks, space.stack, answer)
     _search_chunks(bvh, points, view, chunks, space, answer)
+    if view.near > ZERO and view.number % 6 == 5:
+        mark_near_points(points, view, chunks, answer)
 
 
 @merged
