@@ -31,18 +31,11 @@ class Part(NamedTuple):
 
 PARTS = (
     Part("methods", f"python benchmarks/method_table.py {MODELNET}", 5, "--seconds 2 --row-seconds 10"),
-    Part("fresh-meshes", f"python benchmarks/fresh_meshes.py {FURNITURE}", 5, "--limit 10 --repeats 1"),
     Part(
-        "fresh-meshes-small",
-        f"python benchmarks/fresh_meshes.py {FURNITURE} --points 2048 --eyes 25",
-        1,
-        "--limit 10 --repeats 1",
-    ),
-    Part(
-        "fresh-meshes-many",
-        f"python benchmarks/fresh_meshes.py {FURNITURE} --points 100000 --limit 15",
-        1,
-        "--limit 3 --repeats 1",
+        "cells",
+        f"python benchmarks/cells.py {FURNITURE} --quick --processors",
+        5,
+        "--repeats 1 --scene 'furniture 10,000'",
     ),
     Part(
         "random-scenes",
@@ -87,7 +80,6 @@ PARTS = (
     Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4, times=False),
     Part("on-the-fly", "python benchmarks/on_the_fly.py", 1, "--seconds 1 --meshes 4", text=True),
     Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8", times=False),
-    Part("first-hits", f"python benchmarks/first_hits.py {FURNITURE}", 1, "--repeats 1", text=True),
     Part("areas", f"python benchmarks/dead_angle.py {MODELNET} {FURNITURE} --objects 8", 3, times=False),
     Part(
         "study",

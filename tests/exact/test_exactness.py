@@ -20,9 +20,11 @@ from zbuf_occlude.visibility.interface import Occluder
 ROOT = Path(__file__).parents[2]
 
 
-def test_random_scenes_agree_with_the_oracle_outside_the_boundary_band() -> None:
+def test_random_scenes_agree_with_the_oracle_outside_the_boundary_band(monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = set()
     for index in range(130):
+        if index == len(KINDS) * len(CONTACTS):  # once more, as few points of large meshes are asked
+            monkeypatch.setattr("zbuf_occlude.exact.LEAVES_PER_POINT", 0)
         contact = CONTACTS[index % len(CONTACTS)]
         outside, _, _ = disagreements_of("exact", 1, index, contact)
         kind = scene(1, index)[3]

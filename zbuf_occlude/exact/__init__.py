@@ -8,12 +8,13 @@ import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.exact.bvh import build_bvh
-from zbuf_occlude.exact.points import make_packets
 from zbuf_occlude.exact.rays import find_first_hits
-from zbuf_occlude.exact.search import find_visible
-from zbuf_occlude.exact.view import project_eyes
+from zbuf_occlude.exact.search import find_visible, find_visible_one_by_one
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
+
+LEAVES_PER_POINT = 8
+"""Fewer points than a leaf per this many are looked at one by one."""
 
 
 class Engine:
@@ -29,8 +30,9 @@ class Engine:
         """Return which of n points each of k eyes sees; (k, n) bool."""
         if len(self._bvh.face_ids) == 0:  # no face that could block
             return np.ones((len(eyes), len(points)), dtype=bool)
-        packets = make_packets(self._bvh, points)
-        return find_visible(self._bvh, packets, project_eyes(self._bvh, eyes, float(packets.farthest)))
+        if LEAVES_PER_POINT * len(points) < len(self._bvh.face_ids):
+            return find_visible_one_by_one(self._bvh, points, eyes)
+        return find_visible(self._bvh, points, eyes)
 
     def first_hits(self, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return which face n rays meet first, (n,) int32, -1 for none, and the eye distance, (n,) float64."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from zbuf_occlude.exact.bvh import corners_of
 from zbuf_occlude.exact.layout import (
     CHUNK,
     CONTACT,
@@ -16,6 +17,7 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
+from zbuf_occlude.exact.single_rays import Line, find_on_line
 from zbuf_occlude.geometry.predicates import blocks
 from zbuf_occlude.jit.compiler import inlined, inner
 from zbuf_occlude.jit.simd import (
@@ -35,9 +37,12 @@ from zbuf_occlude.jit.simd import (
     numbers3,
     splat,
 )
+from zbuf_occlude.jit.vec3 import minus
 
 SURE = np.float32(1.001)
 """What is certain is certain by this factor, which covers the rounding of the bounds themselves."""
+NEAR_EYE = np.uint8(2)
+"""In an answer: to be looked at alone."""
 BESIDE = 1e-6
 """A face blocks no line of sight that passes its box by this share of reach^2 / diagonal, `reach` being how far the
 point is from mesh or eye: as the oracle (`visibility.oracle.ROUNDING`), which leaves out runs of faces so."""
@@ -200,9 +205,9 @@ def _faces_block(bvh, points, view, i, leaf, faces):
 
 
 @inner
-def hide_near_points(bvh, points, view, first, last, answer):
-    """Write 0 for the hidden points of chunks first to last that are too near to an eye inside for any frame."""
-    for packet in range(first * CHUNK, last * CHUNK):
+def mark_near_points(points, view, chunks, answer):
+    """Write `NEAR_EYE` for the points of some chunks that are too near to an eye inside for any frame."""
+    for packet in range(chunks[0] * CHUNK, chunks[1] * CHUNK):
         radius = view.near * max(points.reach[packet], view.reach) * 1.01
         apart = ZERO
         for axis in range(3):
@@ -211,8 +216,8 @@ def hide_near_points(bvh, points, view, first, last, answer):
         if apart > radius:
             continue
         for i in range(packet * PACKET, min((packet + 1) * PACKET, points.n_points)):
-            if _is_near(points, view, i, radius) and _line_is_blocked(bvh, points, view, i):
-                answer[points.order[i]] = 0
+            if _is_near(points, view, i, radius):
+                answer[points.order[i]] = NEAR_EYE
 
 
 @inner
@@ -225,28 +230,19 @@ def _is_near(points, view, i, radius):
 
 
 @inner
-def _line_is_blocked(bvh, points, view, i):
-    """Whether any face but its own blocks the line of sight of point i; asks those whose leaves' boxes it meets."""
-    point, centre = _world_point(points, i), bvh.centre
-    # more than float64 can err
-    margin = 1e-12 * ((1.0 + view.reach) / bvh.scale + abs(centre[0]) + abs(centre[1]))
-    margin += 1e-12 * abs(centre[2])
-    for leaf in range(len(bvh.face_ids)):
-        if _segment_meets_box(view.world_eye, point, bvh.world_boxes[leaf], margin) and _faces_block(
-            bvh, points, view, i, leaf, bvh.used[leaf]
-        ):
-            return True
-    return False
+def is_hidden(bvh, eye, point, own, stack):
+    """Whether any face but its own blocks the line of sight of a point."""
+    if eye == point:
+        return False
+    return find_on_line(bvh, Line(eye, minus(point, eye), point, own), 1.0, _blocks_line, stack)[0] >= 0
 
 
 @inner
-def _segment_meets_box(eye, point, box, margin):
-    """Whether the segment (eye, point) may meet a box widened by `margin`; never False when it does."""
-    enter, leave = 0.0, 1.0
-    for axis in range(3):
-        lower, upper = box[axis] - margin, box[UPPER + axis] + margin
-        enter, leave = _within_slab(eye[axis], point[axis], lower, upper, enter, leave)
-    return enter <= leave
+def _blocks_line(bvh, line, candidate, face, fraction):
+    """Go no farther where a face blocks the line."""
+    if candidate != line.own and _face_blocks(bvh, line.origin, line.point, candidate):
+        return np.int64(candidate), -1.0
+    return face, fraction
 
 
 @inner
@@ -264,9 +260,8 @@ def _within_slab(eye, point, lower, upper, enter, leave):
 @inner
 def _face_blocks(bvh, eye, point, face):
     """Whether a face blocks a line of sight by the definition, unless it does so by rounding only."""
-    corners = bvh.world_corners[face]
-    a, b, c = corners[0], corners[1], corners[2]
-    by_definition = blocks(eye, point, (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), bvh.world_contact)
+    corners = corners_of(bvh, face)
+    by_definition = blocks(eye, point, corners[0], corners[1], corners[2], bvh.world_contact)
     return by_definition and not _passes_beside(bvh, eye, point, corners)
 
 
@@ -281,7 +276,7 @@ def _passes_beside(bvh, eye, point, corners):
     margin = BESIDE * (reach * bvh.scale * reach + BESIDE * size)
     enter, leave = 0.0, 1.0
     for axis in range(3):
-        one, two, three = corners[0, axis], corners[1, axis], corners[2, axis]
+        one, two, three = corners[0][axis], corners[1][axis], corners[2][axis]
         lower, upper = min(one, two, three), max(one, two, three)
         enter, leave = _within_slab(eye[axis], point[axis], lower - margin, upper + margin, enter, leave)
     return enter > leave

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import IntArray
 from zbuf_occlude.jit.compiler import inlined
-from zbuf_occlude.jit.simd import N_LANES, N_WIDE
+from zbuf_occlude.jit.simd import N_LANES, N_WIDE, number
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
@@ -58,10 +58,19 @@ class CandidateList(NamedTuple):
     rectangles: Float32  # (6, capacity) around them in the image
 
 
+class Stack(NamedTuple):
+    """Nodes, or ~leaves, that a ray still has to test, of one parent the nearest on top."""
+
+    nodes: IntArray
+    nearest: Float32
+    lanes: Float32  # (16,) scratch
+
+
 class Workspace(NamedTuple):
     """What a thread needs to search views: up to 4 MB of triangle set-ups, and about 5 bytes per face."""
 
-    rectangles: Float32  # (6, total nodes) around the nodes in the image
+    rectangles: Float32  # (6 n, 16) around the children of n nodes in the image
+    projected: Int64  # (n,) in which view those of each node are
     chunk_rectangles: Float32  # (6, GROUP) around the chunks of a group
     scratch: IntArray  # (2, leaves + 16)
     depth_starts: Int64  # (DEPTHS + 1,)
@@ -82,7 +91,8 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
     while n_slots < min(n_leaves, SLOTS):
         n_slots *= 2
     return Workspace(
-        rectangles=np.empty((6, n_nodes), dtype=np.float32),
+        rectangles=np.empty((n_nodes * 6, LEAF), dtype=np.float32),
+        projected=np.full(n_nodes, -1, dtype=np.int64),
         chunk_rectangles=np.empty((6, GROUP), dtype=np.float32),
         scratch=np.empty((2, capacity), dtype=np.int32),
         depth_starts=np.zeros(DEPTHS + 1, dtype=np.int64),
@@ -97,8 +107,20 @@ def make_workspace(n_leaves: int, n_nodes: int) -> Workspace:
 
 
 @inlined
-def put(candidates, at, leaf, rectangles, column):
-    """Write a leaf and its rectangle, a column of `rectangles`, to a place of a list."""
+def put(candidates, at, leaf, rectangles, index, stride):
+    """Write a leaf to a place of a list, and its rectangle: every `stride` numbers from a flat index on."""
     candidates.leaves[at] = leaf
     for row in range(6):
-        candidates.rectangles[row, at] = rectangles[row, column]
+        candidates.rectangles[row, at] = number(rectangles, index + row * stride)
+
+
+@inlined
+def flat(slot):
+    """Flat index, in boxes or rectangles of nodes' children, of the first number of a child."""
+    return 6 * (slot & -LEAF) + (slot & (LEAF - 1))
+
+
+def make_stack(n_nodes: int) -> Stack:
+    """Allocate what a thread needs to look along lines: of each node on the way down all children but one."""
+    room = n_nodes * LEAF + 1
+    return Stack(np.empty(room, dtype=np.int32), np.empty(room, dtype=np.float32), np.empty(LEAF, dtype=np.float32))

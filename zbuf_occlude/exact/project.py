@@ -72,44 +72,43 @@ class Extent(NamedTuple):
 
 
 @inner
-def project_boxes(boxes, first, last, view, error, rectangles):
-    """Project boxes (6, total) from column `first` to `last`, multiples of 16, to rectangles from column 0 on.
+def project_boxes(boxes, index, stride, view, error, rectangles, to):
+    """Project 16 boxes to rectangles.
+
+    The boxes' bounds are at flat indices `index`, + `stride`, ...; the rectangles' at `to`, + 16, ...
 
     Rectangles are widened by `error`, the error bound of a projected coordinate. What lies behind the eye or outside
     the window gets an empty rectangle; what reaches behind the eye, an endless one.
     """
-    total, width = boxes.shape[1], rectangles.shape[1]
     far, near, guard, edge = splat(ENDLESS), splat(-ENDLESS), splat(error), splat(view.window)
-    for i in range(first, last, LEAF):
-        x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
-        left, right, below, above = near, near, near, near
-        lower, upper = load3(boxes, i, total), load3(boxes, UPPER * total + i, total)
-        for corner in range(8):
-            x = upper[0] if corner & 1 else lower[0]
-            y = upper[1] if corner & 2 else lower[1]
-            z = upper[2] if corner & 4 else lower[2]
-            u, v, w = transform(view.matrix, x, y, z)
-            inverse = divide(splat(ONE), w)
-            blur = guard * inverse
-            su, sv = u * inverse, v * inverse
-            x0, x1 = minimum(x0, su - blur), maximum(x1, su + blur)
-            y0, y1 = minimum(y0, sv - blur), maximum(y1, sv + blur)
-            w0, w1 = minimum(w0, w - guard), maximum(w1, w + guard)
-            rim = edge * w
-            left, right = maximum(left, u + rim), maximum(right, rim - u)
-            below, above = maximum(below, v + rim), maximum(above, rim - v)
-        # a box that is not wholly before the eye has no rectangle of its own
-        whole = greater(w0, splat(ZERO))
-        slack = splat(-error * view.window * np.float32(2.0)) if view.near > ZERO else near
-        seen = not_less(w1, splat(ZERO)) & not_less(left, slack) & not_less(right, slack)
-        seen &= not_less(below, slack) & not_less(above, slack)
-        to = i - first
-        store(rectangles, LEFT * width + to, select(seen, select(whole, x0, near), far))
-        store(rectangles, RIGHT * width + to, select(seen, select(whole, x1, far), near))
-        store(rectangles, BOTTOM * width + to, select(whole, y0, near))
-        store(rectangles, TOP * width + to, select(whole, y1, far))
-        store(rectangles, NEAREST * width + to, w0)
-        store(rectangles, FARTHEST * width + to, w1)
+    x0, x1, y0, y1, w0, w1 = far, near, far, near, far, near
+    left, right, below, above = near, near, near, near
+    lower, upper = load3(boxes, index, stride), load3(boxes, UPPER * stride + index, stride)
+    for corner in range(8):
+        x = upper[0] if corner & 1 else lower[0]
+        y = upper[1] if corner & 2 else lower[1]
+        z = upper[2] if corner & 4 else lower[2]
+        u, v, w = transform(view.matrix, x, y, z)
+        inverse = divide(splat(ONE), w)
+        blur = guard * inverse
+        su, sv = u * inverse, v * inverse
+        x0, x1 = minimum(x0, su - blur), maximum(x1, su + blur)
+        y0, y1 = minimum(y0, sv - blur), maximum(y1, sv + blur)
+        w0, w1 = minimum(w0, w - guard), maximum(w1, w + guard)
+        rim = edge * w
+        left, right = maximum(left, u + rim), maximum(right, rim - u)
+        below, above = maximum(below, v + rim), maximum(above, rim - v)
+    # a box that is not wholly before the eye has no rectangle of its own
+    whole = greater(w0, splat(ZERO))
+    slack = splat(-error * view.window * np.float32(2.0)) if view.near > ZERO else near
+    seen = not_less(w1, splat(ZERO)) & not_less(left, slack) & not_less(right, slack)
+    seen &= not_less(below, slack) & not_less(above, slack)
+    store(rectangles, LEFT * LEAF + to, select(seen, select(whole, x0, near), far))
+    store(rectangles, RIGHT * LEAF + to, select(seen, select(whole, x1, far), near))
+    store(rectangles, BOTTOM * LEAF + to, select(whole, y0, near))
+    store(rectangles, TOP * LEAF + to, select(whole, y1, far))
+    store(rectangles, NEAREST * LEAF + to, w0)
+    store(rectangles, FARTHEST * LEAF + to, w1)
 
 
 @inner

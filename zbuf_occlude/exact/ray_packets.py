@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.exact.bvh import corners_of
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     EDGES,
@@ -31,8 +32,8 @@ from zbuf_occlude.exact.layout import (
 )
 from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.search import overlapping
+from zbuf_occlude.exact.single_rays import nearer
 from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
-from zbuf_occlude.geometry.predicates import meeting
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.simd import (
     ALL,
@@ -141,7 +142,7 @@ def first_hits_of_packet(bvh, view, frame, rays, n_listed, space, state):
     state.decided[0] = 0
     limit, active = ENDLESS, (1 << len(rays.chosen)) - 1
     for j in range(0, n_listed, LEAF):
-        found = overlapping(space.listed.rectangles, j, window)
+        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], window)
         if n_listed - j < LEAF:
             found &= (1 << (n_listed - j)) - 1
         while found:
@@ -277,7 +278,7 @@ def _decide(bvh, frame, rays, candidate, lane, state):
     if (state.decided[0] >> lane) & 1:
         fraction = state.fractions[lane]
     elif face >= 0:
-        normal, height = _plane(bvh.world_corners[face], origin)
+        normal, height = _plane(corners_of(bvh, face), origin)
         fraction = height / dot(direction, normal)
     found, nearest = nearer(bvh, origin, direction, candidate, face, fraction)
     if found < 0:
@@ -311,19 +312,9 @@ def _finish(bvh, rays, state):
             continue
         if face != before:
             before = face
-            normal, height = _plane(bvh.world_corners[face], rays.origin)
+            normal, height = _plane(corners_of(bvh, face), rays.origin)
         i = rays.chosen[lane]
         face_ids[i], heights[i] = face, height
         slopes[i] = dot((directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]), normal)
         if (state.decided[0] >> lane) & 1:
             heights[i], slopes[i] = state.fractions[lane], 1.0
-
-
-@inner
-def nearer(bvh, origin, direction, candidate, face, fraction):
-    """Return the nearer of a candidate and the nearest face so far, and how many directions away; the lower of ties."""
-    corners = bvh.world_corners[candidate]
-    found = meeting(origin, direction, corners[0], corners[1], corners[2])
-    if found < fraction or (found == fraction and found < math.inf and candidate < face):
-        return np.int64(candidate), found
-    return face, fraction

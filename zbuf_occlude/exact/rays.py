@@ -26,11 +26,12 @@ from zbuf_occlude.exact.layout import (
     ZERO,
     Float32,
     Int64,
+    make_stack,
     make_workspace,
 )
 from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.ray_packets import RayFrame, Rays, first_hits_of_packet, make_state, window_of
-from zbuf_occlude.exact.search import choose, list_candidates, project_nodes
+from zbuf_occlude.exact.search import choose, list_candidates, project_children
 from zbuf_occlude.exact.single_rays import SINGLE_RAYS, cast_singles
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.jit.compiler import inlined, inner, njit
@@ -122,7 +123,8 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
     away = math.dist(origins[0], bvh.centre) * bvh.scale
     if len(origins) > 1 or n * LEAVES_PER_RAY < len(bvh.used):
         directions = of_usual_length(directions)
-        together(cast_singles, -(-n // SINGLE_RAYS), bvh, origins, directions, face_ids, distances)
+        asked = bvh, origins, directions, face_ids, distances
+        together(cast_singles, n_blocks(n, SINGLE_RAYS), *asked, own=lambda: make_stack(len(bvh.n_children)))
         return face_ids, distances
     views = project_eyes(bvh, origins, 1.0)
     bits = min(max((n // N_LANES).bit_length() // 2, 1), MOST_BITS)
@@ -209,7 +211,7 @@ def _cast_blocks(tasks, bvh, views, query):
 
     What a thread works with is allocated here: in Python threads would do so one after the other.
     """
-    space, places = _make_workspace(len(bvh.used), bvh.nodes.shape[1]), _make_places()
+    space, places = _make_workspace(len(bvh.used), len(bvh.n_children)), _make_places()
     _cast_tasks(tasks, reference(bvh), views, query, (space, places, make_state(), _make_block()))
 
 
@@ -220,7 +222,7 @@ def _cast_tasks(tasks, bvh, views, query, memory):
     axes, inverse_away = views.axes[0, : views.n_frames[0]], 1.0 / max(query.away, 1e-300)
     projected, window = -1, Window(ZERO, ZERO, ZERO, ZERO, ENDLESS)
     if len(axes) == 1:
-        project_nodes(bvh, reference(view_of(views, 0, 0)), space)
+        project_children(bvh, 0, reference(view_of(views, 0, 0)), space)
         projected, window = 0, _window_of_bvh(bvh, space)
     end = take_end(tasks)
     first, last = take_block_from(tasks, end, len(query.face_ids), BLOCK_RAYS)
@@ -248,9 +250,7 @@ def _cast_tasks(tasks, bvh, views, query, memory):
                 if places.ends[frame] > places.starts[frame]:
                     view = view_of(views, 0, frame)
                     view_at = reference(view)
-                    if projected != frame:
-                        project_nodes(bvh, view_at, space)
-                        projected = frame
+                    projected = frame
                     farthest = np.float32(2.1) * view.reach
                     ray_frame = RayFrame(len(axes) > 1, axes[frame, 2], inverse_away, farthest)
                     _cast_frame(bvh, view_at, ray_frame, rays, places, frame, space, state)
@@ -264,12 +264,10 @@ def _cast_tasks(tasks, bvh, views, query, memory):
 
 @inner
 def _window_of_bvh(bvh, space):
-    """Return the window that holds the projected nodes of the top level."""
-    first = bvh.level_starts[-1]
-    last = first + bvh.level_counts[-1]
+    """Return the window that holds the projected children of the root."""
     bounds = space.rectangles
     left, right, bottom, top = ENDLESS, -ENDLESS, ENDLESS, -ENDLESS
-    for i in range(first, last):
+    for i in range(bvh.n_children[0]):
         left, right = min(left, bounds[LEFT, i]), max(right, bounds[RIGHT, i])
         bottom, top = min(bottom, bounds[BOTTOM, i]), max(top, bounds[TOP, i])
     return Window(left, right, bottom, top, ENDLESS)
@@ -315,7 +313,7 @@ def _divide(directions, face_ids, heights, slopes, distances):
 @inner
 def _cast_frame(bvh, view, frame, rays, places, number, space, state):
     first, end, room = places.starts[number], places.ends[number], places.coordinates.shape[1]
-    n_before = list_candidates(bvh, window_of(places.coordinates, first, end, frame.farthest), space)
+    n_before = list_candidates(bvh, view, window_of(places.coordinates, first, end, frame.farthest), space)
     if n_before == 0:
         return
     for chunk in range(first, end, CHUNK_POINTS):

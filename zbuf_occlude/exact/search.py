@@ -1,16 +1,16 @@
 """The search: for each view the leaves before each packet of points, until every point is hidden or none is left."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from zbuf_occlude.arrays import BoolArray
+from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.hide import classify, hide_by_faces, hide_by_points, hide_near_points
+from zbuf_occlude.exact.hide import NEAR_EYE, classify, hide_by_faces, hide_by_points, is_hidden, mark_near_points
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     CHUNK,
     COORDINATE_ERROR,
     DEPTHS,
-    ENDLESS,
     GROUP,
     LEAF,
     LEFT,
@@ -19,52 +19,88 @@ from zbuf_occlude.exact.layout import (
     RIGHT,
     TOP,
     ZERO,
+    Int64,
+    flat,
+    make_stack,
     make_workspace,
     put,
 )
-from zbuf_occlude.exact.points import Packets
+from zbuf_occlude.exact.points import make_packets
 from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, window_of_chunk
 from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
-from zbuf_occlude.exact.view import EyeViews, view_of
+from zbuf_occlude.exact.view import project_eyes, view_of
+from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import count_lanes, first_lane, load, load3_wide, not_less, number, splat
-from zbuf_occlude.jit.threads import n_threads, shared, take, together
+from zbuf_occlude.jit.threads import n_blocks, n_threads, shared, take, take_block, together
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
 TIGHT_LEAVES = 1024
 """Lists of at most this many leaves get the rectangles of the projected faces."""
+LINES = 256
+"""Lines of sight that a thread takes at a time."""
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a leaf."""
 
 
-def find_visible(bvh: Bvh, points: Packets, views: EyeViews) -> BoolArray:
+def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
     """Return which of n points each of k eyes sees; (k, n) bool in the caller's order."""
-    n_eyes, wanted = len(views.eyes), 4 * n_threads()
-    n_groups = -(-len(points.chunk_reach) // GROUP)
-    n_blocks = 1 if n_eyes >= wanted else min(n_groups, wanted)
-    answer = np.ones((n_eyes, points.n_points), dtype=np.uint8)
-    n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_blocks
-    sizes = len(bvh.used), bvh.nodes.shape[1]
-    together(_search_views, n_tasks, bvh, points, views, n_blocks, answer, own=lambda: make_workspace(*sizes))
+    packets = make_packets(bvh, points)
+    views = project_eyes(bvh, eyes, float(packets.farthest))
+    n_eyes, wanted = len(eyes), 4 * n_threads()
+    n_parts = 1 if n_eyes >= wanted else min(n_blocks(len(packets.chunk_reach), GROUP), wanted)
+    answer = np.ones((n_eyes, len(points)), dtype=np.uint8)
+    n_tasks = 1 if answer.size <= PAIRS_ALONE else n_eyes * n_parts
+    sizes = len(bvh.used), len(bvh.n_children)
+    together(_search_views, n_tasks, bvh, packets, views, n_parts, answer, own=lambda: make_workspace(*sizes))
+    if (views.n_frames > 1).any():
+        _look_at(bvh, points, eyes, np.flatnonzero(answer == NEAR_EYE), answer)
     return answer.view(bool)
 
 
+def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
+    """Return the same, line of sight after line of sight: where points are few an eye would see mostly other leaves."""
+    answer = np.empty((len(eyes), len(points)), dtype=np.uint8)
+    _look_at(bvh, points, eyes, np.arange(answer.size), answer)
+    return answer.view(bool)
+
+
+def _look_at(bvh: Bvh, points: SurfacePoints, eyes: FloatArray, pairs: Int64, answer: NDArray[np.uint8]) -> None:
+    """Write the answers of pairs, numbered through all of them."""
+    if len(pairs):
+        asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), pairs, answer
+        tasks, n_nodes = n_blocks(len(pairs), LINES), len(bvh.n_children)
+        together(_look_along_lines, tasks, bvh, *asked, own=lambda: make_stack(n_nodes))
+
+
 @shared
-def _search_views(tasks, bvh, points, views, n_blocks, answer, space):
+def _look_along_lines(tasks, bvh, positions, face_ids, eyes, pairs, answer, stack):
+    bvh_at, stack_at, n = reference(bvh), reference(stack), len(positions)
+    first, last = take_block(tasks, len(pairs), LINES)
+    while first < last:
+        for pair in pairs[first:last]:
+            p, eye, own = positions[pair % n], eyes[pair // n], np.int64(face_ids[pair % n])
+            hidden = is_hidden(bvh_at, (eye[0], eye[1], eye[2]), (p[0], p[1], p[2]), own, stack_at)
+            answer[pair // n, pair % n] = not hidden
+        first, last = take_block(tasks, len(pairs), LINES)
+
+
+@shared
+def _search_views(tasks, bvh, points, views, n_parts, answer, space):
     """Take eyes, or blocks of points for an eye, and write 0 where a point is hidden."""
-    _search_tasks(tasks, reference(bvh), reference(points), views, n_blocks, answer, space)
+    _search_tasks(tasks, reference(bvh), reference(points), views, n_parts, answer, space)
 
 
 @merged
-def _search_tasks(tasks, bvh, points, views, n_blocks, answer, space):
+def _search_tasks(tasks, bvh, points, views, n_parts, answer, space):
     n_chunks, n_groups = len(points.chunk_reach), -(-len(points.chunk_reach) // GROUP)
     task = take(tasks)
-    while task < len(views.eyes) * n_blocks:
-        k, block = task // n_blocks, task % n_blocks
-        first = n_groups * block // n_blocks * GROUP
-        last = min(n_groups * (block + 1) // n_blocks * GROUP, n_chunks)
+    while task < len(views.eyes) * n_parts:
+        k, block = task // n_parts, task % n_parts
+        first = n_groups * block // n_parts * GROUP
+        last = min(n_groups * (block + 1) // n_parts * GROUP, n_chunks)
         for frame in range(views.n_frames[k]):
             _search_view(bvh, points, view_of(views, k, frame), (first, last), space, answer[k])
         task = take(tasks)
@@ -74,10 +110,9 @@ def _search_tasks(tasks, bvh, points, views, n_blocks, answer, space):
 def _search_view(bvh, points, frame, chunks, workspace, answer):
     """Answer for the chunks from one to another, in one frame of a view."""
     view, space = reference(frame), reference(workspace)
-    if view.near > ZERO and view.number % 6 == 0:
-        hide_near_points(bvh, points, view, chunks[0], chunks[1], answer)
-    project_nodes(bvh, view, space)
     _search_chunks(bvh, points, view, chunks, space, answer)
+    if view.near > ZERO and view.number % 6 == 5:
+        mark_near_points(points, view, chunks, answer)
 
 
 @merged
@@ -87,13 +122,13 @@ def _search_chunks(bvh, points, view, chunks, space, answer):
     error = COORDINATE_ERROR * max(points.farthest, view.reach)
     for first in range(chunks[0], chunks[1], GROUP):
         last = min(first + GROUP, chunks[1])
-        project_boxes(points.chunk_boxes, first, first + GROUP, view, error, rectangles)
+        project_boxes(points.chunk_boxes, first, points.chunk_boxes.shape[1], view, error, rectangles, 0)
         window = window_of_chunk(first, view, rectangles)
         for chunk in range(first + 1, last):
             window = joined(window, window_of_chunk(chunk, view, rectangles))
         if is_empty(window):
             continue
-        n_before = list_candidates(bvh, window, space)
+        n_before = list_candidates(bvh, view, window, space)
         if n_before <= TIGHT_LEAVES:
             _tighten(bvh, n_before, view, space)
         for chunk in range(first, last):
@@ -127,7 +162,7 @@ def _search_packet(bvh, points, view, undecided, extent, n, space):
     least = seen[0] - error, seen[1] - error
     most = seen[0] + error, seen[1] + error, seen[2] + error
     for j in range(0, n, LEAF):
-        found = overlapping(space.listed.rectangles, j, extent)
+        found = overlapping(space.listed.rectangles, j, space.listed.rectangles.shape[1], extent)
         if n - j < LEAF:
             found &= (1 << (n - j)) - 1
         while found:
@@ -188,20 +223,17 @@ def _promote(listed, entry):
 
 
 @inner
-def project_nodes(bvh, view, space):
-    """Fill ``space.rectangles``; those of the padding are empty."""
-    error = COORDINATE_ERROR * view.reach
-    project_boxes(bvh.nodes, bvh.level_starts[0], bvh.nodes.shape[1], view, error, space.rectangles)
-    for level in range(len(bvh.level_counts)):
-        padding = bvh.level_starts[level] + bvh.level_counts[level]
-        for i in range(padding, padding + (-padding % GROUP)):
-            space.rectangles[LEFT, i], space.rectangles[RIGHT, i] = ENDLESS, -ENDLESS
+def project_children(bvh, node, view, space):
+    """Fill ``space.rectangles`` for the children of a node, unless this view did."""
+    if space.projected[node] != view.number:
+        space.projected[node] = view.number
+        at, error = 6 * LEAF * node, COORDINATE_ERROR * view.reach
+        project_boxes(bvh.boxes, at, LEAF, view, error, space.rectangles, at)
 
 
 @inlined
-def overlapping(rectangles, i, window):
-    """Mask of the 16 rectangles from column i on that overlap a window and do not lie wholly behind it."""
-    total = rectangles.shape[1]
+def overlapping(rectangles, i, total, window):
+    """Mask of the 16 rectangles, `total` numbers apart from a flat index on, that overlap a window, not behind it."""
     return (
         not_less(splat(window.right), load(rectangles, LEFT * total + i))
         & not_less(load(rectangles, RIGHT * total + i), splat(window.left))
@@ -212,50 +244,47 @@ def overlapping(rectangles, i, window):
 
 
 @inner
-def list_candidates(bvh, window, space):
+def list_candidates(bvh, view, window, space):
     """Descend through the nodes to the leaves that overlap a window; fill ``space.before``, return how many."""
-    current, below = space.scratch[0], space.scratch[1]
-    top = len(bvh.level_counts) - 1
-    n = np.int64(0)  # as a plain 0, a constant, it would have what it is given to compiled twice
-    for i in range(0, bvh.level_counts[top], LEAF):
-        found = overlapping(space.rectangles, bvh.level_starts[top] + i, window)
+    stack, found_at, n, n_nodes = space.scratch[0], space.scratch[1], np.int64(0), np.int64(1)
+    stack[0] = 0
+    while n_nodes > 0:
+        n_nodes -= 1
+        node = np.int64(stack[n_nodes])
+        project_children(bvh, node, view, space)
+        found = overlapping(space.rectangles, 6 * LEAF * node, LEAF, window) & ((1 << bvh.n_children[node]) - 1)
         while found:
-            current[n] = i + first_lane(found)
+            i = LEAF * node + first_lane(found)
             found &= found - 1
-            n += 1
-    for level in range(top - 1, -1, -1):
-        m = np.int64(0)
-        for j in range(n):
-            i = LEAF * current[j]
-            found = overlapping(space.rectangles, bvh.level_starts[level] + i, window)
-            while found:
-                below[m] = i + first_lane(found)
-                found &= found - 1
-                m += 1
-        current, below, n = below, current, m
-    _sort_by_depth(current, below, n, window.farthest, space)
+            if bvh.children[i] < 0:
+                found_at[n] = i
+                n += 1
+            else:
+                stack[n_nodes] = bvh.children[i]
+                n_nodes += 1
+    _sort_by_depth(found_at, stack, n, window.farthest, space)
     for j in range(n):
-        put(space.before, j, below[j], space.rectangles, below[j])
+        put(space.before, j, ~bvh.children[stack[j]], space.rectangles, flat(np.int64(stack[j])), LEAF)
     return n
 
 
 @inner
-def _sort_by_depth(leaves, nearest_first, n, farthest, space):
-    """Sort n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
-    w, starts = space.rectangles[NEAREST], space.depth_starts
+def _sort_by_depth(slots, nearest_first, n, farthest, space):
+    """Sort the slots of n leaves by their lowest w, into `DEPTHS` intervals of it up to `farthest`."""
+    w, starts, bounds = NEAREST * LEAF, space.depth_starts, space.rectangles
     nearest = farthest
     for j in range(n):
-        nearest = min(nearest, w[leaves[j]])
+        nearest = min(nearest, number(bounds, w + flat(np.int64(slots[j]))))
     nearest = max(nearest, ZERO)
     scale = np.float32(DEPTHS - 1) / max(farthest - nearest, np.float32(1e-30))
     starts[:] = 0
     for j in range(n):
-        starts[np.int64(max(w[leaves[j]] - nearest, ZERO) * scale) + 1] += 1
+        starts[np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale) + 1] += 1
     for i in range(DEPTHS):
         starts[i + 1] += starts[i]
     for j in range(n):
-        depth = np.int64(max(w[leaves[j]] - nearest, ZERO) * scale)
-        nearest_first[starts[depth]] = leaves[j]
+        depth = np.int64(max(number(bounds, w + flat(np.int64(slots[j]))) - nearest, ZERO) * scale)
+        nearest_first[starts[depth]] = slots[j]
         starts[depth] += 1
 
 
@@ -264,20 +293,21 @@ def _tighten(bvh, n, view, space):
     """Replace the rectangles of the n leaves in ``space.before`` by those of their projected faces."""
     for j in range(n):
         leaf = space.before.leaves[j]
-        put(space.before, j, leaf, space.slot_rectangles, slot_of(bvh, leaf, view, space, set_up_for_points))
+        slot = slot_of(bvh, leaf, view, space, set_up_for_points)
+        put(space.before, j, leaf, space.slot_rectangles, slot, len(space.slot_tags))
 
 
 @inner
 def choose(n, window, space):
     """List in ``space.listed`` those of the n leaves in ``space.before`` that overlap a window; return how many."""
-    n_listed = np.int64(0)
+    n_listed, capacity = np.int64(0), space.before.rectangles.shape[1]
     for j in range(0, n, LEAF):
-        found = overlapping(space.before.rectangles, j, window)
+        found = overlapping(space.before.rectangles, j, capacity, window)
         if n - j < LEAF:
             found &= (1 << (n - j)) - 1
         while found:
             entry = j + first_lane(found)
             found &= found - 1
-            put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry)
+            put(space.listed, n_listed, space.before.leaves[entry], space.before.rectangles, entry, capacity)
             n_listed += 1
     return n_listed

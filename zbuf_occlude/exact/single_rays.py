@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO, Float32, Int64
-from zbuf_occlude.exact.ray_packets import nearer
-from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.exact.bvh import corners_of
+from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO
+from zbuf_occlude.geometry.predicates import meeting
+from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import (
     absolute,
@@ -24,13 +25,14 @@ from zbuf_occlude.jit.simd import (
     load3,
     maximum,
     minimum,
+    muladd,
     not_less,
     select,
     splat,
     splat3,
     store,
 )
-from zbuf_occlude.jit.threads import shared_with_memory, take
+from zbuf_occlude.jit.threads import shared, take
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
 SINGLE_RAYS = 512
@@ -40,8 +42,8 @@ SPHERE = 1.01
 FARTHEST = np.float32(4.0)
 """No ray is longer than this within the sphere."""
 MARGIN = np.float32(2e-6)
-"""Scene units by which boxes are larger than they are. Rounding the box, the ray's start, direction and inverse,
-and two operations on them, move a wall by at most 6e-7."""
+"""Scene units by which boxes are larger than they are. Rounding the box, the ray's inverse and offset, and
+what is computed of them, moves a wall by at most 6e-7."""
 AREA_ERROR = np.float32(4e-6)
 """Of the signed area between a ray and an edge, per length of the edge: coordinates about the ray are wrong by at most
 4.5e-7, their moment by 1.1e-6."""
@@ -51,8 +53,19 @@ SLOPE_ERROR = np.float32(2e-6)
 """Of direction . normal, per size + size squared of the face: a normal errs by 4.2e-7 sizes + 6e-7 sizes squared."""
 DISTANCE_ERROR = np.float32(16e-6)
 """Of distance x slope, likewise: twice that of the slope, and four times once more for the distance it is held to."""
+SPREAD = np.float32(1.8)
+"""A ray is farther from a face than the face is large where the sum of its moment's components is, this many times."""
 LEAST_DIRECTION = 1e-9
 """Components of a unit direction smaller than this count as this: it moves no place within the scene by 1e-8."""
+
+
+class Line(NamedTuple):
+    """A ray, or the way from an eye to a point, in float64: world space."""
+
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    point: tuple[float, float, float]
+    own: np.int64  # the point's face, which does not hide it
 
 
 class Ray(NamedTuple):
@@ -61,74 +74,67 @@ class Ray(NamedTuple):
     start: tuple[np.float32, np.float32, np.float32]  # where it enters the scene's sphere, or where it begins
     direction: tuple[np.float32, np.float32, np.float32]  # of length 1
     inverse: tuple[np.float32, np.float32, np.float32]  # 1 / each component of the direction
+    enters: tuple[np.float32, np.float32, np.float32]  # wall x inverse + this is the t of a box's nearer wall, widened
+    leaves: tuple[np.float32, np.float32, np.float32]  # likewise that of the farther wall
     skipped: float  # scene units before `start`
     unit: float  # scene units per length of the caller's direction
 
 
-class Stack(NamedTuple):
-    """Groups of 16 boxes that a ray still has to test, the nearest on top; a group of level -1 is a leaf."""
-
-    levels: Int64
-    nodes: Int64  # first node of the group, or the leaf
-    nearest: Float32
-    lanes: Float32  # (16,) scratch
-
-
-@shared_with_memory
-def cast_singles(tasks, bvh, origins, directions, face_ids, distances):
-    """Take blocks of rays and fill in the answers, ray by ray; the last face met is the first tested."""
-    room = LEAF * (len(bvh.level_counts) + 8)
-    stack = Stack(
-        levels=np.empty(room, dtype=np.int64),
-        nodes=np.empty(room, dtype=np.int64),
-        nearest=np.empty(room, dtype=np.float32),
-        lanes=np.empty(LEAF, dtype=np.float32),
-    )
-    _cast_one_by_one(tasks, reference(bvh), origins, directions, (face_ids, distances), stack)
-
-
-@inner
-def _cast_one_by_one(tasks, bvh, origins, directions, hits, memory):
-    stack = reference(memory)
-    face_ids, distances = hits
-    block = take(tasks)
+@shared
+def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
+    """Take blocks of rays and fill in the answers, ray by ray."""
+    bvh, stack, block = reference(bvh_), reference(memory), take(tasks)
     while block * SINGLE_RAYS < len(face_ids):
-        guess = -1
         for i in range(block * SINGLE_RAYS, min((block + 1) * SINGLE_RAYS, len(face_ids))):
-            d = directions[i]
-            face, fraction = _first_hit(bvh, origins[i if len(origins) > 1 else 0], d, guess, stack)
-            guess = face if face >= 0 else guess
+            o, d = origins[i if len(origins) > 1 else 0], directions[i]
+            line = Line((o[0], o[1], o[2]), (d[0], d[1], d[2]), (o[0], o[1], o[2]), np.int64(-1))
+            face, fraction = find_on_line(bvh, line, math.inf, _nearer_on_line, stack)
             face_ids[i], distances[i] = face, fraction * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         block = take(tasks)
 
 
 @inner
-def _first_hit(bvh, origin, direction, guess, stack):
-    """First face on a ray, and how many directions away; `guess` is a face to begin with, or -1."""
-    ray, meets = _make_ray(bvh, origin, direction)
-    face, fraction = np.int64(-1), math.inf
+def _nearer_on_line(bvh, line, candidate, face, fraction):
+    return nearer(bvh, line.origin, line.direction, candidate, face, fraction)
+
+
+@inner
+def nearer(bvh, origin, direction, candidate, face, fraction):
+    """Return the nearer of a candidate and the nearest face so far, and how many directions away; the lower of ties."""
+    a, b, c = corners_of(bvh, candidate)
+    found = meeting(origin, direction, a, b, c)
+    if found < fraction or (found == fraction and found < math.inf and candidate < face):
+        return np.int64(candidate), found
+    return face, fraction
+
+
+@merged
+def find_on_line(bvh, line, fraction, test, stack):
+    """Walk along a line from its origin, nearest boxes first, as far as this fraction of its direction.
+
+    ``test(bvh, line, candidate, face, fraction)`` is asked for each face that the line may meet, with the last answer,
+    and answers with a face and how far to go from now on. Returned is its last answer, at first -1 and `fraction`.
+    """
+    face = np.int64(-1)
+    ray, meets = _make_ray(bvh, line.origin, line.direction)
     if not meets:
         return face, fraction
-    if guess >= 0:
-        face, fraction = nearer(bvh, origin, direction, guess, face, fraction)
-    top = len(bvh.level_counts) - 1
-    n = (bvh.level_counts[top] + LEAF - 1) // LEAF
-    for group in range(n):
-        stack.levels[group], stack.nodes[group], stack.nearest[group] = top, LEAF * group, ZERO
+    limit, n = _limit(ray, fraction), 1
+    stack.nodes[0], stack.nearest[0] = 0, ZERO
     while n:
         n -= 1
-        limit = _limit(ray, fraction)
         if stack.nearest[n] > limit:
             continue
-        level, node = stack.levels[n], stack.nodes[n]
-        if level >= 0:
-            n = _open_group(bvh, ray, level, node, limit, stack, n)
+        node = np.int64(stack.nodes[n])
+        if node >= 0:
+            n = _open_node(bvh, ray, node, limit, stack, n)
             continue
-        mask = _candidates(bvh, ray, node, limit)
+        mask = _candidates(bvh, ray, ~node, limit)
         while mask:
             lane = first_lane(mask)
             mask &= mask - 1
-            face, fraction = nearer(bvh, origin, direction, bvh.face_ids[node, lane], face, fraction)
+            face, fraction = test(bvh, line, bvh.face_ids[~node, lane], face, fraction)
+            limit = _limit(ray, fraction)
     return face, fraction
 
 
@@ -149,10 +155,13 @@ def _make_ray(bvh, origin, direction):
     meets = dot(closest, closest) <= (SPHERE + rounding) ** 2
     skipped = max(along - SPHERE, 0.0)
     start = (local[0] + skipped * unit[0], local[1] + skipped * unit[1], local[2] + skipped * unit[2])
+    inverse = (_inverse(unit[0]), _inverse(unit[1]), _inverse(unit[2]))
     ray = Ray(
         start=(np.float32(start[0]), np.float32(start[1]), np.float32(start[2])),
         direction=(np.float32(unit[0]), np.float32(unit[1]), np.float32(unit[2])),
-        inverse=(_inverse(unit[0]), _inverse(unit[1]), _inverse(unit[2])),
+        inverse=(np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])),
+        enters=_offsets(start, inverse, MARGIN),
+        leaves=_offsets(start, inverse, -MARGIN),
         skipped=skipped,
         unit=largest * length * scale,
     )
@@ -161,7 +170,17 @@ def _make_ray(bvh, origin, direction):
 
 @inner
 def _inverse(component):
-    return np.float32(1.0 / (component if abs(component) > LEAST_DIRECTION else LEAST_DIRECTION))
+    return 1.0 / (component if abs(component) > LEAST_DIRECTION else LEAST_DIRECTION)
+
+
+@inlined
+def _offsets(start, inverse, margin):
+    """What to add to a wall times `inverse` for where a ray meets it, a margin before or, if negative, behind it."""
+    return (
+        np.float32(-start[0] * inverse[0] - margin * abs(inverse[0])),
+        np.float32(-start[1] * inverse[1] - margin * abs(inverse[1])),
+        np.float32(-start[2] * inverse[2] - margin * abs(inverse[2])),
+    )
 
 
 @inner
@@ -171,30 +190,27 @@ def _limit(ray, fraction):
     return FARTHEST if distance > FARTHEST else np.float32(distance * (1.0 + 1e-6)) + MARGIN
 
 
-@inner
-def _open_group(bvh, ray, level, first, limit, stack, n):
-    """Push the boxes of a group that the ray meets before `limit`, the nearest on top; return the stack's size."""
-    place, stride = bvh.level_starts[level] + first, bvh.nodes.shape[1]
+@inlined
+def _open_node(bvh, ray, node, limit, stack, n):
+    """Push the children of a node that the ray meets before `limit`, the nearest on top; return the stack's size."""
+    index = 6 * LEAF * node
     enter, leave = splat(ZERO), splat(limit)
     for axis in range(3):
-        near_wall = load(bvh.nodes, axis * stride + place) - splat(ray.start[axis] + MARGIN)
-        far_wall = load(bvh.nodes, (UPPER + axis) * stride + place) - splat(ray.start[axis] - MARGIN)
-        near_wall, far_wall = near_wall * splat(ray.inverse[axis]), far_wall * splat(ray.inverse[axis])
-        enter = maximum(enter, minimum(near_wall, far_wall))
-        leave = minimum(leave, maximum(near_wall, far_wall))
+        inverse = ray.inverse[axis]
+        near = axis if inverse > ZERO else UPPER + axis
+        far = axis + UPPER + axis - near
+        enter = maximum(enter, muladd(load(bvh.boxes, index + near * LEAF), inverse, splat(ray.enters[axis])))
+        leave = minimum(leave, muladd(load(bvh.boxes, index + far * LEAF), inverse, splat(ray.leaves[axis])))
     store(stack.lanes, 0, enter)
-    n_boxes = min(LEAF, bvh.level_counts[level] - first)
-    mask, bottom = not_less(leave, enter) & ((np.int64(1) << n_boxes) - 1), n
+    mask, bottom = not_less(leave, enter) & ((np.int64(1) << bvh.n_children[node]) - 1), n
     while mask:
         lane = first_lane(mask)
         mask &= mask - 1
         nearest, place = stack.lanes[lane], n
         while place > bottom and stack.nearest[place - 1] < nearest:
-            stack.levels[place], stack.nodes[place] = stack.levels[place - 1], stack.nodes[place - 1]
-            stack.nearest[place] = stack.nearest[place - 1]
+            stack.nodes[place], stack.nearest[place] = stack.nodes[place - 1], stack.nearest[place - 1]
             place -= 1
-        stack.levels[place], stack.nearest[place] = level - 1, nearest
-        stack.nodes[place] = (first + lane) * (LEAF if level > 0 else 1)
+        stack.nodes[place], stack.nearest[place] = bvh.children[LEAF * node + lane], nearest
         n += 1
     return n
 
@@ -222,13 +238,15 @@ def _candidates(bvh, ray, leaf, limit):
     u, v, depth = select(turned, zero - u, u), select(turned, zero - v, v), select(turned, zero - depth, depth)
     slope = absolute(slope)
     size = _size_of(first) + _size_of(second)
-    edge_error = splat(AREA_ERROR) * size + splat(MOMENT_ERROR) * _size_of(moment)
+    distance = _size_of(moment)  # of the ray from the first corner, up to twice
+    edge_error = splat(AREA_ERROR) * size + splat(MOMENT_ERROR) * distance
     spread = size + size * size
     slope_error, depth_error = splat(SLOPE_ERROR) * spread, splat(DISTANCE_ERROR) * spread
     inside = not_less(u, zero - edge_error) & not_less(v, zero - edge_error)
     inside &= not_less(slope - u - v, zero - (edge_error + edge_error + slope_error))
     before = not_less(depth, zero - depth_error) & not_less(splat(limit) * slope + depth_error, depth)
-    return bvh.used[leaf] & ((inside & before) | not_less(slope_error, slope))
+    edge_on = not_less(slope_error, slope) & not_less((size + splat(MARGIN)) * splat(SPREAD), distance)
+    return bvh.used[leaf] & ((inside & before) | edge_on)
 
 
 @inlined
