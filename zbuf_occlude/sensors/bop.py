@@ -101,8 +101,8 @@ def write_bop(
     --------
     >>> scene = zo.Scene.joined([zo.scenes.Placed(zo.load_mesh("chair.off"), "chair")])
     >>> views = zo.views.for_mesh(scene.mesh, "ring:2@30")
-    >>> zo.write_bop("bop", scene, views, width=64, height=48)[:2]
-    ['camera.json', 'train/000000/rgb/000000.png']
+    >>> zo.write_bop("bop", scene, views, width=64, height=48)[:3]
+    ['models/obj_000001.ply', 'camera.json', 'train/000000/rgb/000000.png']
     """
     scenes = [scenes] if isinstance(scenes, Scene) else list(scenes)
     placed = [views] * len(scenes) if isinstance(views, Views) else list(views)
