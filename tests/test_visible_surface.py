@@ -85,6 +85,37 @@ def test_proved_faces_are_all_seen_or_all_hidden(kind: Callable[..., zo.Mesh]) -
         assert not (proved[:, some] & seen.any(axis=2) & ~seen.all(axis=2)).any()
 
 
+@pytest.mark.parametrize(
+    ("corners", "faces", "eye", "contact"),
+    [
+        ([[0, 0, 0], [3, 0, 1], [0, 3, 1], [1, 1, -1], [2, 1, -2], [1, 3, -2]], [[0, 1, 2], [3, 4, 5]], 0.4, 1e-5),
+        ([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 1.3, 3.2e-5]], [[0, 1, 2], [0, 1, 3]], [0.5, 0.3, 5], 1e-5),
+        ([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [1.5, -0.3, 4e-5], [0.4, 1.4, 4e-5]], [[0, 1, 2], [0, 3, 4]], [0.5, 0.3, 5], 1e-5),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.5, -0.5, 2e-3], [3, -0.5, 0.35], [-0.5, 3, 0.02]], [[0, 1, 2], [3, 4, 5]], [0.3, 0.3, 50], 2e-2),
+    ],
+    ids=["eye on a face", "folded along an edge", "folded at a corner", "contact tolerance"],
+)  # fmt: skip
+def test_what_is_not_proved(corners: list[list[float]], faces: list[list[int]], eye: object, contact: float) -> None:
+    """Faces that are partly seen, though no edge passes before them; the second face may be proved."""
+    mesh = zo.Mesh(corners, faces)
+    place = np.mean(mesh.corners[0], axis=0) if isinstance(eye, float) else np.asarray(eye, dtype=float)
+    found = visible_faces(mesh, place, exactly=True, contact=contact)
+    assert not found.proved[0, 1 if isinstance(eye, float) else 0]
+
+
+def test_odd_meshes_and_eyes() -> None:
+    hidden = zo.Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [1, 0, -1], [0.5, 0, -1], [0, 1, -1]],
+        [[0, 1, 2], [3, 4, 5], [3, 4, 6]],
+    )
+    assert visible_mesh(hidden, [0.2, 0.2, 5]).face_ids.tolist() == [0], "a face without area is not seen"
+    assert visible_faces(hidden, [0.2, 0.2, 5]).fraction.shape == (1, 3)
+    flat = zo.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    for function in (visible_faces, visible_mesh):
+        with pytest.raises(zo.MeshError, match="area"):
+            function(flat, [0.2, 0.2, 5])
+
+
 def test_two_eyes_see_what_either_does() -> None:
     mesh = box()
     eyes = np.array([[9.0, 7.0, 5.0], [-9.0, -7.0, -5.0]])

@@ -12,21 +12,23 @@ from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
-from zbuf_occlude.visibility.interface import CONTACT
 
 ROUNDING = 1e-14
 """Bounds the error of the volume of three vectors, over the product of their lengths: 90 units in the last place."""
 FLAT = 1e-3
 """Contact tolerances: a vertex so near to a face's plane lies in it."""
+CLEAR = 10.0
+"""Contact tolerances: as far above a face's middle a neighbour that is folded over it must be."""
 
 
-def uniform_faces(mesh: Mesh, eyes: FloatArray) -> BoolArray:
+def uniform_faces(mesh: Mesh, eyes: FloatArray, contact: float) -> BoolArray:
     """Prove which faces each eye sees wholly or not at all, (k, f); False is no proof of the opposite.
 
     Proved is the answer of an exact method at every point of the face to which no other face is nearer than the contact
-    tolerance. Vertices at equal places are one. Time grows as faces times the edges of the silhouette.
+    tolerance, `contact` diagonals. Vertices at equal places are one. Of an eye on a face, or very far away, nothing is
+    proved. Time grows as faces times the edges of the silhouette.
     """
-    contact = CONTACT * mesh.diagonal
+    contact *= mesh.diagonal
     _, places = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = places.reshape(-1)[mesh.faces].astype(np.int64)
     vertices = np.empty((faces.max() + 1, 3))
@@ -36,9 +38,21 @@ def uniform_faces(mesh: Mesh, eyes: FloatArray) -> BoolArray:
     edges, firsts, opposite = _edges(faces[~flat])
     found = np.zeros((len(eyes), len(faces)), dtype=bool)
     for eye, uniform in zip(eyes, found, strict=True):
+        if _on_a_face(vertices[faces[~flat]] - eye, contact):
+            continue
         ends = vertices[edges[_may_end(vertices - eye, edges, firsts, opposite)]] - eye
-        uniform[:] = ~(touched | flat | _crossed(vertices - eye, faces, ends, contact))
+        uniform[:] = ~(touched | flat | _crossed(vertices - eye, faces, flat, ends, contact))
     return found
+
+
+def _on_a_face(corners: FloatArray, contact: float) -> bool:
+    """Whether the eye, the origin, may lie on a face (f, 3, 3): in its plane by rounding, and in its box."""
+    volumes = np.abs(np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    sizes = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    farthest = np.linalg.norm(corners, axis=2).max(axis=1)
+    near = volumes <= np.maximum(4.0 * ROUNDING * farthest**3, FLAT * contact * sizes)
+    slack = max(contact, ROUNDING * float(farthest.max(initial=0.0)))
+    return bool((near & ((corners.min(axis=1) <= slack) & (corners.max(axis=1) >= -slack)).all(axis=1)).any())
 
 
 def _along(mesh: Mesh) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
@@ -80,7 +94,7 @@ def _may_end(at, edges, firsts, opposite):
 
 
 @njit(cache=True, _nrt=True)
-def _crossed(at, faces, ends, contact):
+def _crossed(at, faces, flat, ends, contact):
     """Which faces (f,) an edge (n, 2, 3) may pass before, within the face's outline; or that are seen edge-on.
 
     The eye is the origin.
@@ -91,6 +105,8 @@ def _crossed(at, faces, ends, contact):
     for i in range(len(ends)):
         lengths[i] = max(_length(ends[i, 0]), _length(ends[i, 1]))
     for face in range(len(faces)):
+        if flat[face]:
+            continue
         a, b, c = at[faces[face, 0]], at[faces[face, 1]], at[faces[face, 2]]
         sides = (_length(a), _length(b), _length(c))
         normal = cross(minus(b, a), minus(c, a))
@@ -160,8 +176,10 @@ def _near(vertices, one, other, contact):
         for j in range(3):
             if one[i] == other[j]:
                 n_shared, shared, its = n_shared + 1, i, j
-    if n_shared > 1:
+    if n_shared == 3:
         return False
+    if n_shared == 2:
+        return _folds(vertices, one, other, contact) or _folds(vertices, other, one, contact)
     if n_shared == 1:
         return _pierces(vertices, one, shared, other, its, contact) or _pierces(
             vertices, other, its, one, shared, contact
@@ -197,8 +215,30 @@ def _gap(axis, a, b, c, d, e, f):
 
 
 @njit(cache=True)
+def _folds(vertices, one, other, contact):
+    """Whether a face that shares an edge with another lies over that, nearer than `CLEAR` tolerances to its middle."""
+    third = its = 0
+    for i in range(3):
+        if one[i] != other[0] and one[i] != other[1] and one[i] != other[2]:
+            third = i
+        if other[i] != one[0] and other[i] != one[1] and other[i] != one[2]:
+            its = i
+    a, b = vertices[one[(third + 1) % 3]], vertices[one[(third + 2) % 3]]
+    edge, inner, outer = minus(b, a), minus(vertices[one[third]], a), minus(vertices[other[its]], a)
+    normal = cross(edge, inner)
+    size, inwards = _length(normal), cross(normal, edge)
+    height, over = abs(dot(normal, outer)) / size, dot(inwards, outer)
+    if over <= 0.0 or height <= FLAT * contact:
+        return False
+    return height * dot(inwards, inner) < 3.0 * CLEAR * contact * over
+
+
+@njit(cache=True)
 def _pierces(vertices, one, shared, other, its, contact):
-    """Whether a face that shares a corner with another may cut through that, along a line from the corner."""
+    """Whether a face that shares a corner with another may cut through that, along a line from the corner.
+
+    Or lie over it, nearer than `CLEAR` tolerances to its middle.
+    """
     a = vertices[one[shared]]
     b, c = minus(vertices[one[(shared + 1) % 3]], a), minus(vertices[one[(shared + 2) % 3]], a)
     p, q = minus(vertices[other[(its + 1) % 3]], a), minus(vertices[other[(its + 2) % 3]], a)
@@ -207,9 +247,22 @@ def _pierces(vertices, one, shared, other, its, contact):
     height_p, height_q = dot(normal, p), dot(normal, q)
     if max(abs(height_p), abs(height_q)) <= step:
         return False
+    over = _in_wedge(b, c, p, normal) or _in_wedge(b, c, q, normal)
+    across = cross(p, q)
+    over = over or _in_wedge(p, q, b, across) or _in_wedge(p, q, c, across)
+    slope = max(abs(height_p) / _length(p), abs(height_q) / _length(q))
+    middle = _length((b[0] + c[0], b[1] + c[1], b[2] + c[2])) / 3.0
+    if over and slope * middle < CLEAR * contact * _length(normal):
+        return True
     if min(height_p, height_q) > step or max(height_p, height_q) < -step:
         return False
     share = height_p / (height_p - height_q)
     line = (p[0] + share * (q[0] - p[0]), p[1] + share * (q[1] - p[1]), p[2] + share * (q[2] - p[2]))
+    return _in_wedge(b, c, line, normal)
+
+
+@njit(cache=True)
+def _in_wedge(b, c, line, normal):
+    """Whether a line from a corner may lie, seen along the normal, between the edges b and c that meet there."""
     bound = -1e-6 * _length(line) * _length(normal) * max(_length(b), _length(c))
     return dot(cross(b, line), normal) > bound and dot(cross(line, c), normal) > bound

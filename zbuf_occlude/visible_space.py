@@ -13,7 +13,7 @@ from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT
+from zbuf_occlude.visibility.interface import CONTACT, FARTHEST
 
 MARGIN = 0.05
 """Of a grid around the mesh, in longest sides, on each side."""
@@ -67,7 +67,7 @@ class VisibilityGrid:
         The mean of the eyes for which the centre is not farther behind the surface; where it is for all, minus
         `truncation`.
         """
-        if not 0.0 < truncation < np.inf:
+        if not (isinstance(truncation, int | float | np.number) and 0.0 < truncation < FARTHEST):
             raise ArgumentError(f"truncation must be a length above 0, in the mesh's unit; got {truncation!r}.")
         known = self.distances > -truncation
         total = np.where(known, np.minimum(self.distances, truncation), 0.0).sum(axis=0)

@@ -15,7 +15,7 @@ from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triang
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.uniform_faces import uniform_faces
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import CONTACT, Occluder
 
 COARSEST = 1 / 32
 """Longest side of the mesh: pieces of `visible_mesh` are never longer before they are asked."""
@@ -49,7 +49,7 @@ class VisiblePart(NamedTuple):
 
     mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
     face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
-    tolerance : float, world units: features of the shadow's edge that are smaller may be missed
+    tolerance : float, world units: shadows narrower than three times it may be missed
     """
 
     mesh: Mesh
@@ -87,7 +87,7 @@ def visible_faces(
     ----------
     mesh : Mesh
         Or anything that is one (`occlude`).
-    eyes : (k, 3) float
+    eyes : (3,) or (k, 3) float
         World space.
     points_per_face : int
         Each face gets as many points at least.
@@ -115,9 +115,11 @@ def visible_faces(
     >>> found.fraction.shape == (4, len(mesh.faces))
     True
     """
-    mesh = as_mesh(mesh)
+    mesh, eyes = as_mesh(mesh), _eyes(eyes)
     check_int("points_per_face", points_per_face, 1)
     check_int("n_points", n_points, 0)
+    if not mesh.areas.any():
+        raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
     points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), counts)
     if exactly and not find_method(method).exact:
@@ -131,7 +133,7 @@ def visible_faces(
     fraction, error = n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3))
     proved = np.zeros(fraction.shape, dtype=bool)
     if exactly:
-        proved = uniform_faces(mesh, as_vectors(eyes, "eyes"))
+        proved = uniform_faces(mesh, eyes, float(options.get("contact", CONTACT)))
         fraction[proved], error[proved] = middles[proved], 0.0
     return VisibleFaces(fraction, error, counts, proved)
 
@@ -175,7 +177,7 @@ def coverage(
     >>> bool(found.together[-1] >= found.alone.max())
     True
     """
-    mesh = as_mesh(mesh)
+    mesh, eyes = as_mesh(mesh), _eyes(eyes)
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
@@ -224,10 +226,12 @@ def visible_mesh(
     True
     """
     mesh = as_mesh(mesh)
-    finest = FINEST * mesh.longest_side if tolerance is None else float(tolerance)
-    if not 0 < finest < np.inf:
+    if not mesh.areas.any():
+        raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
+    finest = FINEST * mesh.longest_side if tolerance is None else tolerance
+    if not (isinstance(finest, int | float | np.number) and 0 < finest < np.inf):
         raise ArgumentError(f"tolerance must be a length above 0, in the mesh's unit; got {tolerance!r}.")
-    eyes = as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    eyes = _eyes(eyes)
     coarsest = max(COARSEST * mesh.longest_side, finest)
     corners, face_ids = mesh.corners, np.arange(len(mesh.faces), dtype=np.int32)
     kept, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
@@ -248,7 +252,12 @@ def visible_mesh(
         raise MeshError(
             f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
         )
-    return VisiblePart(*part, finest)
+    return VisiblePart(*part, float(finest))
+
+
+def _eyes(eyes: ArrayLike) -> FloatArray:
+    """Eyes (k, 3), of one (3,) too."""
+    return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
 
 
 def _on_faces(mesh: Mesh, positions: FloatArray, counts: IntArray) -> SurfacePoints:
@@ -311,7 +320,7 @@ def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, I
     """A mesh of the pieces (n, 3, 3) of faces (n,); a face of which all pieces are there is one again."""
     areas = 0.5 * np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
     seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
-    whole = np.flatnonzero(seen >= (1 - 1e-9) * mesh.areas).astype(np.int32)
+    whole = np.flatnonzero((mesh.areas > 0) & (seen >= (1 - 1e-9) * mesh.areas)).astype(np.int32)
     rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
     corners = np.concatenate([mesh.corners[whole], pieces[rest]])
     if len(corners) == 0:

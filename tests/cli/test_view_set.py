@@ -40,6 +40,9 @@ def test_a_list_of_views_is_read_again(run: Run, ball: Path, tmp_path: Path) -> 
     assert np.allclose(a, b)
     assert len(a) == 5
     assert ((a[:, 2] >= 2) & (a[:, 2] <= 3)).all()
+    outcome = run("views", ball, "--views", "random-so3:3", "--out", "c.csv")
+    assert outcome.code == 2
+    assert "upright" in outcome.err, "a roll would be lost"
 
 
 def test_what_any_of_a_files_cameras_sees(run: Run, ball: Path, tmp_path: Path) -> None:

@@ -318,6 +318,14 @@ def test_what_needs_the_meshes_is_not_converted(made: Made, tmp_path: Path, form
         convert(made("frames"), tmp_path / "converted", format)
 
 
+def test_objects_of_a_class_have_names_of_their_own() -> None:
+    """Also where their taxonomies differ: layouts have folders of either."""
+    entries = [MeshEntry(f"{synset}/model", "thing", "train", slab) for synset in ("02691156", "03001627")]
+    names = names_of(Plan(MeshCollection(entries), Recipe(), "epn3d"))
+    assert names.taxonomies == ["02691156", "03001627"]
+    assert names.objects == ["model", "model_2"]
+
+
 def test_clouds_tell_which_rows_are_which(made: Made) -> None:
     """By `clouds_SPLIT.npy`: a cloud's mesh and view, and its place in the world."""
     for format, split, name, rows in (

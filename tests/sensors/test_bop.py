@@ -170,3 +170,25 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
             assert masks[0].any(), "the target is seen"
             n_objects += len(of_view)
     assert n_models < n_objects / 3, "chests and lamps stand in every room"
+
+
+def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
+    """Of an object that nothing hides all is visible, also where the sensor has no return."""
+    setup = Setup(
+        zo.sensors.make("kinect-v1", width=WIDTH, height=HEIGHT).document,
+        size={"crate": 0.6},
+        keep="all",
+        range=(1.5, 1.5),
+    )
+    recipe = Recipe(
+        method="exact", views="ring:1@15", scanning=setup.document, sample_size=None, scale="mesh", attributes=("normals",)
+    )  # fmt: skip
+    entries = [MeshEntry("a/crate.off", "crate", "train", box)]
+    generate(Plan(MeshCollection(entries), recipe, "bop"), tmp_path)
+    place = tmp_path / "train" / "000000"
+    (info,) = json.loads((place / "scene_gt_info.json").read_text())["0"]
+    depth, mask = pixels(place / "depth" / "000000.png"), pixels(place / "mask_visib" / "000000_000000.png") > 0
+    assert info["visib_fract"] == 1.0
+    assert info["px_count_visib"] == mask.sum() == info["px_count_all"]
+    assert info["px_count_valid"] == (mask & (depth > 0)).sum() < mask.sum()
+    assert (pixels(place / "rgb" / "000000.png").any(axis=2) == mask).all()

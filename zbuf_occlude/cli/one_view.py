@@ -150,13 +150,22 @@ def write_part(
     with Limits().watch(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
         mesh = load_mesh(path, up=up)
-        eyes = camera(mesh).eyes
+        views = camera(mesh)
+        eyes = views.eyes
         warn_inside(mesh, eyes)
+        warn_of_lenses(views)
         part = visible_mesh(mesh, eyes, method=method, **parse_settings(method, settings))
-    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower())
+    digits = {"digits": 17} if out.suffix.lower() in (".obj", ".off") else {}  # small meshes have small numbers
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), **digits)
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces, by {method}: {out}")
+
+
+def warn_of_lenses(views: Views) -> None:
+    """Warn where cameras have a lens, which meshes and coverage leave out."""
+    if views.windows is not None:
+        echo("warning: only where cameras stand counts here, not where they look or their field of view.", err=True)
 
 
 def warn_inside(mesh: Mesh, eyes: FloatArray) -> None:

@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from zbuf_occlude import load_mesh
-from zbuf_occlude.cli.one_view import warn_inside
+from zbuf_occlude.cli.one_view import warn_inside, warn_of_lenses
 from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.shared_options import VIEWS, MeshPlace, distance_option, suffix_of, up_option
 from zbuf_occlude.cli.shell import echo
@@ -53,10 +53,13 @@ def views_command(
     with Limits().watch():
         loaded = load_mesh(mesh, up=up)
     about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
+    if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
+        raise click.UsageError("--out .csv holds views that look at the mesh, upright; these are turned. Use --views.")
     columns = {"azimuth": np.degrees(about.azimuth), "elevation": np.degrees(about.elevation)}
     columns["distance"] = about.distance / loaded.longest_side
     warn_inside(loaded, about.eyes)
     if coverage:
+        warn_of_lenses(about)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said above
             found = measure_coverage(loaded, about.eyes, n_points=points, seed=seed)

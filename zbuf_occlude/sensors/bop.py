@@ -4,11 +4,11 @@ import json
 import os
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
-from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.errors import ArgumentError
@@ -27,7 +27,9 @@ MILLIMETRES = 1000.0
 NO_BOX = [-1, -1, -1, -1]
 PER_BLOCK = 512
 ROUNDING = 1e-9
-"""Of a model's diagonal, and of a rotation's entries."""
+"""Of a model's diagonal."""
+RIGID = 1e-6
+"""Of a rotation's entries: that of single precision counts."""
 
 
 def write_bop(
@@ -38,7 +40,7 @@ def write_bop(
     width: int = 640,
     height: int = 480,
     fov: float | None = None,
-    background: Collection[str] = BACKGROUND,
+    background: str | Collection[str] = BACKGROUND,
     split: str = "train",
     method: str = "exact",
     **options: Any,
@@ -69,7 +71,7 @@ def write_bop(
         World units. One for all scenes, or one for each.
     width, height, fov
         As in `frames`.
-    background : collection of str
+    background : str or collection of str
         Labels of what hides others and has no model, pose or mask: by default ground, room and walls.
     split : str
         Name of the folder of scenes.
@@ -104,10 +106,15 @@ def write_bop(
     >>> zo.write_bop("bop", scene, views, width=64, height=48)[:3]
     ['models/obj_000001.ply', 'camera.json', 'train/000000/rgb/000000.png']
     """
-    scenes = [scenes] if isinstance(scenes, Scene) else list(scenes)
+    scenes = list(scenes) if isinstance(scenes, Sequence) else [scenes]
     placed = [views] * len(scenes) if isinstance(views, Views) else list(views)
-    if not split or Path(split).name != split:
-        raise ArgumentError(f"split must be the name of a folder; got {split!r}.")
+    background = [background] if isinstance(background, str) else background
+    for name, values, kind in (("scenes", scenes, Scene), ("views", placed, Views)):
+        if strange := [each for each in values if not isinstance(each, kind)]:
+            made = "Scene.of(mesh)" if kind is Scene else "views.for_mesh(scene.mesh, 'ring:8@30')"
+            raise ArgumentError(f"{name} must be {kind.__name__}; got {type(strange[0]).__name__}. Make one: {made}.")
+    if not split or Path(split).name != split or split in ("..", "models"):
+        raise ArgumentError(f"split must be the name of a folder other than models; got {split!r}.")
     if not scenes or len(placed) != len(scenes):
         raise ArgumentError(f"views must be one for all scenes or one for each; got {len(placed)} for {len(scenes)}.")
     if not all(map(len, placed)):
@@ -119,7 +126,7 @@ def write_bop(
     writer = BopWriter(folder, background=background, method=method, **options)
     for number, (scene, eyes) in enumerate(zip(scenes, placed, strict=True)):
         found = frames(scene, eyes, width=width, height=height, fov=fov, method=method, **options)
-        writer.write_scene(f"{split}/{number:06d}", zip(repeat(scene), found))
+        writer.write_scene(f"{split}/{number:06d}", ((scene, frame, frame.depth) for frame in found))
     return writer.finish()
 
 
@@ -147,28 +154,32 @@ class BopWriter:
         self._folder, self._background, self._method, self._options = Path(folder), background, method, options
         self._models, self._info, self._names = list[Mesh](), dict[str, Any](), list[str]()
 
-    def write_scene(self, place: str, images: Iterable[tuple[Scene, Frame]]) -> None:
-        """Write the images of one scene into a folder, each with what stands there: a scene may differ by image."""
+    def write_scene(self, place: str, images: Iterable[tuple[Scene, Frame, NDArray[np.float32]]]) -> None:
+        """Write the images of one scene into a folder, each with what stands there: a scene may differ by image.
+
+        An image has a frame without noise, for all but the depth, and the depth (h, w), infinite where nothing is.
+        """
         cameras, poses, counts = dict[str, Any](), dict[str, Any](), dict[str, Any]()
         with ExitStack() as opened:
             last, objects = None, list[_Object]()
-            for view, (scene, frame) in enumerate(images):
+            for view, (scene, frame, depth) in enumerate(images):
                 if scene is not last:
                     opened.close()
                     last = scene
                     objects = [self._object(scene, i, opened) for i in _foreground(scene, self._background)]
-                unit = depth_unit(float(frame.depth[frame.mask].max(initial=0.0)))
+                measured = np.isfinite(depth)
+                unit = depth_unit(float(depth[measured].max(initial=0.0)))
                 if "camera.json" not in self._names:
                     self._write("camera.json", _json(_lens(frame, unit)))
-                steps = np.zeros(frame.depth.shape, np.uint16)
-                steps[frame.mask] = np.round(frame.depth[frame.mask].astype(np.float64) / unit)
+                steps = np.zeros(depth.shape, np.uint16)
+                steps[measured] = np.round(depth[measured].astype(np.float64) / unit)
                 self._write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
                 self._write(f"{place}/depth/{view:06d}.png", png(steps))
                 lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
                 cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
                 poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
                 counts[str(view)] = [
-                    self._write_masks(place, view, row, each, frame) for row, each in enumerate(objects)
+                    self._write_masks(place, view, row, each, frame, measured) for row, each in enumerate(objects)
                 ]
         for name, document in (("camera", cameras), ("gt", poses), ("gt_info", counts)):
             self._write(f"{place}/scene_{name}.json", _json(document))
@@ -183,7 +194,9 @@ class BopWriter:
         (self._folder / name).write_bytes(content)
         self._names.append(name)
 
-    def _write_masks(self, place: str, view: int, row: int, each: _Object, frame: Frame) -> dict[str, Any]:
+    def _write_masks(
+        self, place: str, view: int, row: int, each: _Object, frame: Frame, measured: BoolArray
+    ) -> dict[str, Any]:
         """Write both masks of an object; return what scene_gt_info.json says of it."""
         whole, visible = silhouette(each.alone, each.bounds, frame), frame.instances == each.instance
         height, width = visible.shape
@@ -191,13 +204,13 @@ class BopWriter:
         inside |= visible  # in `whole` too: its rays are rounded differently, by the last bit
         for name, mask in (("mask", inside), ("mask_visib", visible)):
             self._write(f"{place}/{name}/{view:06d}_{row:06d}.png", png(mask.astype(np.uint8) * np.uint8(255)))
-        return _counted(whole, inside, visible)
+        return _counted(whole, inside & measured, visible)
 
     def _object(self, scene: Scene, i: int, opened: ExitStack) -> _Object:
-        own, pose = _alone(scene, i), np.eye(4)
+        own, pose = _used(scene.mesh, scene.instances == i), np.eye(4)
         mesh = own
         if scene.placed and _is_rigid(scene.placed[i].pose):
-            mesh, pose = scene.placed[i].mesh, scene.placed[i].pose
+            mesh, pose = _used(scene.placed[i].mesh, slice(None)), scene.placed[i].pose
         middle = mesh.bounds.mean(axis=0)
         moved = np.eye(4)
         moved[:3, 3] = middle
@@ -234,7 +247,7 @@ def _foreground(scene: Scene, background: Collection[str]) -> list[int]:
 
 def _is_rigid(pose: FloatArray) -> bool:
     turn = pose[:3, :3]
-    return bool(np.abs(turn @ turn.T - np.eye(3)).max() <= ROUNDING and np.linalg.det(turn) > 0)
+    return bool(np.abs(turn @ turn.T - np.eye(3)).max() <= RIGID and np.linalg.det(turn) > 0)
 
 
 def _pose(frame: Frame, to_world: FloatArray, name: str) -> dict[str, list[float]]:
@@ -257,15 +270,15 @@ def silhouette(occluder: Occluder, bounds: FloatArray, frame: Frame) -> BoolArra
     return found
 
 
-def _counted(whole: BoolArray, inside: BoolArray, visible: BoolArray) -> dict[str, Any]:
+def _counted(whole: BoolArray, valid: BoolArray, visible: BoolArray) -> dict[str, Any]:
     """Return what scene_gt_info.json says of an object in a picture."""
     n_all, n_visible = int(whole.sum()), int(visible.sum())
     return {
         "px_count_all": n_all,
-        "px_count_valid": int(inside.sum()),
+        "px_count_valid": int(valid.sum()),
         "px_count_visib": n_visible,
         "visib_fract": n_visible / n_all if n_all else 0.0,
-        "bbox_obj": _box(whole, inside.shape) if n_visible else NO_BOX,
+        "bbox_obj": _box(whole, visible.shape) if n_visible else NO_BOX,
         "bbox_visib": _box(visible) if n_visible else NO_BOX,
     }
 
@@ -277,9 +290,10 @@ def _box(mask: BoolArray, offset: tuple[int, ...] = (0, 0)) -> list[int]:
     return [x - offset[1], y - offset[0], int(columns[-1]) - x, int(rows[-1]) - y]
 
 
-def _alone(scene: Scene, i: int) -> Mesh:
-    used, faces = np.unique(scene.mesh.faces[scene.instances == i], return_inverse=True)
-    return Mesh(scene.mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), f"{scene.labels[i]}_{i}")
+def _used(mesh: Mesh, which: Any) -> Mesh:
+    """Return some faces of a mesh, with the vertices that they use."""
+    used, faces = np.unique(mesh.faces[which], return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), mesh.name)
 
 
 def _diameter(vertices: FloatArray) -> float:

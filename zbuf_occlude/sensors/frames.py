@@ -209,15 +209,13 @@ def _frames(
     options: dict[str, Any],
 ) -> Iterator[Frame]:
     with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
-        for matrix, pose, eye in zip(intrinsics, views.poses, views.eyes, strict=True):
-            yield _frame(scene, opened, matrix, pose, eye, size)
+        for matrix, pose in zip(intrinsics, views.poses, strict=True):
+            yield frame_at(scene, opened, matrix, pose, size)
 
 
-def _frame(
-    scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, eye: FloatArray, size: tuple[int, int]
-) -> Frame:
-    """Cast a ray through each pixel that may show the mesh."""
-    mesh, colors = scene.mesh, None
+def frame_at(scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> Frame:
+    """Cast a ray through each pixel (h, w) that may show the mesh; `matrix` is K, `pose` the view matrix."""
+    mesh, colors, eye = scene.mesh, None, -pose[:3, :3].T @ pose[:3, 3]
     depth, normals = np.full(size, np.inf, np.float32), np.zeros((*size, 3), np.float32)
     face_ids, instances = np.full((2, *size), -1, np.int32)
     if mesh.colors is not None:

@@ -74,7 +74,7 @@ def check(plan: Plan) -> None:
     if recipe.setup is None or recipe.setup.made_sensor.kind != "pinhole":
         named = "surface" if recipe.setup is None else recipe.setup.made_sensor.name
         raise OptionError(
-            f"frames must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
+            f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
         )
     for option, found, wanted in (
         ("--sample-size", recipe.sample_size, None),
@@ -82,6 +82,8 @@ def check(plan: Plan) -> None:
         ("--frame", recipe.frame, "object"),
     ):
         if found != wanted:
-            raise OptionError(f"frames must have all points as they are, {option} {wanted or 'all'}; got {found}.")
+            raise OptionError(
+                f"{plan.format} must have all points as they are, {option} {wanted or 'all'}; got {found}."
+            )
     if "normals" not in recipe.attributes:
-        raise OptionError("frames must have normals; got none. Give --with normals.")
+        raise OptionError(f"{plan.format} must have normals; got none. Give --with normals.")

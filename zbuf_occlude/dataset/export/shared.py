@@ -35,7 +35,7 @@ class Names(NamedTuple):
     taxonomies : list of str
         ShapeNet's synset where the key begins with one, else the class's name.
     objects : list of str
-        The last part of the key without its ending; unique within its taxonomy.
+        The last part of the key without its ending; unique within its taxonomy and within its class.
     """
 
     classes: list[str]
@@ -47,23 +47,24 @@ def names_of(plan: Plan) -> Names:
     """Return what the meshes of a plan are called; the same plan gives the same names."""
     taken, last = set[tuple[str, str]](), dict[tuple[str, str], int]()
 
-    def free(place: str, name: str) -> str:
-        """Turn a name into a word that differs from all before in the same place."""
+    def free(name: str, *places: str) -> str:
+        """Turn a name into a word that differs from all before in the same places."""
         word = found = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST] or "_"
-        while (place, found) in taken:
-            number = last[place, word] = last.get((place, word), 1) + 1
+        while any((place, found) in taken for place in places):
+            number = last[places[0], word] = last.get((places[0], word), 1) + 1
             found = f"{word}_{number}"
-        taken.add((place, found))
+        taken.update((place, found) for place in places)
         return found
 
-    words = {label: free("", label) for label in plan.meshes.classes}
+    words = {label: free(label, "") for label in plan.meshes.classes}
     names = Names([words[entry.label] for entry in plan.meshes], [], [])
     for entry in plan.meshes:
         path = PurePosixPath(entry.key)
         synset = path.parts[0]
         taxonomy = synset if re.fullmatch(r"\d{8}", synset) and len(path.parts) > 1 else words[entry.label]
         names.taxonomies.append(taxonomy)
-        names.objects.append(free(taxonomy, path.stem if path.suffix.lower() in SUFFIXES else path.name))
+        name = path.stem if path.suffix.lower() in SUFFIXES else path.name
+        names.objects.append(free(name, taxonomy, f"class {words[entry.label]}"))
     return names
 
 

@@ -283,7 +283,6 @@ FORMATS: tuple[Format, ...] = (
         "partial and complete signed distances, 32 voxels a side, for PatchComplete",
         "hdf5",
         from_meshes=True,
-        ragged=True,
         axes=Y_UP,
         options={"views": "fibonacci:8"},
         module="export.voxels",
