@@ -26,6 +26,8 @@ SHADE = zo.Mesh(
     name="a square above a square",
 )
 EYE = np.array([[0.0, 0.0, 3.0]])
+LYING: list[list[float]] = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0]]
+APART = [[0, 1, 2], [3, 4, 5]]
 HIDDEN = 0.75**2
 """Area of the shadow: the small square's side is 0.5, two thirds of the way from the eye to the large one."""
 
@@ -88,13 +90,13 @@ def test_proved_faces_are_all_seen_or_all_hidden(kind: Callable[..., zo.Mesh]) -
 @pytest.mark.parametrize(
     ("corners", "faces", "eye", "contact"),
     [
-        ([[0, 0, 0], [3, 0, 1], [0, 3, 1], [1, 1, -1], [2, 1, -2], [1, 3, -2]], [[0, 1, 2], [3, 4, 5]], 0.4, 1e-5),
-        ([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 1.3, 3.2e-5]], [[0, 1, 2], [0, 1, 3]], [0.5, 0.3, 5], 1e-5),
-        ([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [1.5, -0.3, 4e-5], [0.4, 1.4, 4e-5]], [[0, 1, 2], [0, 3, 4]], [0.5, 0.3, 5], 1e-5),
-        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.5, -0.5, 2e-3], [3, -0.5, 0.35], [-0.5, 3, 0.02]], [[0, 1, 2], [3, 4, 5]], [0.3, 0.3, 50], 2e-2),
+        ([[0, 0, 0], [3, 0, 1], [0, 3, 1], [1, 1, -1], [2, 1, -2], [1, 3, -2]], APART, 0.4, 1e-5),
+        ([*LYING, [0.5, 1.3, 3.2e-5]], [[0, 1, 2], [0, 1, 3]], [0.5, 0.3, 5], 1e-5),
+        ([*LYING, [1.5, -0.3, 4e-5], [0.4, 1.4, 4e-5]], [[0, 1, 2], [0, 3, 4]], [0.5, 0.3, 5], 1e-5),
+        ([*LYING, [-0.5, -0.5, 2e-3], [3, -0.5, 0.35], [-0.5, 3, 0.02]], APART, [0.3, 0.3, 50], 2e-2),
     ],
     ids=["eye on a face", "folded along an edge", "folded at a corner", "contact tolerance"],
-)  # fmt: skip
+)
 def test_what_is_not_proved(corners: list[list[float]], faces: list[list[int]], eye: object, contact: float) -> None:
     """Faces that are partly seen, though no edge passes before them; the second face may be proved."""
     mesh = zo.Mesh(corners, faces)

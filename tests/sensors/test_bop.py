@@ -174,15 +174,15 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
 
 def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
     """Of an object that nothing hides all is visible, also where the sensor has no return."""
-    setup = Setup(
-        zo.sensors.make("kinect-v1", width=WIDTH, height=HEIGHT).document,
-        size={"crate": 0.6},
-        keep="all",
-        range=(1.5, 1.5),
-    )
+    setup = Setup(zo.sensors.make("kinect-v1").document, size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
     recipe = Recipe(
-        method="exact", views="ring:1@15", scanning=setup.document, sample_size=None, scale="mesh", attributes=("normals",)
-    )  # fmt: skip
+        method="exact",
+        views="ring:1@15",
+        scanning=setup.document,
+        sample_size=None,
+        scale="mesh",
+        attributes=("normals",),
+    )
     entries = [MeshEntry("a/crate.off", "crate", "train", box)]
     generate(Plan(MeshCollection(entries), recipe, "bop"), tmp_path)
     place = tmp_path / "train" / "000000"
