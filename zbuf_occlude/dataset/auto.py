@@ -1,6 +1,5 @@
 """Which method, where a person named none: `depth_buffer` if OpenGL opens; for `auto` the fastest as measured."""
 
-import importlib.util
 import os
 import time
 from contextlib import suppress
@@ -12,7 +11,7 @@ from zbuf_occlude.dataset.plan import Recipe
 from zbuf_occlude.errors import GlError, MeshError, OccludeError, OptionError
 from zbuf_occlude.geometry.sampling import sample_surface
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.meshes.collection import MeshCollection
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.views import parse as parse_views
 from zbuf_occlude.visibility import find_method, prepare
@@ -28,12 +27,6 @@ PATIENCE = 10.0
 """Seconds after which a mesh that is only looked at is left to the workers, which have limits for it."""
 TRIED_VIEWS, DENSE = "modelnet8", 20_000
 """Views of a trial, and its points where the recipe gives a density."""
-
-BYTES_PER_FACE = 40.0
-"""Of a file too large to be looked at the number of faces is guessed from its size."""
-
-FEW_POINTS, MANY_FACES = 2_000, 1_000_000
-"""With at most this many points on at least this many faces Embree is before `exact` (docs/performance_exact.md)."""
 
 
 @dataclass(frozen=True)
@@ -69,26 +62,8 @@ def remark_on_renderer(method: str) -> str:
         return ""
 
 
-def choose_exact(n_faces: int, n_points: int, *, gain: float, embree: bool) -> Choice:
-    """Choose among the methods that are exact, or all but so, by what docs/performance_exact.md says of their speed.
-
-    `gain` is how many times as fast as `exact` `exact_gl` was in a trial on this machine's GPU, 0 where it has none;
-    `embree`, whether that extra is installed.
-    """
-    if gain > 1.0:
-        return Choice("exact_gl", f"in a trial on the GPU here it was {gain:.1f} times as fast as `exact`")
-    if gain > 0.0:
-        return Choice("exact", f"in a trial `exact_gl` on the GPU here was {gain:.1f} times as fast")
-    if not n_faces:
-        return Choice("exact", "no GPU, and no mesh could be loaded to see how large it is")
-    sizes = f"{n_points:,} points on meshes of about {n_faces:,} faces"
-    if embree and n_points <= FEW_POINTS and n_faces >= MANY_FACES:
-        return Choice("embree", f"no GPU, and for {sizes} Embree was measured to answer before `exact`")
-    return Choice("exact", f"no GPU, and for {sizes} nothing exact was measured to be faster")
-
-
 def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
-    """Replace the method `auto` by a choice for these meshes and this machine; leave any other recipe as it is.
+    """Replace the method `auto` by a choice for this machine; leave any other recipe as it is.
 
     Raises
     ------
@@ -97,18 +72,18 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
 
     Notes
     -----
-    It looks at up to `LOOKED_AT` meshes, evenly spread, and loads those of files that are not `LARGE`; on a GPU one of
-    them is tried. On machines that differ, as the nodes of a farm may, the choices may too: name the method there.
+    On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
+    may too: name the method there.
     """
     if recipe.method != AUTO:
         return recipe
     if recipe.method_options:
         raise OptionError(f"--set needs a named method; got --method {AUTO}. Name the one the option is of.")
-    gain = gain_on_gpu(recipe, meshes)
-    sizes = [size for mesh_id in _some(meshes) if (size := _sizes(meshes[mesh_id], recipe))]
-    n_faces, n_points = np.median(sizes, axis=0) if sizes else (0, recipe.n_points or 0)
-    embree = importlib.util.find_spec("embreex") is not None
-    choice = choose_exact(int(n_faces), int(n_points), gain=gain, embree=embree)
+    gain, choice = gain_on_gpu(recipe, meshes), Choice("exact", "no GPU: nothing exact was measured to be faster")
+    if gain > 1.0:
+        choice = Choice("exact_gl", f"in a trial on the GPU here it was {gain:.1f} times as fast as `exact`")
+    elif gain > 0.0:
+        choice = Choice("exact", f"in a trial `exact_gl` on the GPU here was {gain:.1f} times as fast")
     return replace(recipe, method=choice.method, reason=choice.reason)
 
 
@@ -124,8 +99,13 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
         if gl.is_software:
             return 0.0
         for mesh_id in _some(meshes):
+            path = meshes[mesh_id].path
+            if path and os.path.getsize(path) > LARGE:
+                continue
             with suppress(MeshError, OSError), Limits(seconds=PATIENCE).watch():
                 loaded.append(meshes[mesh_id].load())
+        if not loaded:
+            return 0.0
         mesh = sorted(loaded, key=lambda mesh: len(mesh.faces))[len(loaded) // 2]
         views = parse_views(TRIED_VIEWS, distance=recipe.distance, seed=seed_of(0, ""))
         eyes = views.around(mesh.centre, mesh.longest_side).eyes
@@ -143,17 +123,3 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
 
 def _some(meshes: MeshCollection) -> tuple[int, ...]:
     return tuple(np.unique(np.linspace(0, len(meshes) - 1, min(LOOKED_AT, len(meshes))).astype(int)).tolist())
-
-
-def _sizes(entry: MeshEntry, recipe: Recipe) -> tuple[float, float] | None:
-    """Faces of a mesh and points on it; None if it cannot be used, which is said when its turn comes."""
-    try:
-        n_bytes = os.path.getsize(entry.path) if entry.path else 0
-        if n_bytes > LARGE:  # a worker loads it, within limits
-            return n_bytes / BYTES_PER_FACE, recipe.n_points or recipe.density or 0.0
-        with Limits(seconds=PATIENCE).watch():
-            mesh = entry.load()
-    except (MeshError, OSError):
-        return None
-    by_area = (recipe.density or 0.0) * float(mesh.areas.sum()) / mesh.longest_side**2
-    return len(mesh.faces), recipe.n_points or by_area
