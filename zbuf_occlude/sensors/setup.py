@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError, check_word, find_row
+from zbuf_occlude.errors import ArgumentError, OptionError, check_word, find_row
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes
 from zbuf_occlude.sensors.motion import Motion
@@ -96,6 +96,10 @@ class Setup:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
             )
+        if not isinstance(self.transparent, Mapping):
+            raise ArgumentError(
+                f"transparent must be a mapping of names to shares; got {type(self.transparent).__name__}."
+            )
         for name, share in self.transparent.items():
             if share is not None and not 0.0 <= share <= 1.0:
                 raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
@@ -103,6 +107,8 @@ class Setup:
             raise OptionError(
                 f"a sensor that moves must have one eye; {self.made_sensor.name} has more. Or --set-sensor baseline=0."
             )
+        if self.made_motion is not None and self.made_sensor.untimed:
+            raise OptionError(self.made_sensor.untimed)
         _ = self.kind, self.box  # read for their errors
 
     @property
@@ -123,6 +129,8 @@ class Setup:
     @cached_property
     def made_motion(self) -> Motion | None:
         """How the sensor moves; None where it stands still."""
+        if not isinstance(self.motion, Mapping | None):
+            raise ArgumentError(f"motion must be a mapping of what Motion takes; got {type(self.motion).__name__}.")
         return None if self.motion is None else Motion(**self.motion)
 
     @property
