@@ -96,3 +96,8 @@ def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
     outcome = run(*given, *more)
     assert outcome.code == 2
     assert "velocity" in outcome.err
+    for name in ("Truck", "car"):
+        (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": name, "position": [1, 2, 0]}]}))
+        outcome = run(*given, *more)
+        assert outcome.code == 2
+        assert f"small letters; got the class '{name}'" in outcome.err

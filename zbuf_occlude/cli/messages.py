@@ -69,7 +69,8 @@ def uncolored(document: dict[str, Any]) -> list[str]:
 def opaque(document: dict[str, Any]) -> list[str]:
     """Warn where nothing in a collection has any of the windows asked for."""
     counts = document["counts"]
-    if not counts.get("meshes_without_windows") or counts["meshes_without_windows"] < counts["meshes"]:
+    n = counts.get("meshes_without_windows", 0)
+    if not n or n < counts["meshes"] - counts["meshes_failed"]:
         return []
     names = ", ".join(document["options"]["scanning"]["transparent"])
     return [f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"]

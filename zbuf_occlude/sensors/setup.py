@@ -101,7 +101,7 @@ class Setup:
                 f"transparent must be a mapping of names to shares; got {type(self.transparent).__name__}."
             )
         for name, share in self.transparent.items():
-            if share is not None and not 0.0 <= share <= 1.0:
+            if share is not None and not (isinstance(share, Real) and 0.0 <= share <= 1.0):
                 raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
         if self.made_motion is not None and len(self.made_sensor.imperfections.second_eyes):
             raise OptionError(
