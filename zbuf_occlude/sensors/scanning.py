@@ -241,7 +241,8 @@ def scan(
     Warns
     -----
     UserWarning
-        With `range`: the sensor stands inside the mesh's bounding box. Objects move, but all rays are cast at once.
+        With `range`: the sensor stands inside the mesh's bounding box. Without `occluder`: objects move, but all rays
+        are cast at once.
 
     Examples
     --------
@@ -284,7 +285,7 @@ def scan(
         untimed = sensor.untimed
         if untimed and motion is not None:
             raise OptionError(untimed)
-        if untimed:
+        if untimed and occluder is None:
             warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
     if motion is not None:
         rays = motion.applied(at_rest)
