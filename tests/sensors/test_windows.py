@@ -93,12 +93,18 @@ def test_a_pane_and_a_wall_just_behind_it_are_one_echo(passing: float, divergenc
 
 
 def test_of_several_echoes_the_nearest_is_a_pixels_depth() -> None:
-    """A pane before a wall, no jump beside any pixel but those of the border: only its pixels may be lost."""
+    """A pane before a wall, no jump beside any pixel but those of the border: its pixels alone are lost."""
     camera = make("pinhole:width=30,height=20,fov=60,returns=all,edge_loss=1")
     found = zo.scan(glazed(0.5), camera)
-    near = found.select(found.return_numbers == 1)
-    inner = (near.rings > 0) & (near.rings < 19) & (near.columns > 0) & (near.columns < 29)
-    assert len(near) == inner.sum() == 28 * 18
+    inner = (found.rings > 0) & (found.rings < 19) & (found.columns > 0) & (found.columns < 29)
+    assert len(found) == inner.sum() == 2 * 28 * 18
+    two_eyes = camera.with_numbers(edge_loss=0, window=5, baseline=[0, 0.05, 0])
+    seen = zo.scan(glazed(0.5), two_eyes)
+    by_echo = [seen.select(seen.return_numbers == number) for number in (1, 2)]
+    assert len(by_echo[0]) > 400
+    assert set(zip(by_echo[0].rings, by_echo[0].columns, strict=True)) <= set(
+        zip(by_echo[1].rings, by_echo[1].columns, strict=True)
+    )
 
 
 def test_behind_glass_everything_is_as_without_it() -> None:

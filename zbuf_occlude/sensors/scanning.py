@@ -499,15 +499,18 @@ def _seen_twice(
 
 
 def _matched(rows: IntArray, columns: IntArray, depths: FloatArray, seen: BoolArray, sensor: Sensor) -> BoolArray:
-    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,)."""
+    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,).
+
+    A pixel of several echoes is as near as the nearest.
+    """
     half = int(sensor.imperfections.window) // 2
     shape = sensor.pattern["height"] + 2 * half, sensor.pattern["width"] + 2 * half
-    nearest = np.full(shape, np.inf)
-    found = depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE))
-    np.minimum.at(nearest, (rows + half, columns + half), found)  # a pixel may have several echoes
+    at, own, nearest = (rows + half, columns + half), np.full(shape, np.inf), np.full(shape, np.inf)
+    np.minimum.at(own, at, depths)
+    np.minimum.at(nearest, at, depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE)))
     for axis in (0, 1):
         nearest = np.lib.stride_tricks.sliding_window_view(nearest, 2 * half + 1, axis=axis).min(axis=-1)
-    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * depths)
+    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * own[at])
 
 
 EYES_AT_A_TIME = 16
@@ -753,7 +756,7 @@ def quantised(scan: Scan, faults: Imperfections) -> Scan:
 
 
 def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
-    """Lose a share of the pixels beside which the depth jumps, or nothing returns."""
+    """Lose a share of the pixels beside which the depth, of the nearest echo, jumps, or nothing returns."""
     if not faults.edge_loss or not len(scan):
         return scan
     first = scan.columns.min() - 1, scan.rings.min() - 1
@@ -761,7 +764,8 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     image = np.full(shape, np.inf)
     rows, columns = scan.rings - first[1], scan.columns - first[0]
     depths = scan.clean_ranges * scan.depths_per_range
-    np.minimum.at(image, (rows, columns), depths)  # a pixel may have several echoes
+    np.minimum.at(image, (rows, columns), depths)
+    depths = image[rows, columns]
     edge = np.zeros(len(scan), dtype=bool)
     for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         edge |= np.abs(image[rows + down, columns + right] - depths) > EDGE * depths
