@@ -151,6 +151,8 @@ def test_a_camera_that_looks_once_cannot_move() -> None:
             Setup(make(sensor).document, motion={"turn": 1.0})
     with pytest.raises(zo.ArgumentError, match="motion must be a mapping"):
         Setup(make("vlp-16").document, motion="left")  # type: ignore[arg-type]
+    with pytest.raises(zo.OptionError, match="a key of motion"):
+        Setup(make("vlp-16").document, motion={"speed": 3.0})
     with pytest.raises(zo.ArgumentError, match="transparent must be a mapping"):
         Setup(make("vlp-16").document, transparent=["glass"])  # type: ignore[arg-type]
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from numbers import Real
 from typing import Any
@@ -131,6 +131,8 @@ class Setup:
         """How the sensor moves; None where it stands still."""
         if not isinstance(self.motion, Mapping | None):
             raise ArgumentError(f"motion must be a mapping of what Motion takes; got {type(self.motion).__name__}.")
+        for name in self.motion or ():
+            check_word("a key of motion", name, [each.name for each in fields(Motion)])
         return None if self.motion is None else Motion(**self.motion)
 
     @property
