@@ -165,10 +165,16 @@ def test_windows_by_name(run: Run, tmp_path: Path) -> None:
     assert run(*given, "--transparent", "wind*=much").code == 2
     out, more = tmp_path / "out", ("--transparent", "wind*", "--views", "ring:2@0", "--format", "npz", "--workers", 1)
     made = ("generate", *given[1:-2], *more, "--scale", "mesh", "--sample-size", "all", "--out", out)
-    assert run(*made).code == 0
+    outcome = run(*made)
+    assert outcome.code == 0, outcome.err
     assert run("verify", out, tmp_path / "car.obj").code == 0
+    assert "names no material" not in outcome.out + outcome.err
     with np.load(next(out.rglob("*.npz"))) as cloud:
         away = np.linalg.norm(cloud["data"], axis=-1)
         assert cloud["share"][away < 0.501] == pytest.approx(0.8)
         assert np.unique(cloud["share"]) == pytest.approx([0.16, 0.2, 0.8])  # of the far pane, the near one, the ball
         assert set(cloud["return_number"].tolist()) == {1, 2}
+    outcome = run(*(each if each != "wind*" else "pane" for each in made), "--overwrite")
+    assert (outcome.code, (outcome.out + outcome.err).count("--transparent pane names no material")) == (0, 1)
+    outcome = run(*given, "--transparent", "*=1")
+    assert (outcome.code, "lets all light pass" in outcome.err) == (0, True)

@@ -92,7 +92,14 @@ def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
         mine = (found["instances"] == 2) & (np.abs(found["normals"][:, 0]) > 0.9)
         assert mine.sum() > 100
         assert found["points"][mine, 0] == pytest.approx(-8.94 - 20.0 * found["times"][mine], rel=1e-9)
+    camera = run(*(each if each != "vlp-16" else "pinhole:width=20,height=10,fov=60" for each in given), *more)
+    assert (camera.code, "stand still" in camera.err) == (0, True)
     (tmp_path / "scene.json").write_text(json.dumps({"objects": [wall | {"velocity": [1, 2]}]}))
     outcome = run(*given, *more)
     assert outcome.code == 2
     assert "velocity" in outcome.err
+    for name in ("Truck", "car"):
+        (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": name, "position": [1, 2, 0]}]}))
+        outcome = run(*given, *more)
+        assert outcome.code == 2
+        assert f"small letters; got the class '{name}'" in outcome.err

@@ -131,6 +131,14 @@ def test_what_cannot_be_written(tmp_path: Path, arguments: Any, options: dict[st
     assert not (tmp_path / "bop").exists()
 
 
+def test_background_is_marked_or_named(tmp_path: Path) -> None:
+    """With no labels of background an object called wall has a model, and a marked one has none."""
+    scene = Scene.joined([Placed(box(), "wall"), Placed(sphere(4), "pole", moved(to=(3, 0, 0)), is_background=True)])
+    names = zo.write_bop(tmp_path, scene, VIEWS, width=16, height=12, background=())
+    assert [name for name in names if name.startswith("models/obj")] == ["models/obj_000001.ply"]
+    assert len(trimesh.load(tmp_path / "models/obj_000001.ply").faces) == 12
+
+
 def test_a_flat_object_has_a_diameter(tmp_path: Path) -> None:
     scene = Scene.joined([Placed(plate_mesh(0.5), "sheet")])
     zo.write_bop(tmp_path, scene, VIEWS, width=32, height=32, background=())

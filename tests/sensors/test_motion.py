@@ -10,6 +10,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import box, stacked
 from zbuf_occlude.sensors import Motion, look_at, make, read_trajectory
+from zbuf_occlude.sensors.setup import Setup
 
 ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
 """A square across the x axis, side 2."""
@@ -122,8 +123,8 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
     [
         ({"velocity": [1.0, 2.0]}, "velocity"),
         ({"turn": float("nan")}, "turn"),
-        ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 0]]}, "quaternions"),
-        ({"trajectory": [[1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 0, 1]]}, "ascending"),
+        ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 0]]}, "row 1 .*quaternion"),
+        ({"trajectory": [[1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, 0, 1]]}, "row 2 .*later"),
         ({"trajectory": [[0, 0, 0]]}, "trajectory must be"),
         ({"trajectory": [[0], [1, 2]]}, "trajectory must be"),
         ({"trajectory": [[0, 0, 0, 0, 0, 0, 0, 1]], "turn": 3.0}, "not both"),
@@ -132,6 +133,28 @@ def test_trajectories_from_files(tmp_path: Path) -> None:
 def test_motions_that_are_none(given: dict[str, Any], words: str) -> None:
     with pytest.raises(zo.ArgumentError, match=words):
         Motion(**given)
+
+
+def test_faults_of_files_have_their_rows(tmp_path: Path) -> None:
+    good = "0 0 0 0 0 0 0 1\n"
+    for bad in (good, "1 0 0 0 0 0 0 0\n", "nan 0 0 0 0 0 0 1\n"):
+        (tmp_path / "t.txt").write_text(good + bad)
+        with pytest.raises(zo.DatasetError, match=r"t\.txt.* row 2 must"):
+            read_trajectory(tmp_path / "t.txt")
+
+
+def test_a_camera_that_looks_once_cannot_move() -> None:
+    for sensor in ("pinhole:width=20,height=10,fov=60", "azure-kinect-nfov"):
+        with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
+            zo.scan(ROOM, sensor, motion=Motion(turn=1.0))
+        with pytest.raises(zo.OptionError, match="at once; give --set-sensor readout"):
+            Setup(make(sensor).document, motion={"turn": 1.0})
+    with pytest.raises(zo.ArgumentError, match="motion must be a mapping"):
+        Setup(make("vlp-16").document, motion="left")  # type: ignore[arg-type]
+    with pytest.raises(zo.OptionError, match="a key of motion"):
+        Setup(make("vlp-16").document, motion={"speed": 3.0})
+    with pytest.raises(zo.ArgumentError, match="transparent must be a mapping"):
+        Setup(make("vlp-16").document, transparent=["glass"])  # type: ignore[arg-type]
 
 
 def test_a_second_eye_stands_still() -> None:

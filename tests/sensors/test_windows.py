@@ -76,6 +76,37 @@ def test_pane_behind_pane_and_beams_of_five_rays() -> None:
     assert found.n_returns.min() == found.n_returns.max() == 4
 
 
+@pytest.mark.parametrize("passing", [0.999999, 0.9, 0.5, 0.000001])
+@pytest.mark.parametrize("divergence", [0.0, 0.002])
+def test_a_pane_and_a_wall_just_behind_it_are_one_echo(passing: float, divergence: float) -> None:
+    """Both have one albedo: 1 - T of the light returns at the pane and T^2 from behind it, of each ray."""
+    colors = SurfaceColors(
+        (Material((0.5,) * 3, name="glass", passing=passing), Material((0.5,) * 3)), np.arange(4) // 2
+    )
+    mesh = replace(stacked(*(ACROSS * 40.0 + [x, 0, 0] for x in (10.0, 10.2))), colors=colors)
+    found = zo.scan(mesh, lidar(sigma=0, reach=0, step=0, drop=0, divergence=divergence, echo_separation=0.5))
+    albedo = ((128 / 255 + 0.055) / 1.055) ** 2.4  # of sRGB 0.5
+    reflected = found.intensities * found.clean_ranges**2 / np.cos(found.incidences)
+    assert len(found) == 90 * 16
+    assert reflected == pytest.approx(albedo * (1 - passing + passing**2), rel=1e-6)
+    assert (found.n_returns == 1).all()
+
+
+def test_of_several_echoes_the_nearest_is_a_pixels_depth() -> None:
+    """A pane before a wall, no jump beside any pixel but those of the border: its pixels alone are lost."""
+    camera = make("pinhole:width=30,height=20,fov=60,returns=all,edge_loss=1")
+    found = zo.scan(glazed(0.5), camera)
+    inner = (found.rings > 0) & (found.rings < 19) & (found.columns > 0) & (found.columns < 29)
+    assert len(found) == inner.sum() == 2 * 28 * 18
+    two_eyes = camera.with_numbers(edge_loss=0, window=5, baseline=[0, 0.05, 0])
+    seen = zo.scan(glazed(0.5), two_eyes)
+    by_echo = [seen.select(seen.return_numbers == number) for number in (1, 2)]
+    assert len(by_echo[0]) > 400
+    assert set(zip(by_echo[0].rings, by_echo[0].columns, strict=True)) <= set(
+        zip(by_echo[1].rings, by_echo[1].columns, strict=True)
+    )
+
+
 def test_behind_glass_everything_is_as_without_it() -> None:
     """Random triangles, some of them windows: last returns are the first hits of the rest alone, by the oracle."""
     mesh = soup(400, 0.3, seed=5)
@@ -137,7 +168,7 @@ def test_materials_by_name() -> None:
     assert len(zo.scan(mesh, lidar(noise=0, returns="all"), transparent={})) == 90 * 16
     with pytest.raises(zo.ArgumentError, match="glass0, glass1"):
         zo.scan(mesh, "vlp-16", transparent={"window": None})
-    for bad in (0.5, {"glass0": 1.5}, {"glass0": "half"}):
+    for bad in (0.5, {"glass0": 1.5}, {"glass0": "half"}, {3: 0.5}):
         with pytest.raises(zo.ArgumentError, match=r"transparent must|lets pass"):
             zo.scan(mesh, "vlp-16", transparent=bad)
     with pytest.raises(zo.ArgumentError, match="prepare_scene"), zo.prepare(mesh, "exact") as occluder:

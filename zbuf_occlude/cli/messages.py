@@ -66,6 +66,16 @@ def uncolored(document: dict[str, Any]) -> list[str]:
     ]
 
 
+def opaque(document: dict[str, Any]) -> list[str]:
+    """Warn where nothing in a collection has any of the windows asked for."""
+    counts = document["counts"]
+    n = counts.get("meshes_without_windows", 0)
+    if not n or n < counts["meshes"] - counts["meshes_failed"]:
+        return []
+    names = ", ".join(document["options"]["scanning"]["transparent"])
+    return [f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"]
+
+
 def inside(document: dict[str, Any]) -> list[str]:
     """Warn of cameras inside the bounding box of their object."""
     n = document["counts"].get("views_inside_the_bounding_box", 0)
@@ -101,6 +111,7 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
         measured(error),
         *stacked(document),
         *uncolored(document),
+        *opaque(document),
         *inside(document),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",

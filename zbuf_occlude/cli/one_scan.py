@@ -86,10 +86,12 @@ def scan_command(
             hidden += " (what was asked for could not be reached)"
     echo(f"{len(found)} returns by {setup.made_sensor.name}, rays by {setup.method}{hidden}: {out}")
     if not len(found):
-        echo(
-            "warning: no ray met the object within the sensor's range. Lower --range.",
-            err=True,
-        )
+        passing = capture.scene.passing
+        if passing is not None and (passing[capture.scene.instances == 0] == 1.0).all():
+            said = "the object lets all light pass, so that nothing of it returns. Give --transparent a share below 1."
+        else:
+            said = "no ray met the object within the sensor's range. Lower --range."
+        echo(f"warning: {said}", err=True)
     if picture is not None:
         draw_scan(picture, found, setup.made_sensor)
 

@@ -215,6 +215,8 @@ def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
     scene, objects = given["scene"], list[dict[str, Any]]()
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", read_scene(Path(scene))
+    if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
+        echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
     return Setup(
         sensor.document,
         range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,

@@ -52,8 +52,8 @@ class Counts:
         Points that were looked at for another sheet, and those that have one nearer than the method's tolerance.
     most_stacked : WorstMesh, optional
         None where none was looked at.
-    n_without_colors : int
-        Meshes of which colours are wanted and some are lacking.
+    n_without_colors, n_without_windows : int
+        Meshes of which colours are wanted and some are lacking; that have none of the windows asked for.
     faces_dropped : mapping of reason to number
         What cleaning took away.
     """
@@ -72,6 +72,7 @@ class Counts:
     n_stacked: int = 0
     most_stacked: WorstMesh | None = None
     n_without_colors: int = 0
+    n_without_windows: int = 0
     faces_dropped: Mapping[str, int] = field(default_factory=dict)
 
     def __add__(self, other: "Counts") -> "Counts":

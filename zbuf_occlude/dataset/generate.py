@@ -396,6 +396,7 @@ def summed_up(plan: Plan, whole: Outcome, seconds: Mapping[str, float]) -> dict[
             "clouds_with_repeated_points": counts.n_with_repeats,
             "faces_dropped": dict(counts.faces_dropped),
             "meshes_without_colors": counts.n_without_colors,
+            "meshes_without_windows": counts.n_without_windows,
         },
         "failures": dict(whole.failures),
         "tries": {

@@ -21,10 +21,10 @@ from zbuf_occlude.jit.compiler import njit
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.scenes.scene import Scene
-from zbuf_occlude.sensors.boxes import BOX, boxes_of
+from zbuf_occlude.sensors.boxes import BOX, as_label, boxes_of
 from zbuf_occlude.sensors.capture import Capture, Seeds, captured_scenes, captures, in_metres, sensor_places
 from zbuf_occlude.sensors.casting import cast, prepare_scene
-from zbuf_occlude.sensors.scanning import Scan, no_windows
+from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
@@ -138,11 +138,13 @@ def sample(mesh: Mesh, recipe: Recipe, seed: np.random.SeedSequence) -> SurfaceP
 
 
 def count_mesh(mesh: Mesh, recipe: Recipe) -> Counts:
-    """Count what cleaning dropped, and whether wanted colours are lacking; the log says which."""
+    """Count what cleaning dropped, and whether wanted colours or windows are lacking; the log says which."""
     lacking = "colors" in recipe.attributes and (mesh.colors is None or not mesh.colors.is_whole)
     for reason in mesh.colors.lacking if lacking and mesh.colors is not None else ():
         _LOG.warning("%s: %s", mesh.name, reason)
-    return Counts(faces_dropped=mesh.dropped, n_without_colors=int(lacking))
+    shares = {} if recipe.setup is None else recipe.setup.transparent
+    opaque = bool(shares) and not (mesh.colors is not None and mesh.colors.transparent(shares).passing.any())
+    return Counts(faces_dropped=mesh.dropped, n_without_colors=int(lacking), n_without_windows=int(opaque))
 
 
 def check(
@@ -185,8 +187,6 @@ def _scan(mesh: Mesh, label: str, setup: Setup, plan: Plan, key: str) -> Iterato
     """
     recipe = plan.recipe
     standing, size = in_metres(mesh, label, setup)
-    if setup.transparent and not (standing.colors is not None and standing.colors.passing.any()):
-        _LOG.warning(no_windows("--transparent", mesh))
     floor = float(standing.bounds[0, 2])
     for variation in range(recipe.variations):
         seeds = partial(_seed, recipe.seed, key, variation)
@@ -255,8 +255,8 @@ def _boxes(capture: Capture, label: str, recipe: Recipe) -> dict[str, Any]:
     if BOXES not in recipe.attributes or recipe.setup is None:
         return {}
     boxes = np.zeros(recipe.setup.most_objects, BOX)
-    boxes[: len(capture.scene.placed)], picture = boxes_of(capture.scene, capture.occluder, capture.pose)
-    boxes["label"][0] = label.encode()
+    boxes[: len(capture.scene.placed)], picture = boxes_of(capture.scene, capture.occluder, capture.pose, capture.scan)
+    boxes["label"][0] = as_label(label)
     return {"boxes": boxes, "picture": picture}
 
 

@@ -185,6 +185,8 @@ class Recipe:
                 f"{BOXES} must be of a spinning LiDAR over a ground whose whole scans are kept; they are not. Give "
                 "--sensor hdl-64e --scene street --keep all."
             )
+        if BOXES in self.attributes and self.setup and self.setup.motion and not self.setup.motion.get("deskew"):
+            raise OptionError(f"{BOXES} of a sensor that moves must be where its points are. Give --deskew.")
         if "colors" in self.attributes and find_spec("PIL") is None:
             raise UnavailableError("colors need the package Pillow; it is missing. pip install zbuf-occlude[report]")
         if self.overlap is not None and not 0.0 < self.overlap[0] <= self.overlap[1] <= 1.0:

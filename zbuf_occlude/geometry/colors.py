@@ -88,6 +88,8 @@ class SurfaceColors:
         if not isinstance(shares, Mapping):
             raise ArgumentError(f"transparent must be a mapping of names to shares; got {type(shares).__name__}.")
         for name, share in shares.items():
+            if not isinstance(name, str):
+                raise ArgumentError(f"transparent must name materials by words; got {name!r:.40}.")
             if share is not None and not (isinstance(share, int | float | np.number) and 0.0 <= share <= 1.0):
                 raise ArgumentError(f"the share of light that {name} lets pass must lie in 0..1; got {share!r:.40}.")
         found = []

@@ -72,6 +72,11 @@ def read_scene(path: Path) -> list[dict[str, Any]]:
 
 def _checked(given: Any, folder: Path) -> dict[str, Any]:
     builtin = isinstance(given, dict) and "mesh" not in given and str(given.get("class")) in ROAD_USERS
+    if isinstance(given, dict) and "mesh" not in given and not builtin and "class" in given:
+        raise OptionError(
+            f"an object must have a mesh; no mesh is needed of a {', '.join(ROAD_USERS)}, in small letters; got the "
+            f"class {given['class']!r:.40}. Give a mesh."
+        )
     if not isinstance(given, dict) or "position" not in given or not (builtin or "mesh" in given):
         raise OptionError(
             f"a scene must be {FORM}; this has no mesh or position. No mesh is needed of a {', '.join(ROAD_USERS)}."

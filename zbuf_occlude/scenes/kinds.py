@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -94,10 +94,12 @@ def street(asked: Asked, rng: np.random.Generator) -> Arranged:
         return back * along[:2] + side * across[:2] if clear else None
 
     for number in range(STREET_OBJECTS + STREET_POLES):
-        mesh, label = (pole_mesh(0.1, 5.0), "pole") if number >= STREET_OBJECTS else asked.pool(rng.random())
-        placed += _at_a_free_place(mesh, label, draw, taken, 0.3, asked, rng)
+        is_pole = number >= STREET_OBJECTS
+        mesh, label = (pole_mesh(0.1, 5.0), "pole") if is_pole else asked.pool(rng.random())
+        found = _at_a_free_place(mesh, label, draw, taken, 0.3, asked, rng)
+        placed += [replace(each, is_background=is_pole) for each in found]
     wall = moved(yaw=float(np.arctan2(across[1], across[0])), to=[*(rng.uniform(24.0, 30.0) * along[:2]), asked.floor])
-    placed.append(Placed(box_mesh(80.0, 0.3, 4.0), "wall", wall))
+    placed.append(Placed(box_mesh(80.0, 0.3, 4.0), "wall", wall, is_background=True))
     return Arranged(placed, wanted)
 
 
@@ -111,7 +113,7 @@ def room(asked: Asked, rng: np.random.Generator) -> Arranged:
     height = max(2.6, float(asked.eye[2]) - asked.floor + 0.5, float(np.ptp(asked.target.vertices[:, 2])) + 0.3)
     pose = moved(yaw=float(np.arctan2(along[1], along[0])), to=[*middle, asked.floor])
     walls = box_mesh(distance + 1.0 + behind, 2.0 * aside, height)
-    placed = [asked.target, Placed(walls, "room", pose), *before]
+    placed = [asked.target, Placed(walls, "room", pose, is_background=True), *before]
     taken = [(np.zeros(2), size)]
 
     def draw(radius: float) -> FloatArray | None:
@@ -232,7 +234,7 @@ def _radius(positions: FloatArray) -> float:
 
 
 def _ground(asked: Asked) -> Placed:
-    return Placed(plate_mesh(GROUND_HALF), "ground", moved(to=(0.0, 0.0, asked.floor)))
+    return Placed(plate_mesh(GROUND_HALF), "ground", moved(to=(0.0, 0.0, asked.floor)), is_background=True)
 
 
 def _frame(asked: Asked) -> tuple[FloatArray, FloatArray]:

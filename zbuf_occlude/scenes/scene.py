@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, as_vectors, frozen
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_indices, as_numbers, as_vectors, frozen
 from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.geometry.mesh import Mesh
 
@@ -35,6 +35,8 @@ class Placed:
         Metres a second along the world's axes at time 0, when it is at its pose; the velocity turns with the object.
     turn : float
         Degrees a second about the vertical line through the origin of its pose, positive to the left.
+    is_background : bool
+        Whether it is what a drawn scene stands on and in: ground, room, wall, pole. Boxes and models leave it out.
     """
 
     mesh: Mesh
@@ -43,13 +45,15 @@ class Placed:
     albedo: float | None = None
     velocity: ArrayLike = (0.0, 0.0, 0.0)
     turn: float = 0.0
+    is_background: bool = False
 
     def __post_init__(self) -> None:
-        pose = np.asarray(self.pose, dtype=np.float64)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
+        pose = as_numbers(self.pose, f"pose of {self.label}", (4, 4))
+        if not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
             raise ArgumentError(f"pose of {self.label} must be (4, 4), finite, last row 0 0 0 1; got {pose.tolist()}.")
-        if self.albedo is not None and not 0.0 <= self.albedo <= 1.0:
-            raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {self.albedo}.")
+        albedo = self.albedo
+        if albedo is not None and not (isinstance(albedo, int | float | np.number) and 0.0 <= albedo <= 1.0):
+            raise ArgumentError(f"albedo of {self.label} must lie in [0, 1]; got {albedo!r:.40}.")
         velocity = as_vectors([np.asarray(self.velocity)], f"velocity of {self.label}")[0]
         if not (isinstance(self.turn, int | float | np.number) and np.isfinite(self.turn)):
             raise ArgumentError(f"turn of {self.label} must be degrees a second; got {self.turn!r:.40}.")

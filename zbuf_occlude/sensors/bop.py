@@ -21,7 +21,7 @@ from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
 
 BACKGROUND = ("ground", "room", "wall")
-"""Labels of what the drawn scenes stand on and in."""
+"""Labels that by default have no model."""
 MILLIMETRES = 1000.0
 """Of a metre: BOP's models and translations are millimetres."""
 NO_BOX = [-1, -1, -1, -1]
@@ -72,7 +72,8 @@ def write_bop(
     width, height, fov
         As in `frames`.
     background : str or collection of str
-        Labels of what hides others and has no model, pose or mask: by default ground, room and walls.
+        Labels of what hides others and has no model, pose or mask: by default ground, room and walls. So has what is
+        `Placed.is_background`.
     split : str
         Name of the folder of scenes.
     method : str
@@ -242,6 +243,7 @@ class BopWriter:
 def _foreground(scene: Scene, background: Collection[str]) -> list[int]:
     """Return which objects of a scene have a face and are not background."""
     present = set(np.unique(scene.instances).tolist())
+    present -= {i for i, each in enumerate(scene.placed) if each.is_background}
     return [i for i, label in enumerate(scene.labels) if label not in background and i in present]
 
 

@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.geometry.colors import Bytes
-from zbuf_occlude.scenes.kinds import ready
+from zbuf_occlude.scenes.kinds import METHOD, ready
 from zbuf_occlude.scenes.scene import Placed, Scene
-from zbuf_occlude.sensors.bop import BACKGROUND, silhouette
+from zbuf_occlude.sensors.bop import silhouette
+from zbuf_occlude.sensors.casting import prepare_scene
 from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, frames
+from zbuf_occlude.sensors.motion import Motion
+from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -37,8 +40,8 @@ column and row in the picture, last ones, also of what others hide; share of its
 its pixels that lie outside. Where the picture has nothing of it, `truncated` is 1 and `window` 0."""
 
 
-def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray) -> tuple[NDArray[Any], Bytes]:
-    """Return the boxes (o,) of a scene's objects, as `BOX`, and the picture (375, 1242), grey. `BACKGROUND` has none.
+def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray, found: Scan) -> tuple[NDArray[Any], Bytes]:
+    """Return the boxes (o,) of a scene's objects, as `BOX`, and the picture (375, 1242), grey; none of background.
 
     Parameters
     ----------
@@ -48,6 +51,8 @@ def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray) -> tuple[NDArra
         The scene made ready.
     pose : (4, 4) float
         LiDAR to world.
+    found : Scan
+        Of the scene. Objects that move stand where they are at the median time of their points, in the picture too.
 
     Notes
     -----
@@ -55,16 +60,19 @@ def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray) -> tuple[NDArra
     heading is +x of a mesh that is longer along x, else -y, as of the built-in cars. Shares count pixels by exact rays;
     what lies outside is counted up to a width and a height from the picture.
     """
+    if scene.moving:
+        scene = _stilled(scene, found)
+        occluder = prepare_scene(scene, METHOD)
     frame = next(frames(scene, _camera(pose), width=WIDTH, height=HEIGHT, occluder=occluder))
-    found = np.zeros(len(scene.placed), BOX)
-    for row, (box, each) in enumerate(zip(found, scene.placed, strict=True)):
-        if each.label in BACKGROUND:
+    boxes = np.zeros(len(scene.placed), BOX)
+    for row, (box, each) in enumerate(zip(boxes, scene.placed, strict=True)):
+        if each.is_background:
             continue
         low, high = each.mesh.bounds
         sides, turn = high - low, float(np.arctan2(each.pose[1, 0], each.pose[0, 0]))
         if sides[1] > sides[0]:
             sides, turn = sides[[1, 0, 2]], turn - np.pi / 2
-        box["label"], box["sides"], box["yaw"] = each.label.encode(), sides, (turn + np.pi) % (2 * np.pi) - np.pi
+        box["label"], box["sides"], box["yaw"] = as_label(each.label), sides, (turn + np.pi) % (2 * np.pi) - np.pi
         box["centre"] = each.pose[:3, :3] @ ((low + high) / 2) + each.pose[:3, 3]
         whole, visible = _whole(each, frame), frame.instances == row
         inside = whole[HEIGHT : 2 * HEIGHT, WIDTH : 2 * WIDTH] | visible
@@ -73,7 +81,26 @@ def boxes_of(scene: Scene, occluder: Occluder, pose: FloatArray) -> tuple[NDArra
             rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
             box["window"] = columns[0], rows[0], columns[-1], rows[-1]
             box["hidden"] = 1.0 - visible.sum() / inside.sum()
-    return found, frame.picture[..., 0]
+    return boxes, frame.picture[..., 0]
+
+
+def as_label(name: str) -> bytes:
+    """Return a class as `BOX` holds it, cut at a character where it is too long."""
+    return name.encode()[: BOX["label"].itemsize].decode(errors="ignore").encode()
+
+
+def _stilled(scene: Scene, found: Scan) -> Scene:
+    """Return a scene whose moving objects stand where they are at the median time of their points."""
+    placed = list(scene.placed)
+    for number, each in scene.moving.items():
+        times = found.times[found.instances == number]
+        if len(times):
+            rotations, places = Motion(each.velocity, each.turn).poses(np.median(times, keepdims=True))
+            pose = each.pose.copy()
+            pose[:3] = np.column_stack([rotations[0] @ pose[:3, :3], pose[:3, 3] + places[0]])
+            placed[number] = replace(each, pose=pose)
+        placed[number] = replace(placed[number], velocity=(0.0, 0.0, 0.0), turn=0.0)
+    return Scene.joined(placed)
 
 
 def _camera(pose: FloatArray) -> Views:

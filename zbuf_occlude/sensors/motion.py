@@ -55,12 +55,12 @@ class Motion:
             rows = np.asarray(self.trajectory, dtype=np.float64)
         except (TypeError, ValueError):
             rows = np.empty(0)
-        if rows.ndim != 2 or rows.shape[1:] != (8,) or len(rows) < 1 or not np.isfinite(rows).all():
+        if rows.ndim != 2 or rows.shape[1:] != (8,) or len(rows) < 1:
             found = shape_and_dtype(self.trajectory)
-            raise ArgumentError(f"trajectory must be (m, 8) finite numbers: t x y z qx qy qz qw; got {found}.")
+            raise ArgumentError(f"trajectory must be (m, 8) numbers: t x y z qx qy qz qw; got {found}.")
+        if fault := _fault(rows):
+            raise ArgumentError(f"trajectory {fault}.")
         lengths = np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
-        if not ((np.diff(rows[:, 0]) > 0.0).all() and (lengths > 1e-9).all()):
-            raise ArgumentError("trajectory must have ascending times, and quaternions of length 1; it has not.")
         object.__setattr__(self, "trajectory", sealed(np.concatenate([rows[:, :4], rows[:, 4:] / lengths], axis=1)))
 
     def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -106,6 +106,19 @@ class Motion:
         return Rays(directions, rays.rings, rays.columns, positions, rays.times)
 
 
+def _fault(rows: FloatArray) -> str:
+    """Return what is wrong with the first bad row of a trajectory (m, 8); empty where none is."""
+    for bad, must in (
+        (~np.isfinite(rows).all(axis=1), "be finite numbers"),
+        (np.append(False, np.diff(rows[:, 0]) <= 0.0), "have a later time than the row before"),
+        (np.linalg.norm(rows[:, 4:], axis=1) <= 1e-9, "have a quaternion qx qy qz qw of length 1"),
+    ):
+        if bad.any():
+            row = int(bad.argmax())
+            return f"row {row + 1} must {must}; got {' '.join(f'{number:g}' for number in rows[row])}"
+    return ""
+
+
 def _rotations(quaternions: FloatArray) -> FloatArray:
     """Return the rotations (n, 3, 3) of quaternions (n, 4), x y z w, of any length but 0."""
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
@@ -123,7 +136,7 @@ def read_trajectory(path: str | Path) -> FloatArray:
     Raises
     ------
     DatasetError
-        Not readable, or lines of other numbers.
+        Not readable, or lines of other numbers, or not what `Motion` takes.
 
     Examples
     --------
@@ -138,6 +151,9 @@ def read_trajectory(path: str | Path) -> FloatArray:
         rows = [[float(word) for word in line.split()] for line in lines if line.strip() and line.strip()[0] != "#"]
         if not rows:
             raise ValueError("it must have lines of t x y z qx qy qz qw; it has none")
-        return as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
+        found = as_numbers(rows, "a trajectory", (len(rows), 8), " Lines are t x y z qx qy qz qw.")
+        if fault := _fault(found):
+            raise ValueError(fault)
+        return found
     except (OSError, ValueError) as error:
         raise DatasetError(f"{name}: cannot read a trajectory: {printable(in_words(error))}") from None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
-from zbuf_occlude.errors import ArgumentError
+from zbuf_occlude.errors import ArgumentError, OptionError
 from zbuf_occlude.geometry.cloud import Cloud, columns_of
 from zbuf_occlude.geometry.colors import Bytes, barycentric, luminance
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
@@ -236,12 +236,13 @@ def scan(
     ArgumentError
         A pose that is no rigid motion, a pose and a range, or no scene or sensor.
     OptionError, UnavailableError
-        As `zbuf_occlude.prepare`; a method that casts no rays.
+        As `zbuf_occlude.prepare`; a method that casts no rays; a motion of a sensor that casts all rays at once.
 
     Warns
     -----
     UserWarning
-        With `range`: the sensor stands inside the mesh's bounding box.
+        With `range`: the sensor stands inside the mesh's bounding box. Without `occluder`: objects move, but all rays
+        are cast at once.
 
     Examples
     --------
@@ -280,6 +281,12 @@ def scan(
         raise ArgumentError(f"motion must be a sensors.Motion; got {type(motion).__name__}. Make one.")
     if len(sensor.imperfections.second_eyes) and (motion is not None or (scene.moving and rays.times is not None)):
         raise ArgumentError("a sensor with a second eye must stand still, as all it sees. Or set baseline=0.")
+    if motion is not None or scene.moving:
+        untimed = sensor.untimed
+        if untimed and motion is not None:
+            raise OptionError(untimed)
+        if untimed and occluder is None:
+            warnings.warn(f"objects that move stand still: {untimed}", stacklevel=2)
     if motion is not None:
         rays = motion.applied(at_rest)
     if towards is not None and motion is None:
@@ -492,14 +499,18 @@ def _seen_twice(
 
 
 def _matched(rows: IntArray, columns: IntArray, depths: FloatArray, seen: BoolArray, sensor: Sensor) -> BoolArray:
-    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,)."""
+    """Whether nothing in the window around a pixel is nearer by `EDGE`, or as near and seen by one eye alone, (n,).
+
+    A pixel of several echoes is as near as the nearest.
+    """
     half = int(sensor.imperfections.window) // 2
     shape = sensor.pattern["height"] + 2 * half, sensor.pattern["width"] + 2 * half
-    nearest = np.full(shape, np.inf)
-    nearest[rows + half, columns + half] = depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE))
+    at, own, nearest = (rows + half, columns + half), np.full(shape, np.inf), np.full(shape, np.inf)
+    np.minimum.at(own, at, depths)
+    np.minimum.at(nearest, at, depths * np.where(seen, 1.0, (1.0 - EDGE) / (1.0 + EDGE)))
     for axis in (0, 1):
         nearest = np.lib.stride_tricks.sliding_window_view(nearest, 2 * half + 1, axis=axis).min(axis=-1)
-    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * depths)
+    return np.asarray(nearest[rows, columns] >= (1.0 - EDGE) * own[at])
 
 
 EYES_AT_A_TIME = 16
@@ -568,6 +579,7 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
     # (5, n): numpy is slow along short rows
     faces, ranges, *light = (np.ascontiguousarray(np.take_along_axis(each, order, axis=1).T) for each in flat)
     meeting, returning = light or (1.0, 1.0)
+    ray_of = order.T // n_layers
     met = faces >= 0
     with np.errstate(invalid="ignore"):
         apart = np.diff(ranges, axis=0) > (faults.echo_separation if faults.noise else 0.0)
@@ -596,6 +608,8 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
         rays = np.flatnonzero(total > 0)
         face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
         n_met = mine.sum(axis=0)
+        if n_layers > 1:  # a ray that meets a pane and what stands just behind it counts once
+            n_met = np.sum([(mine & (ray_of == number)).any(axis=0) for number in range(n_rays)], axis=0)
         met_by, back = ((mine * each).sum(axis=0) if light else n_met for each in (meeting, returning))
         shares, lights = met_by[rays] / n_rays, back[rays] / n_met[rays]
         parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, shares, lights))
@@ -742,7 +756,7 @@ def quantised(scan: Scan, faults: Imperfections) -> Scan:
 
 
 def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -> Scan:
-    """Lose a share of the pixels beside which the depth jumps, or nothing returns."""
+    """Lose a share of the pixels beside which the depth, of the nearest echo, jumps, or nothing returns."""
     if not faults.edge_loss or not len(scan):
         return scan
     first = scan.columns.min() - 1, scan.rings.min() - 1
@@ -750,7 +764,8 @@ def without_edges(scan: Scan, faults: Imperfections, rng: np.random.Generator) -
     image = np.full(shape, np.inf)
     rows, columns = scan.rings - first[1], scan.columns - first[0]
     depths = scan.clean_ranges * scan.depths_per_range
-    image[rows, columns] = depths
+    np.minimum.at(image, (rows, columns), depths)
+    depths = image[rows, columns]
     edge = np.zeros(len(scan), dtype=bool)
     for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         edge |= np.abs(image[rows + down, columns + right] - depths) > EDGE * depths

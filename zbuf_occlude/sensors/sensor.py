@@ -468,6 +468,14 @@ class Sensor:
         """Return its rays, of one turn or picture, in its own frame; the same object each time."""
         return self._rays
 
+    @property
+    def untimed(self) -> str:
+        """What to say where all rays are cast at once, so that motion changes nothing; else empty."""
+        if self.rays().times is not None:
+            return ""
+        cure = "give --set-sensor readout=SECONDS" if self.kind == "pinhole" else "take another sensor"
+        return f"{self.name} casts all rays at once; {cure}."
+
     @cached_property
     def _rays(self) -> Rays:
         return KINDS[self.kind](**self.pattern)

@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError, check_word, find_row
+from zbuf_occlude.errors import ArgumentError, OptionError, check_word, find_row
 from zbuf_occlude.scenes.kinds import KINDS, Kind
 from zbuf_occlude.scenes.sizes import Sizes
 from zbuf_occlude.sensors.motion import Motion
@@ -96,13 +96,19 @@ class Setup:
                 f"--sensor-height must be metres above 0, over a ground, which --scene {self.scene} "
                 f"{'has' if self.kind.sensor_height is not None else 'lacks'}; got {self.sensor_height}."
             )
+        if not isinstance(self.transparent, Mapping):
+            raise ArgumentError(
+                f"transparent must be a mapping of names to shares; got {type(self.transparent).__name__}."
+            )
         for name, share in self.transparent.items():
-            if share is not None and not 0.0 <= share <= 1.0:
+            if share is not None and not (isinstance(share, Real) and 0.0 <= share <= 1.0):
                 raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {name}={share}.")
         if self.made_motion is not None and len(self.made_sensor.imperfections.second_eyes):
             raise OptionError(
                 f"a sensor that moves must have one eye; {self.made_sensor.name} has more. Or --set-sensor baseline=0."
             )
+        if self.made_motion is not None and self.made_sensor.untimed:
+            raise OptionError(self.made_sensor.untimed)
         _ = self.kind, self.box  # read for their errors
 
     @property
@@ -123,6 +129,10 @@ class Setup:
     @cached_property
     def made_motion(self) -> Motion | None:
         """How the sensor moves; None where it stands still."""
+        if not isinstance(self.motion, Mapping | None):
+            raise ArgumentError(f"motion must be a mapping of what Motion takes; got {type(self.motion).__name__}.")
+        for name in self.motion or ():
+            check_word("a key of motion", name, [each.name for each in fields(Motion)])
         return None if self.motion is None else Motion(**self.motion)
 
     @property

@@ -29,7 +29,7 @@ def export(source: Source, out: Path) -> Exported:
     """
     plan, n_views = source.plan, len(source.plan.views)
     assert plan.recipe.setup is not None
-    writer = BopWriter(out, method=plan.recipe.setup.method)
+    writer = BopWriter(out, background=(), method=plan.recipe.setup.method)
     names, n_clouds = dict[str, list[str]](), dict[str, int]()
     for split, numbers in whole_objects(source).items():
         names[split], n_clouds[split] = [], numbers.size

@@ -15,6 +15,7 @@ from zbuf_occlude.extras import importing
 from zbuf_occlude.sensors.boxes import CENTRE, FOCAL, TO_CAMERA
 from zbuf_occlude.sensors.frames import png
 from zbuf_occlude.sensors.scanning import look_at
+from zbuf_occlude.shapes.road_users import RIDDEN_FROM
 
 FOLDERS = {"train": "training", "val": "training", "test": "testing"}
 TYPES = {
@@ -22,7 +23,8 @@ TYPES = {
     "cyclist": "Cyclist", "train": "Tram", "tram": "Tram",
 }  # fmt: skip
 """KITTI's types of classes; others are Misc."""
-UNLABELLED = "pole"
+RIDDEN = ("bicycle", "motorcycle")
+"""Classes that are a Cyclist from a height on at which `shapes.road_user` puts a rider on them."""
 DONT_CARE = "DontCare -1 -1 -10 0 0 0 0 -1 -1 -1 -1000 -1000 -1000 -10"
 """The line of a frame without objects: loaders expect one."""
 OCCLUDED = (0.1, 0.5, 0.9)
@@ -92,7 +94,7 @@ def _labels(record: Any) -> list[str]:
     n_points = np.bincount(record["instance"], minlength=len(record["boxes"]))
     for box, n in zip(record["boxes"], n_points, strict=True):
         label = box["label"].decode(errors="replace").strip().lower()
-        if label == UNLABELLED or box["truncated"] == 1.0 or not box["sides"].any() or (box["hidden"] == 1.0 and not n):
+        if box["truncated"] == 1.0 or not box["sides"].any() or (box["hidden"] == 1.0 and not n):
             continue
         length, width, height = box["sides"]
         foot = (box["centre"] - [0.0, 0.0, height / 2] - pose[:3, 3]) @ pose[:3, :3]
@@ -103,7 +105,8 @@ def _labels(record: Any) -> list[str]:
         occluded = int(np.searchsorted(OCCLUDED, box["hidden"], side="right"))
         numbers = (alpha, *box["window"], height, width, length, x, y, z, turned)
         words = " ".join(f"{number:.4f}" for number in numbers)
-        lines.append(f"{TYPES.get(label, 'Misc')} {box['truncated']:.2f} {occluded} {words}")
+        kind = "Cyclist" if label in RIDDEN and height >= RIDDEN_FROM else TYPES.get(label, "Misc")
+        lines.append(f"{kind} {box['truncated']:.2f} {occluded} {words}")
     return lines
 
 
