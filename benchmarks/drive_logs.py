@@ -10,7 +10,8 @@ a table            .tsv or .csv with category, length, width, height, x, y, z, y
 =================  ================================================================================================
 
 The sensor is the one of the table of sensors whose lasers' elevations explain the points best; firings per turn are as
-the points' azimuths are spaced. Without points it is the one that the maker of the log names.
+the points' azimuths are spaced. Without points it is the one that the maker of the log names. Returns in boxes are
+counted where there are points, else they are as the makers counted them. What cannot be read ends in one line.
 """
 
 import csv
@@ -20,6 +21,8 @@ import pickle
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +32,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zbuf_occlude.compare.scan_files import read_scan_file
+from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.sensor import Sensor
 
@@ -40,9 +44,15 @@ CLOUDS = 4
 """Sweeps from which the sensor is found."""
 SHARPNESS = 0.1
 """Degrees that returns lie off a laser's elevation: cars pitch while the sensor turns."""
+LEAST_POINTS = 1000
+"""Beyond 4 m, of fewer of which a sensor is not told from others."""
+SLACK = 0.05
+"""Metres. Where returns are counted here, real or simulated, a box is so much wider to each side and higher: labels are
+rounded, and ranges have noise (sigma 0.02 m of the HDL-64E). It begins so much above its foot: there the ground is."""
 
 
-class Box(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Box:
     """A labelled box; lengths in metres, the log's frame."""
 
     category: str
@@ -53,6 +63,12 @@ class Box(NamedTuple):
     """Real returns in it; None where they were not counted."""
     identity: int
     """The same of the same object in all sweeps."""
+
+    def __post_init__(self) -> None:
+        numbers = [*self.sides, *self.centre, self.yaw]
+        if len(numbers) != 7 or not np.isfinite(numbers).all() or not min(self.sides) > 0.0:
+            said = ", ".join(f"{number:g}" for number in numbers)
+            raise ValueError(f"a box must have 7 finite numbers and sides above 0; one of {self.category} has {said}")
 
 
 class DriveSweep(NamedTuple):
@@ -76,6 +92,7 @@ def read_log(path: Path, sensor: str | None = None) -> Log:
     """Read a log of any form; `sensor` is told instead of found."""
     read = ((form, usual, list(reader(path))) for form, usual, reader in FORMS)
     form, usual, sweeps = next((each for each in read if each[2]), ("", "", []))
+    sweeps = [counted(sweep) for sweep in sweeps]
     if not sweeps:
         raise SystemExit(f"error: {path} must be a log of drives, a folder or a table; see {Path(__file__).name}.")
     if sensor is not None:
@@ -85,12 +102,26 @@ def read_log(path: Path, sensor: str | None = None) -> Log:
         raise SystemExit(f"error: {path} has boxes in the LiDAR's own frame and no points. Name it: --sensor NAME.")
     if not clouds:
         return Log(form, sweeps, make(usual), f"named by {form}")
-    found = [found_sensor(points_of(cloud)) for cloud in clouds[:: -(-len(clouds) // CLOUDS)]]
+    found = []
+    for cloud in clouds[:: -(-len(clouds) // CLOUDS)]:
+        with reading(cloud):
+            found.append(found_sensor(points_of(cloud)))
     names = {made.name for made, _ in found}
     if len(names) > 1:
         raise SystemExit(f"error: {path} must be of one sensor; it has {', '.join(sorted(names))}. Give each alone.")
     columns = round(np.median([made.pattern["columns"] for made, _ in found]))
     return Log(form, sweeps, make(names.pop(), columns=columns), found[0][1])
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[None]:
+    """End the program with one line where a file cannot be read, whatever is the matter with it."""
+    try:
+        yield
+    except Exception as error:
+        words = f"{error}".partition("\n")[0].removeprefix(f"{file}: ")
+        known = isinstance(error, OccludeError | ValueError | OSError) and words
+        raise SystemExit(f"error: {file}: {words if known else f'{type(error).__name__} {words}'}") from None
 
 
 @lru_cache(2)
@@ -102,6 +133,8 @@ def points_of(cloud: Path) -> np.ndarray:
 def found_sensor(points: np.ndarray) -> tuple[Sensor, str]:
     """Return the spinning sensor whose lasers explain the elevations of a turn's points best, and words about that."""
     far = points[np.hypot(*points[:, :2].T) > 4.0]
+    if len(far) < LEAST_POINTS:
+        raise ValueError(f"a sensor is found from {LEAST_POINTS} points; it has {len(far)}. Name it: --sensor NAME.")
     some, scores = far[:: -(-len(far) // 20_000)], {}
     for name in (name for name, sensor in SENSORS.items() if sensor.kind == "spinning"):
         near = [np.exp(-0.5 * (above / SHARPNESS) ** 2) for above in SENSORS[name].above_lasers(some)]
@@ -111,20 +144,31 @@ def found_sensor(points: np.ndarray) -> tuple[Sensor, str]:
     azimuths = np.degrees(np.arctan2(far[:, 1], far[:, 0]))
     steps = np.concatenate([np.diff(np.sort(azimuths[rings == ring])) for ring in np.unique(rings)])
     steps = steps[steps > 0.02]  # nearer ones are of the same firing, at two ranges
+    if not len(steps):
+        raise ValueError("a sensor is found from a turn; this is none. Name it: --sensor NAME.")
     columns = round(360.0 / steps[steps < 1.5 * np.median(steps)].mean())
     words = f"by elevations, e^{scores[first] - scores[second]:.1f} times as likely per point as {second}"
     return make(first, columns=columns), words
 
 
-def within(box: Box, points: np.ndarray) -> np.ndarray:
-    """Return which points (n, 3) are in a box."""
-    local = (points - box.centre) @ turned(box.yaw)
-    return (np.abs(local) <= box.sides / 2).all(axis=1)
+def within(box: Box, points: np.ndarray, slack: float = 0.0) -> np.ndarray:
+    """Return which points (n, 3) are in a box, with a slack to its sides and upwards as `SLACK` has it."""
+    local = (points - box.centre) @ turned(box.yaw) - [0.0, 0.0, slack]
+    return (np.abs(local) <= box.sides / 2 + [slack, slack, 0.0]).all(axis=1)
 
 
 def count_in(box: Box, points: np.ndarray) -> Box:
-    """Return a box with the points counted that are in it."""
-    return box._replace(n_points=int(within(box, points).sum()))
+    """Return a box with the points counted that are its own."""
+    return replace(box, n_points=int(within(box, points, SLACK).sum()))
+
+
+def counted(sweep: DriveSweep) -> DriveSweep:
+    """Return a sweep with the points counted that are in its boxes, where it has points."""
+    if sweep.cloud is None:
+        return sweep
+    with reading(sweep.cloud):
+        points = points_of(sweep.cloud) @ sweep.mounts[0][:3, :3].T + sweep.mounts[0][:3, 3]
+    return sweep._replace(boxes=[count_in(box, points) for box in sweep.boxes])
 
 
 def turned(yaw: float) -> np.ndarray:
@@ -158,31 +202,32 @@ def of_argoverse(path: Path) -> Iterator[DriveSweep]:
     """Argoverse 2: boxes in the car's frame, their returns counted by the makers."""
     files = [path] if path.suffix == ".feather" else sorted(path.rglob("annotations*.feather"))
     for file in files:
-        import pandas
+        with reading(file):
+            import pandas
 
-        rows, calibration = pandas.read_feather(file), file.parent / "calibration" / "egovehicle_SE3_sensor.feather"
-        mounts = [pose_from(Rotation.from_quat(q).as_matrix(), (x, y, z)) for x, y, z, q in ARGOVERSE_MOUNTS]
-        if calibration.exists():
-            table = pandas.read_feather(calibration)
-            mounts = [
-                pose_from(rotation_from(row.qw, row.qx, row.qy, row.qz), (row.tx_m, row.ty_m, row.tz_m))
-                for row in table[table.sensor_name.isin(["up_lidar", "down_lidar"])].itertuples()
-            ]
-        if "num_interior_pts" not in rows:
-            raise SystemExit(f"error: {file} must have num_interior_pts; it has {', '.join(rows.columns)}.")
-        for _, sweep in rows.groupby("timestamp_ns"):
-            boxes = [
-                Box(
-                    row.category,
-                    np.array([row.length_m, row.width_m, row.height_m]),
-                    np.array([row.tx_m, row.ty_m, row.tz_m]),
-                    heading(rotation_from(row.qw, row.qx, row.qy, row.qz)),
-                    int(row.num_interior_pts),
-                    number_of(row.track_uuid),
-                )
-                for row in sweep.itertuples()
-            ]
-            yield DriveSweep(boxes, mounts)
+            rows, calibration = pandas.read_feather(file), file.parent / "calibration" / "egovehicle_SE3_sensor.feather"
+            mounts = [pose_from(Rotation.from_quat(q).as_matrix(), (x, y, z)) for x, y, z, q in ARGOVERSE_MOUNTS]
+            if calibration.exists():
+                table = pandas.read_feather(calibration)
+                mounts = [
+                    pose_from(rotation_from(row.qw, row.qx, row.qy, row.qz), (row.tx_m, row.ty_m, row.tz_m))
+                    for row in table[table.sensor_name.isin(["up_lidar", "down_lidar"])].itertuples()
+                ]
+            if "num_interior_pts" not in rows:
+                raise SystemExit(f"error: {file} must have num_interior_pts; it has {', '.join(rows.columns)}.")
+            for _, sweep in rows.groupby("timestamp_ns"):
+                boxes = [
+                    Box(
+                        row.category,
+                        np.array([row.length_m, row.width_m, row.height_m]),
+                        np.array([row.tx_m, row.ty_m, row.tz_m]),
+                        heading(rotation_from(row.qw, row.qx, row.qy, row.qz)),
+                        int(row.num_interior_pts),
+                        number_of(row.track_uuid),
+                    )
+                    for row in sweep.itertuples()
+                ]
+                yield DriveSweep(boxes, mounts)
 
 
 def of_table(path: Path) -> Iterator[DriveSweep]:
@@ -192,17 +237,20 @@ def of_table(path: Path) -> Iterator[DriveSweep]:
     """
     if path.suffix not in (".tsv", ".csv"):
         return
-    rows = list(csv.DictReader(path.read_text().splitlines(), delimiter="\t" if path.suffix == ".tsv" else ","))
-    if missing := [name for name in COLUMNS if not rows or name not in rows[0]]:
-        raise SystemExit(f"error: {path} must have the columns {', '.join(COLUMNS)}; it has no {missing[0]}.")
-    sweeps, feet = [list[Box]()], []
-    for row in rows:
-        length, width, height, x, y, z, yaw, n_points = (float(row[name]) for name in COLUMNS[1:])
-        if sweeps[-1] and row["category"] < sweeps[-1][-1].category:
-            sweeps.append([])
-        sides, centre, name = np.array([length, width, height]), np.array([x, y, z]), [length, width, height]
-        sweeps[-1].append(Box(row["category"], sides, centre, np.radians(yaw), int(n_points), number_of(name)))
-        feet.append(z - height / 2)
+    with reading(path):
+        rows = csv.DictReader(path.read_text().splitlines(), delimiter="\t" if path.suffix == ".tsv" else ",")
+        if missing := [name for name in COLUMNS if name not in (rows.fieldnames or ())]:
+            raise ValueError(f"it must have the columns {', '.join(COLUMNS)}; it has no {missing[0]}")
+        sweeps, feet = [list[Box]()], []
+        for row in rows:
+            length, width, height, x, y, z, yaw, n_points = (float(row[name]) for name in COLUMNS[1:])
+            if sweeps[-1] and row["category"] < sweeps[-1][-1].category:
+                sweeps.append([])
+            sides, centre, name = np.array([length, width, height]), np.array([x, y, z]), [length, width, height]
+            sweeps[-1].append(Box(row["category"], sides, centre, np.radians(yaw), int(n_points), number_of(name)))
+            feet.append(z - height / 2)
+        if not feet:
+            raise ValueError("it must have boxes; it has none")
     mounts = [pose_from(Rotation.from_quat(q).as_matrix(), at) for *at, q in ARGOVERSE_MOUNTS]
     yield from (DriveSweep(boxes, mounts if np.median(feet) > -1.0 else [np.eye(4)]) for boxes in completed(sweeps))
 
@@ -233,7 +281,7 @@ def completed(sweeps: list[list[Box]]) -> list[list[Box]]:
                         share = (missing - before) / (number - before)
                         turn = (seen.yaw - box.yaw + np.pi) % (2.0 * np.pi) - np.pi
                         centre = box.centre + share * (seen.centre - box.centre)
-                        between = box._replace(centre=centre, yaw=box.yaw + share * turn, n_points=None)
+                        between = replace(box, centre=centre, yaw=box.yaw + share * turn, n_points=None)
                         full[missing].append(between)
             same.append((number, seen))
     return full
@@ -248,23 +296,36 @@ def of_kitti(path: Path) -> Iterator[DriveSweep]:
         calibration = folder.parent / "calib" / f"{stem}.txt"
         if labels is None or not calibration.exists():
             continue
-        rows = [line.split() for line in labels.read_text().splitlines() if line.strip()]
-        if cloud.parent != folder:
-            rows = [[*row[2:], row[1]] for row in rows if int(row[0]) == int(cloud.stem)]
-        numbers = (line.replace(":", " ").split() for line in calibration.read_text().splitlines() if line.strip())
-        matrices = {name: np.array(values, dtype=float) for name, *values in numbers}
-        to_camera = np.eye(4)
-        to_camera[:3] = next(v for k, v in matrices.items() if k.startswith("Tr_velo")).reshape(3, 4)
-        rectified = next(v for k, v in matrices.items() if k in ("R0_rect", "R_rect")).reshape(3, 3)
-        to_lidar = np.linalg.inv(pose_from(rectified, 0.0) @ to_camera)
-        boxes = []
-        for number, row in enumerate(rows):
-            height, width, length, *at, turn = map(float, row[8:15])
-            identity = number_of((stem, row[15] if cloud.parent != folder else number))
-            if row[0] != "DontCare":
-                boxes.append(of_camera(row[0], np.array([length, width, height]), at, turn, to_lidar, identity))
-        points = points_of(cloud)
-        yield DriveSweep([count_in(box, points) for box in boxes], [np.eye(4)], cloud)
+        is_track, boxes = cloud.parent != folder, []
+        with reading(calibration):
+            to_lidar = of_calibration(calibration.read_text())
+        with reading(labels):
+            rows = [line.split() for line in labels.read_text().splitlines() if line.strip()]
+            if wrong := [row for row in rows if len(row) - 2 * is_track not in (15, 16)]:
+                raise ValueError(f"a row must have {15 + 2 * is_track} fields; one has {len(wrong[0])}")
+            if is_track:
+                rows = [[*row[2:17], row[1]] for row in rows if int(row[0]) == int(cloud.stem)]
+            for number, row in enumerate(rows):
+                height, width, length, *at, turn = map(float, row[8:15])
+                identity = number_of((stem, row[15] if is_track else number))
+                if row[0] != "DontCare":
+                    sides = np.array([length, width, height])
+                    boxes.append(of_camera(row[0], sides, at, turn, to_lidar, identity))
+        yield DriveSweep(boxes, [np.eye(4)], cloud)
+
+
+def of_calibration(text: str) -> np.ndarray:
+    """Return the pose (4, 4) of KITTI's camera in the LiDAR's frame."""
+    matrices = {}
+    for name, *values in (line.replace(":", " ").split() for line in text.splitlines() if line.strip()):
+        for pattern, shape in (("Tr_velo", (3, 4)), ("R0_rect", (3, 3)), ("R_rect", (3, 3))):
+            if name.startswith(pattern):
+                matrices[shape] = np.array(values, dtype=float).reshape(shape)
+    if len(matrices) < 2:
+        raise ValueError("a calibration must have the rows Tr_velo_to_cam and R0_rect")
+    to_camera = np.eye(4)
+    to_camera[:3] = matrices[3, 4]
+    return np.linalg.inv(pose_from(matrices[3, 3], 0.0) @ to_camera)
 
 
 def of_camera(
@@ -279,17 +340,17 @@ def of_camera(
 def of_tracklets(path: Path) -> Iterator[DriveSweep]:
     """KITTI's raw data: tracklets in the LiDAR's frame."""
     for file in sorted(path.rglob("tracklet_labels.xml")):
-        boxes = defaultdict(list)
-        for number, track in enumerate(ElementTree.parse(file).getroot().findall("./tracklets/item")):
-            sides = np.array([float(track.findtext(side, "")) for side in "lwh"])
-            first = int(track.findtext("first_frame", ""))
-            for frame, pose in enumerate(track.findall("./poses/item"), first):
-                x, y, z, yaw = (float(pose.findtext(name, "")) for name in ("tx", "ty", "tz", "rz"))
-                category, centre = track.findtext("objectType", ""), np.array([x, y, z + sides[2] / 2])
-                boxes[frame].append(Box(category, sides, centre, yaw, None, number_of(number)))
-        for cloud in sorted(file.parent.glob("velodyne_points/data/*.bin")):
-            points = points_of(cloud)
-            yield DriveSweep([count_in(box, points) for box in boxes[int(cloud.stem)]], [np.eye(4)], cloud)
+        with reading(file):
+            boxes = defaultdict(list)
+            for number, track in enumerate(ElementTree.parse(file).getroot().findall("./tracklets/item")):
+                sides = np.array([float(track.findtext(side, "")) for side in "lwh"])
+                first = int(track.findtext("first_frame", ""))
+                for frame, pose in enumerate(track.findall("./poses/item"), first):
+                    x, y, z, yaw = (float(pose.findtext(name, "")) for name in ("tx", "ty", "tz", "rz"))
+                    category, centre = track.findtext("objectType", ""), np.array([x, y, z + sides[2] / 2])
+                    boxes[frame].append(Box(category, sides, centre, yaw, None, number_of(number)))
+            for cloud in sorted(file.parent.glob("velodyne_points/data/*.bin")):
+                yield DriveSweep(boxes[int(cloud.stem)], [np.eye(4)], cloud)
 
 
 def of_nuscenes(path: Path) -> Iterator[DriveSweep]:
@@ -299,27 +360,28 @@ def of_nuscenes(path: Path) -> Iterator[DriveSweep]:
         def table(name: str, folder: Path = file.parent) -> dict[str, dict[str, Any]]:
             return {row["token"]: row for row in json.loads((folder / f"{name}.json").read_text())}
 
-        sensors, calibrated, poses = table("sensor"), table("calibrated_sensor"), table("ego_pose")
-        instances, categories, annotations = table("instance"), table("category"), defaultdict(list)
-        for row in table("sample_annotation").values():
-            annotations[row["sample_token"]].append(row)
-        for frame in table("sample_data").values():
-            mount = calibrated[frame["calibrated_sensor_token"]]
-            if not frame["is_key_frame"] or "LIDAR_TOP" not in sensors[mount["sensor_token"]]["channel"]:
-                continue
-            car = poses[frame["ego_pose_token"]]
-            back = rotation_from(*car["rotation"]).T
-            boxes = []
-            for row in annotations[frame["sample_token"]]:
-                width, length, height = row["size"]
-                category = categories[instances[row["instance_token"]]["category_token"]]["name"]
-                centre = back @ (np.array(row["translation"]) - car["translation"])
-                yaw, seen = heading(back @ rotation_from(*row["rotation"])), row["num_lidar_pts"]
-                sides, identity = np.array([length, width, height]), number_of(row["instance_token"])
-                boxes.append(Box(category, sides, centre, yaw, seen if seen >= 0 else None, identity))
-            clouds = (root / frame["filename"] for root in file.parents)
-            cloud = next((each for each in clouds if each.exists()), None)
-            yield DriveSweep(boxes, [pose_from(rotation_from(*mount["rotation"]), mount["translation"])], cloud)
+        with reading(file):
+            sensors, calibrated, poses = table("sensor"), table("calibrated_sensor"), table("ego_pose")
+            instances, categories, annotations = table("instance"), table("category"), defaultdict(list)
+            for row in table("sample_annotation").values():
+                annotations[row["sample_token"]].append(row)
+            for frame in table("sample_data").values():
+                mount = calibrated[frame["calibrated_sensor_token"]]
+                if not frame["is_key_frame"] or "LIDAR_TOP" not in sensors[mount["sensor_token"]]["channel"]:
+                    continue
+                car = poses[frame["ego_pose_token"]]
+                back = rotation_from(*car["rotation"]).T
+                boxes = []
+                for row in annotations[frame["sample_token"]]:
+                    width, length, height = row["size"]
+                    category = categories[instances[row["instance_token"]]["category_token"]]["name"]
+                    centre = back @ (np.array(row["translation"]) - car["translation"])
+                    yaw, seen = heading(back @ rotation_from(*row["rotation"])), row["num_lidar_pts"]
+                    sides, identity = np.array([length, width, height]), number_of(row["instance_token"])
+                    boxes.append(Box(category, sides, centre, yaw, seen if seen >= 0 else None, identity))
+                clouds = (root / frame["filename"] for root in file.parents)
+                cloud = next((each for each in clouds if each.exists()), None)
+                yield DriveSweep(boxes, [pose_from(rotation_from(*mount["rotation"]), mount["translation"])], cloud)
 
 
 class _Plain(pickle.Unpickler):
@@ -336,22 +398,26 @@ class _Plain(pickle.Unpickler):
 def of_pickles(path: Path) -> Iterator[DriveSweep]:
     """MMDetection3D's: boxes in the camera's frame of KITTI, in the LiDAR's of nuScenes."""
     for file in sorted(path.rglob("*.pkl")):
-        document = _Plain(io.BytesIO(file.read_bytes())).load()
-        names = list(document["metainfo"].get("categories", KITTI_CATEGORIES))
-        for frame in document["data_list"]:
-            lidar, boxes = frame["lidar_points"], []
-            for number, row in enumerate(frame["instances"]):
-                label, seen = row["bbox_label_3d"], int(row["num_lidar_pts"])
-                category, identity = names[label] if label >= 0 else "other", number_of((lidar["lidar_path"], number))
-                x, y, z, *sides, turn = row["bbox_3d"]
-                if "Tr_velo_to_cam" in lidar:
-                    to_camera = np.array(frame["images"]["R0_rect"]) @ np.array(lidar["Tr_velo_to_cam"])
-                    sizes, back = np.array(sides)[[0, 2, 1]], np.linalg.inv(to_camera)
-                    boxes.append(of_camera(category, sizes, (x, y, z), turn, back, identity, seen))
-                else:
-                    boxes.append(Box(category, np.array(sides), np.array([x, y, z]), turn, seen, identity))
-            cloud = next(file.parent.rglob(Path(lidar["lidar_path"]).name), None)
-            yield DriveSweep(boxes, [np.eye(4)], cloud)
+        with reading(file):
+            document = _Plain(io.BytesIO(file.read_bytes())).load()
+            names = list(document["metainfo"].get("categories", KITTI_CATEGORIES))
+            for frame in document["data_list"]:
+                lidar, boxes = frame["lidar_points"], []
+                for number, row in enumerate(frame["instances"]):
+                    label, seen = row["bbox_label_3d"], int(row["num_lidar_pts"])
+                    category, identity = (
+                        names[label] if label >= 0 else "other",
+                        number_of((lidar["lidar_path"], number)),
+                    )
+                    x, y, z, *sides, turn = row["bbox_3d"]
+                    if "Tr_velo_to_cam" in lidar:
+                        to_camera = np.array(frame["images"]["R0_rect"]) @ np.array(lidar["Tr_velo_to_cam"])
+                        sizes, back = np.array(sides)[[0, 2, 1]], np.linalg.inv(to_camera)
+                        boxes.append(of_camera(category, sizes, (x, y, z), turn, back, identity, seen))
+                    else:
+                        boxes.append(Box(category, np.array(sides), np.array([x, y, z]), turn, seen, identity))
+                cloud = next(file.parent.rglob(Path(lidar["lidar_path"]).name), None)
+                yield DriveSweep(boxes, [np.eye(4)], cloud)
 
 
 FORMS: tuple[tuple[str, str, Callable[[Path], Iterator[DriveSweep]]], ...] = (

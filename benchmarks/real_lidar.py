@@ -21,10 +21,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from drive_logs import Box, DriveSweep, Log, read_log, within
+from drive_logs import SLACK, Box, DriveSweep, Log, read_log, within
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
+from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.scenes.kinds import box_mesh, pole_mesh
 from zbuf_occlude.scenes.scene import ALBEDOS, draw_albedos
@@ -119,8 +120,11 @@ def sightings_in(sweep: DriveSweep, sensor: Sensor) -> list[Counted]:
                 continue
             corners = np.stack([models[number].vertices.min(axis=0), models[number].vertices.max(axis=0)])
             scans = [zo.scan(scene, sensor, mount, occluder=occluder, towards=corners) for mount in sweep.mounts]
-            # boxes overlap, as a rider's and the bicycle's do: real returns are counted in both
-            scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
+            # as real ones are counted: here, or by the makers, strictly within; boxes overlap
+            if sweep.cloud is not None:
+                scans = [s.select(within(box, s.points, SLACK)) for s in scans]
+            else:
+                scans = [s.select((s.instances == number) | within(box, s.points)) for s in scans]
             returns = np.concatenate([np.stack([np.cos(s.incidences), s.clean_ranges], axis=1) for s in scans])
             distance = float(np.hypot(*(box.centre - sweep.mounts[0][:3, 3])[:2]))
             group = GROUPS[kind_of(box.category)]
@@ -243,7 +247,10 @@ def main() -> None:
     parser.add_argument("--sensor", help="A name of the table of sensors; by default it is found from the log.")
     parser.add_argument("--out", type=Path, help="Write the tables here too.")
     given = parser.parse_args()
-    lines = measure(read_log(given.log, given.sensor))
+    try:
+        lines = measure(read_log(given.log, given.sensor))
+    except OccludeError as error:
+        raise SystemExit(f"error: {given.log}: {error}") from None
     print("\n".join(lines))
     if given.out is not None:
         given.out.write_text("\n".join(lines) + "\n")

@@ -6,7 +6,7 @@ Every message has the same form: what must be; what it is; what to do.
 import re
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any, Protocol, TypeVar
 
 _NOT_PRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
@@ -108,5 +108,5 @@ def check_int(name: str, value: Any, least: int) -> None:
 
 def check_fraction(name: str, value: float) -> None:
     """Raise OptionError unless a value is a fraction of the mesh's diagonal, below 1."""
-    if not 0.0 <= value < 1.0:
-        raise OptionError(f"{name} must lie in [0, 1), a fraction of the mesh's diagonal; got {value}.")
+    if not isinstance(value, Real) or not 0.0 <= value < 1.0:
+        raise OptionError(f"{name} must lie in [0, 1), a fraction of the mesh's diagonal; got {value!r}.")

@@ -215,6 +215,8 @@ def test_a_mesh_never_seen_is_an_error() -> None:
         ({"elevation": (0.5, 91)}, "elevations must run upwards within -90..90"),
         ({"device": "cpu", "method": "exact"}, "on a device must have method 'warp'; got 'exact'"),
         ({"device": "cpu", "attributes": ("colors",)}, "on a device must have no colors"),
+        ({"device": "cpu", "method_options": {"contact": 5}}, "contact must lie in"),
+        ({"device": "cpu", "method_options": {"device": "cuda"}}, "device must be said once"),
         ({"device": "nowhere"}, "device must be one that PyTorch finds here; got 'nowhere'"),
         ({"scale": "sphere"}, "scale must be one of cloud, mesh; got 'sphere'"),
     ],
@@ -227,6 +229,33 @@ def test_errors(options: dict[str, Any], message: str) -> None:
 def test_a_cloud_is_no_mesh() -> None:
     with pytest.raises(ArgumentError, match="a mesh must have vertices and faces, or pos and face; got Tensor"):
         OnTheFlyOcclusion()(torch.zeros(5, 3))
+
+
+@anywhere
+@pytest.mark.parametrize("face", [None, torch.eye(3).to_sparse()])
+def test_data_without_faces(face: Any, device: str | None) -> None:
+    with pytest.raises(ArgumentError, match=r"faces? must be"):
+        OnTheFlyOcclusion(8, device=device)(SimpleNamespace(pos=torch.eye(3), face=face))
+
+
+@needs_warp
+def test_on_a_device_a_mesh_is_known_by_its_memory() -> None:
+    """Meshes of the same address, version and shape, and each other's height."""
+    occlude = OnTheFlyOcclusion(64, scale="mesh", device="cpu")
+    face = torch.tensor([[0, 0, 1], [1, 2, 2], [2, 1, 3]])
+    data = SimpleNamespace(pos=torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5]]), face=face)
+    assert occlude(data).pos[:, 2].max() > 0.0
+    occlude(SimpleNamespace(pos=data.pos, face=face.T))
+    data.pos = data.pos[:]
+    occlude(data)
+    assert len(occlude._subjects) == 2, "other strides are another mesh, and a new view is none"
+    data.pos.data = data.pos.data + 100.0
+    assert occlude(data).pos.min() >= 100.0
+    with torch.inference_mode():
+        data.pos = data.pos.clone()
+        for height in (100.0, 200.0):
+            assert occlude(data).pos[:, 2].min() >= height
+            data.pos += 100.0
 
 
 @needs_warp

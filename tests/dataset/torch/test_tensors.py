@@ -121,6 +121,15 @@ def test_a_mesh_is_prepared_once_and_again_when_it_changes(monkeypatch: pytest.M
     assert zo.torch.visible(vertices, faces, points, -torch.ones_like(face_ids), eyes).all()
     assert zo.torch.first_hits(vertices, faces[:2].clone(), eyes, 50.0 - eyes).face_ids.max() < 2
     assert prepared == [len(BALL.faces), len(BALL.faces), 2]
+    transposed = faces.T.contiguous()
+    for _ in range(2):  # another object each time, of the same memory
+        zo.torch.visible(vertices[:], transposed.T, points, face_ids, eyes)
+    assert len(prepared) == 4
+    vertices.data = vertices.data.clone() - 50.0  # as module.to() does it, unseen by its version
+    assert not zo.torch.visible(vertices, faces, points, -torch.ones_like(face_ids), eyes).all()
+    vertices.data = vertices.data[:3]
+    with pytest.raises(zo.ArgumentError, match="faces must lie in"):
+        zo.torch.visible(vertices, faces, points, face_ids, eyes)
     known = len(tensors._meshes)
     del vertices
     gc.collect()
@@ -137,6 +146,19 @@ def test_a_mesh_is_prepared_once_and_again_when_it_changes(monkeypatch: pytest.M
         ({4: torch.zeros(2, 3, device="meta")}, zo.ArgumentError, "eyes must be .* on cpu; got .* on meta"),
         ({4: None}, zo.ArgumentError, "eyes must be .* got NoneType"),
         ({0: torch.zeros(5, 3, device="meta")}, zo.ArgumentError, "on the CPU or on a CUDA device; .* on meta"),
+        (
+            {1: torch.tensor([[0, 1, 2 + 2**32]])},
+            zo.ArgumentError,
+            r"faces must lie in .* to 4294967298",
+        ),
+        ({0: torch.tensor(BALL.vertices).to_sparse()}, zo.ArgumentError, "vertices must be .*sparse"),
+        (
+            {4: torch.nested.nested_tensor([torch.eye(3)], layout=torch.jagged)},
+            zo.ArgumentError,
+            "eyes must be .*nested",
+        ),
+        ({0: torch.tensor(BALL.vertices * 1e100)}, zo.MeshError, r"none beyond 1e\+70"),
+        ({0: torch.tensor(BALL.vertices * 1e-100)}, zo.MeshError, "at least 1e-70 long"),
         ({1: torch.tensor([[0, 1, 999]])}, zo.ArgumentError, r"faces must lie in \[0, \d+\); got values from 0 to 999"),
         ({1: torch.zeros(0, 3, dtype=torch.int64)}, zo.MeshError, "must have vertices and faces"),
         ({0: torch.full(BALL.vertices.shape, torch.nan)}, zo.MeshError, "must have finite positions"),
@@ -154,9 +176,27 @@ def test_the_examples_are_true(function: Any) -> None:
     assert doctest.DocTestRunner().run(test).failed == 0
 
 
-def test_contact_must_be_a_fraction() -> None:
+@pytest.mark.parametrize("contact", [-1.0, 5, "a"])
+def test_contact_must_be_a_fraction(contact: Any) -> None:
     with pytest.raises(zo.OptionError, match="contact must lie in"):
-        zo.torch.visible(*asked(), contact=-1.0)
+        zo.torch.visible(*asked(), contact=contact)
+
+
+def test_a_face_id_of_no_face_is_none() -> None:
+    """Even one that would be another face's in 32 bits."""
+    vertices, faces, points, face_ids, eyes = asked()
+    none = zo.torch.visible(vertices, faces, points, -torch.ones_like(face_ids), eyes, contact=0.0)
+    assert not torch.equal(zo.torch.visible(vertices, faces, points, face_ids, eyes, contact=0.0), none)
+    for away in (2**32, -(2**32)):
+        assert torch.equal(zo.torch.visible(vertices, faces, points, face_ids.long() + away, eyes, contact=0.0), none)
+
+
+@pytest.mark.parametrize("length", [0.0, np.nan, np.inf])
+def test_a_direction_without_a_length_meets_nothing(length: float) -> None:
+    vertices, faces, _, _, eyes = asked()
+    hits = zo.torch.first_hits(vertices, faces, eyes, -eyes * length)
+    assert hits.face_ids.tolist() == [-1, -1]
+    assert hits.distances.tolist() == [np.inf, np.inf]
 
 
 def test_origins_are_one_or_one_for_each_ray() -> None:

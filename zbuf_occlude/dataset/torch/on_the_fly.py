@@ -3,7 +3,7 @@
 import copy
 import os
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -15,8 +15,8 @@ from torch.utils.data import get_worker_info
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import colors_of, draw, fit
-from zbuf_occlude.dataset.torch.tensors import TensorMesh
-from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_int, check_word
+from zbuf_occlude.dataset.torch.tensors import TensorMesh, is_dense, is_followed, place_of
+from zbuf_occlude.errors import ArgumentError, MeshError, OptionError, check_fraction, check_int, check_word
 from zbuf_occlude.geometry.colors import of_trimesh
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
@@ -89,9 +89,10 @@ class OnTheFlyOcclusion:
     new process; within one with ``eyes_per_sampling=1`` only, as clouds that are drawn already come first. In a worker,
     forked or spawned, one thread is used: the other cores belong to the other workers.
 
-    With a device, tensors there (``pos``, ``face``) are recognised by their memory and are not copied. Nothing waits
-    for the device but the first call with a mesh. An eye that sees fewer than `n_points` of the sampled points repeats
-    some, and one that sees none has another's cloud; where none of them sees any, the cloud is NaN.
+    With a device, tensors there (``pos``, ``face``) are recognised by their memory, as `visible` does it, and are not
+    copied. Nothing waits for the device but the first call with a mesh. An eye that sees fewer than `n_points` of the
+    sampled points repeats some, and one that sees none has another's cloud; where none of them sees any, the cloud is
+    NaN.
     """
 
     def __init__(
@@ -122,13 +123,17 @@ class OnTheFlyOcclusion:
         if device is not None and (method != "warp" or "colors" in attributes):
             what = "no colors" if method == "warp" else f"method 'warp'; got {method!r}"
             raise OptionError(f"OnTheFlyOcclusion on a device must have {what}. Leave the device out?")
+        if device is not None and "device" in (method_options or {}):
+            raise OptionError(f"device must be said once; got {device!r} and method_options {method_options!r}.")
         if find_method(method).needs_gl:
             raise OptionError(f"method must need no GL to run in DataLoader workers; {method!r} does. Take 'exact'.")
         find_method(method).check_options(dict(method_options or {}))
+        if device is not None:
+            check_fraction("contact", (method_options or {}).get("contact", CONTACT))
         self.n_points, self.distance, self.elevation = n_points, distance, elevation
         self.method, self.method_options, self.scale = method, dict(method_options or {}), scale
         self.eyes_per_sampling, self.cache_megabytes = eyes_per_sampling, cache_megabytes
-        self._subjects: OrderedDict[int, _Subject] = OrderedDict()
+        self._subjects: OrderedDict[Hashable, _Subject] = OrderedDict()
         self._process = -1
 
     def __getstate__(self) -> dict[str, Any]:
@@ -146,7 +151,7 @@ class OnTheFlyOcclusion:
         """
         if hasattr(mesh, "pos") and hasattr(mesh, "face"):
             data = copy.copy(mesh)
-            there = all(isinstance(each, torch.Tensor) and each.device == self.device for each in (mesh.pos, mesh.face))
+            there = all(is_dense(each) and each.device == self.device for each in (mesh.pos, mesh.face))
             pos, face = (mesh.pos, mesh.face) if there else (_array(mesh.pos), _array(mesh.face))
             cloud = self._cloud(pos, face.T, mesh)
             data.pos, data.face = cloud[:, :3], None
@@ -179,9 +184,13 @@ class OnTheFlyOcclusion:
         colors = None
         if "colors" in self.attributes:
             colors = mesh.colors if isinstance(mesh, Mesh) else of_trimesh(mesh) if hasattr(mesh, "visual") else None
-        if isinstance(vertices, torch.Tensor):  # memory that its subject keeps, and so has no other content
+        key: Hashable
+        if isinstance(vertices, torch.Tensor):
             tensors = vertices, faces
-            key = hash(tuple((t.data_ptr(), t.shape, 0 if t.is_inference() else t._version) for t in tensors))
+            if not all(map(is_followed, tensors)):
+                return _DeviceSubject(vertices, faces, self)
+            # keys keep the memory, so that it gets no other content
+            key = tuple((t.untyped_storage(), place_of(t), t._version) for t in tensors)
         else:
             key = hash((vertices.tobytes(), faces.tobytes(), None if colors is None else colors.digest))
         if key not in self._subjects:
@@ -260,8 +269,8 @@ class _DeviceSubject(_Subject):
 
     def __init__(self, vertices: Any, faces: Any, settings: OnTheFlyOcclusion) -> None:
         if not isinstance(vertices, torch.Tensor):
-            vertices, faces = (torch.tensor(each, device=settings.device) for each in (vertices, faces))
-        self._given = vertices, faces
+            mesh = Mesh(vertices, faces)
+            vertices, faces = (torch.tensor(each, device=settings.device) for each in (mesh.vertices, mesh.faces))
         self._mesh = TensorMesh(vertices, faces)
         self.megabytes = len(faces) * BYTES_PER_FACE / 1e6
         a, b, c = self._mesh.corners.unbind(dim=1)
@@ -353,6 +362,8 @@ def _rows(points: SurfacePoints, seen: BoolArray, eye: FloatArray, attributes: S
 
 def _array(values: Any) -> NDArray[Any]:
     """A tensor's values, wherever it is, or an array's."""
+    if isinstance(values, torch.Tensor) and not is_dense(values):
+        raise ArgumentError("pos and face must be dense tensors or arrays; got one that is sparse or nested.")
     return values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else np.asarray(values)
 
 

@@ -1,11 +1,11 @@
 """Exact lines of sight and rays of tensors, answered on the device where the tensors are (extra ``warp``)."""
 
-import weakref
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import torch
-from torch.utils.weak import WeakTensorKeyDictionary
 
+from zbuf_occlude.arrays import LARGEST
 from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction
 from zbuf_occlude.extras import importing
 from zbuf_occlude.visibility.interface import CONTACT, FAR, FirstHits
@@ -46,7 +46,7 @@ def visible(
     ArgumentError
         A tensor of another shape, type or device; faces that index no vertex.
     MeshError
-        A mesh without faces, or with positions that are not finite.
+        A mesh without faces, with positions that are not finite or beyond 1e70, or smaller than 1e-70.
     OptionError
         `contact` is out of range.
     UnavailableError
@@ -57,9 +57,11 @@ def visible(
     Exact: equal to the oracle outside the boundary band (docs/conventions.md), computed in float64. Points of float32
     lie that much off their faces.
 
-    A mesh is checked and prepared when it is first seen, and kept while the tensor `vertices` lives; after a change in
-    place it is prepared again. Preparing waits for the device once. Later calls wait for nothing and copy nothing to
-    the host, so other values are not checked. No gradient passes. CUDA is untested.
+    A mesh is checked and prepared when it is first seen, and kept while the memory of both tensors lives. It is known
+    by its memory: new views find it again. It is prepared again after PyTorch's operations in place, and where
+    ``.data`` was set. Writes in place through ``.data`` or NumPy cannot be seen: pass a clone after them. Tensors made
+    in inference mode are prepared at every call. Preparing waits for the device once. Later calls wait for nothing and
+    copy nothing to the host, so other values are not checked. No gradient passes. CUDA is untested.
 
     Examples
     --------
@@ -73,7 +75,7 @@ def visible(
     mesh = tensor_mesh(vertices, faces)
     mask = mesh.visible(
         checked("points", points, (-1, 3), vertices.device),
-        checked("face_ids", face_ids, (len(points),), vertices.device, floating=False),
+        checked("face_ids", face_ids, (len(points),), vertices.device, torch.int32),
         checked("eyes", eyes[None] if getattr(eyes, "ndim", 0) == 1 else eyes, (-1, 3), vertices.device),
         contact,
     )
@@ -98,7 +100,7 @@ def first_hits(
     -------
     FirstHits
         Of tensors: (n,) int32, -1 where a ray meets nothing; (n,) float64 eye distances in world units, infinity there.
-        The nearest face, the lowest face id of those equally near.
+        The nearest face, the lowest face id of those equally near. A direction of length 0, or not finite, meets none.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def first_hits(
     """
     mesh, device = tensor_mesh(vertices, faces), vertices.device
     directions = checked("directions", directions, (-1, 3), device)
-    n_origins = 1 if getattr(origins, "shape", ())[:1] == (1,) else len(directions)
+    n_origins = 1 if is_dense(origins) and origins.shape[:1] == (1,) else len(directions)
     return FirstHits(*mesh.first_hits(checked("origins", origins, (n_origins, 3), device), directions))
 
 
@@ -136,16 +138,21 @@ class TensorMesh:
         if device.type not in ("cpu", "cuda"):
             raise ArgumentError(f"tensors must be on the CPU or on a CUDA device; these are on {device}. Move them.")
         vertices = checked("vertices", vertices, (-1, 3), device)
-        rows = checked("faces", faces, (-1, 3), device, floating=False).reshape(-1)
+        rows = checked("faces", faces, (-1, 3), device, torch.int64).reshape(-1)
         if not len(vertices) or not len(rows):
             raise MeshError(f"a mesh must have vertices and faces; it has {len(vertices)} and {len(rows) // 3}.")
         corners = vertices.index_select(0, rows.clamp(0, len(vertices) - 1))
         self.corners, self.bounds = corners.view(-1, 3, 3), torch.stack([corners.amin(dim=0), corners.amax(dim=0)])
         low, high = rows.aminmax()
         is_indexed = (low >= 0) & (high < len(vertices))
-        if not (is_indexed & self.bounds.isfinite().all()):
+        lower, upper = self.bounds  # beyond either limit, products of four lengths overflow or vanish
+        is_measured = (self.bounds.abs() <= LARGEST).all() & ((upper - lower).amax() >= 1.0 / LARGEST)
+        if not (is_indexed & is_measured):
             if is_indexed:
-                raise MeshError("a mesh must have finite positions; this one has others. Remove or repair them.")
+                raise MeshError(
+                    f"a mesh must have finite positions, none beyond {LARGEST:g}, and be at least {1.0 / LARGEST:g} "
+                    f"long; this one lies from {lower.tolist()} to {upper.tolist()}. Rescale or repair it."
+                )
             raise ArgumentError(f"faces must lie in [0, {len(vertices)}); got values from {int(low)} to {int(high)}.")
         self._warp = warp
         with self._stream():
@@ -178,7 +185,7 @@ class TensorMesh:
             with self._stream():
                 rays = self._shared(origins), self._shared(directions)
                 self._bvh.fill_first_hits(*rays, self._shared(face_ids), self._shared(distances))
-        return face_ids, distances + skipped[:, 0]
+        return face_ids, torch.where(face_ids < 0, torch.inf, distances + skipped[:, 0])
 
     def _stream(self) -> Any:
         """Have Warp's work done in its turn among PyTorch's."""
@@ -192,32 +199,57 @@ class TensorMesh:
         return self._warp.from_torch(tensor, dtype=self._warp.vec3d if is_vectors else None)
 
 
-_meshes = WeakTensorKeyDictionary()
-"""Vertices to their faces, the versions of both, and the mesh that was prepared of them."""
+_meshes = WeakKeyDictionary[Any, WeakKeyDictionary[Any, dict[Any, tuple[Any, TensorMesh]]]]()
+"""Memory of vertices to memory of faces to how both lie there: the versions of both, and the mesh prepared of them."""
 
 
 def tensor_mesh(vertices: torch.Tensor, faces: torch.Tensor) -> TensorMesh:
-    """Return a mesh prepared; that of the same tensors, unchanged, if there is one."""
-    given = isinstance(vertices, torch.Tensor) and isinstance(faces, torch.Tensor)
-    if not given or vertices.is_inference() or faces.is_inference():  # what has no version
+    """Return a mesh prepared; that of the same memory, unchanged, if there is one."""
+    if not (is_followed(vertices) and is_followed(faces)):
         return TensorMesh(vertices, faces)
-    versions = vertices._version, faces._version
-    known = _meshes.get(vertices)
-    if known is None or known[0]() is not faces or known[1] != versions:
-        known = _meshes[vertices] = weakref.ref(faces), versions, TensorMesh(vertices, faces)
-    return known[2]
+    of_vertices = _meshes.setdefault(vertices.untyped_storage(), WeakKeyDictionary())
+    known = of_vertices.setdefault(faces.untyped_storage(), {})
+    place, versions = (place_of(vertices), place_of(faces)), (vertices._version, faces._version)
+    if place not in known or known[place][0] != versions:
+        known[place] = versions, TensorMesh(vertices, faces)
+    return known[place][1]
+
+
+def is_dense(values: Any) -> bool:
+    """Whether it is a tensor whose numbers lie in memory; those of sparse and nested ones do not."""
+    return isinstance(values, torch.Tensor) and values.layout == torch.strided and not values.is_nested
+
+
+def is_followed(values: Any) -> bool:
+    """Whether it is a tensor that counts its changes in place; those made in inference mode do not."""
+    return is_dense(values) and not values.is_inference()
+
+
+def place_of(tensor: torch.Tensor) -> tuple[object, ...]:
+    """Return where in its memory a tensor is, and how that is read."""
+    return tensor.data_ptr(), tensor.shape, tensor.stride(), tensor.dtype, tensor.device, tensor.is_neg()
 
 
 def checked(
-    name: str, values: Any, shape: tuple[int, ...], device: torch.device, *, floating: bool = True
+    name: str, values: Any, shape: tuple[int, ...], device: torch.device, dtype: torch.dtype = torch.float64
 ) -> torch.Tensor:
-    """Return a tensor as float64 or int32; raise ArgumentError unless it has a shape, -1 for any length, and device."""
-    fits = isinstance(values, torch.Tensor) and values.device == device and values.ndim == len(shape)
+    """Return a tensor as float64, int64, or int32, where larger numbers become the largest and negative ones -1.
+
+    Raise ArgumentError unless it has a shape, -1 for any length, and device.
+    """
+    fits = is_dense(values) and values.device == device and values.ndim == len(shape)
     fits = fits and all(wanted in (-1, length) for wanted, length in zip(shape, values.shape, strict=True))
-    if not fits or values.is_floating_point() != floating or values.is_complex() or values.dtype == torch.bool:
+    kind = "float" if dtype.is_floating_point else "int"
+    is_int = fits and not (values.is_floating_point() or values.is_complex() or values.dtype == torch.bool)
+    if not fits or not (values.is_floating_point() if dtype.is_floating_point else is_int):
         want = f"({', '.join('n' if length < 0 else str(length) for length in shape)}{',' * (len(shape) == 1)})"
         got = type(values).__name__
-        if isinstance(values, torch.Tensor):
+        if is_dense(values):
             got = f"{tuple(values.shape)} {str(values.dtype).removeprefix('torch.')} on {values.device}"
-        raise ArgumentError(f"{name} must be a {want} {'float' if floating else 'int'} tensor on {device}; got {got}.")
-    return values.detach().to(torch.float64 if floating else torch.int32).contiguous()
+        elif isinstance(values, torch.Tensor):
+            got = "one that is sparse or nested"
+        raise ArgumentError(f"{name} must be a {want} {kind} tensor on {device}; got {got}.")
+    values = values.detach().resolve_neg()
+    if dtype == torch.int32 and values.dtype != dtype:  # what wrapped around would name another face
+        values = values.to(torch.int64).clamp(-1, torch.iinfo(dtype).max)
+    return values.to(dtype).contiguous()
