@@ -206,7 +206,7 @@ def test_auto_says_what_it_took_and_why(run: Run, modelnet: Path, tmp_path: Path
     assert outcome.code == 0, outcome.err
     options = manifest(out)["options"]
     assert options["method"] in {"exact", "exact_gl"}  # with a GPU the latter
-    assert "600 points" in options["reason"] or "GPU here" in options["reason"]
+    assert "no GPU" in options["reason"] or "GPU here" in options["reason"]
     assert f"because {options['reason']}" in outcome.out
     assert manifest(out)["error"]["false_visible"] == manifest(out)["error"]["false_hidden"] == 0.0
     again = run(*auto, "--sample-size", 64, "--workers", 1)
