@@ -54,8 +54,12 @@ def run_ray(
         owned = not ray.is_initialized()
     if owned:
         try:
-            _knock(address or os.environ.get("RAY_ADDRESS", ""))
-            ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level=logging.ERROR)
+            address = address or os.environ.get("RAY_ADDRESS") or None
+            _knock(address or "")
+            # without "local" Ray waits for what the last cluster of this machine has left, even if that was killed
+            ray.init(
+                address=address or "local", log_to_driver=False, include_dashboard=False, logging_level=logging.ERROR
+            )
         except (OSError, RuntimeError, ValueError) as error:
             raise UnavailableError(f"a Ray cluster must answer at {address or 'this machine'}: {error}") from None
     try:
