@@ -5,6 +5,7 @@ hidden-surface removal. Realism is ours: trained on uniform clouds, on scans, on
 by two eyes; tested on all.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial, reduce
@@ -148,19 +149,19 @@ def _paper_objects(meshes: MeshCollection, shares: tuple[int, int, int]) -> Mesh
 # ---- what experiments have in common -----------------------------------------------------------------------------
 
 
-class Experiment:
+class Experiment(ABC):
     """Datasets in a study's folder, and the trials on them."""
 
     def __init__(self, size: Size, folder: Path) -> None:
         self.size, self.folder = size, folder
 
+    @abstractmethod
     def plans(self) -> dict[str, Plan]:
         """Return the plan of each dataset, by its name."""
-        raise NotImplementedError
 
+    @abstractmethod
     def trials(self) -> list[Trial]:
         """Return the trials, seed after seed; datasets are read when a trial needs them."""
-        raise NotImplementedError
 
     def notes(self) -> dict[str, Any]:
         """Return what study.json says of the datasets, once they are made."""
