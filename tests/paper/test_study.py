@@ -324,6 +324,9 @@ def test_a_class_without_a_mesh_is_no_dataset_to_train_on(tmp_path: Path) -> Non
             recipe = Recipe(method="oracle", views="ring:2@30", n_points=50, sample_size=8)
             return {"two": Plan(MeshCollection.from_paths(tmp_path / "meshes"), recipe, "hdf5")}
 
+        def trials(self) -> list[experiments_module.Trial]:
+            return []
+
     write_modelnet(tmp_path / "meshes", ("bed", "car"), 2, 2)
     whole = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
     for number in (1, 2):
