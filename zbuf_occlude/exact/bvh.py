@@ -138,7 +138,7 @@ def _measure_faces(tasks, vertices, faces, low, side, index_bits, keys, cells):
             normal = cross(minus(b, a), minus(c, a))
             blocks = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0)
             keys[face] = np.uint64(extent > LONG * side) << np.uint64(63) if blocks else NEVER
-        place_along_curve(cells, last - first)
+        place_along_curve(cells, last - first, CODE_BITS)
         for face in range(first, last):
             keys[face] |= (np.uint64(cells[0, face - first]) << np.uint64(index_bits)) | np.uint64(face)
         first, last = take_block(tasks, len(faces), BLOCK)

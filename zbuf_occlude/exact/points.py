@@ -31,7 +31,7 @@ class Packets(NamedTuple):
 
 def make_packets(bvh: Bvh, points: SurfacePoints) -> Packets:
     """Sort points and cut them into packets and chunks; O(n log n), about 60 bytes per point."""
-    order = hilbert_order(points.positions).astype(np.int32)
+    order = hilbert_order(points.positions)
     n_chunks = -(-len(order) // CHUNK_POINTS)
     order = np.concatenate([order, np.full(n_chunks * CHUNK_POINTS - len(order), order[-1])])
     packets = Packets(

@@ -101,7 +101,7 @@ class FaceArrays:
     Child j of box i of level l is box i WIDTH + j of level l + 1; the last level's are the clusters.
     """
 
-    face_ids: NDArray[np.int64]  # (f,) the mesh's face at each place
+    face_ids: IntArray  # (f,) the mesh's face at each place
     faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
     corners: FloatArray  # (f, 9) world space
     boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
