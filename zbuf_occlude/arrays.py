@@ -173,7 +173,7 @@ def frozen(array: NDArray[Any]) -> Any:
 
 
 def sealed(array: NDArray[Any]) -> Any:
-    """Make an array that nobody else holds read-only, and return it."""
+    """Make an array without other references read-only, and return it."""
     array.flags.writeable = False
     return array
 

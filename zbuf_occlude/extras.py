@@ -55,7 +55,7 @@ def missing(package: str, *libraries: str) -> str:
 
 @contextmanager
 def importing(package: str, what: str) -> Iterator[None]:
-    """Import, within the block, an optional package or a module of ours that needs it.
+    """Import, within the block, an optional package or a module of this package that needs it.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def culprit(error: ImportError) -> str:
 
 
 def tried(package: str, module: str) -> str:
-    """Return a message: why a package, or the module of ours that needs it, cannot be imported; "" where both can.
+    """Return a message: why a package, or the module that needs it, cannot be imported; "" where both can.
 
     They are imported in a process of its own.
     """

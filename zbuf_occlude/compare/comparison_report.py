@@ -70,7 +70,7 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
     """Write the report of a comparison's folder; return the paths of report.html, report.md and the plots.
 
     `extra_tables` makes further tables of all rows, such as those of presets. Computes no visibility. The HTML holds
-    everything it shows; the Markdown refers to the plots beside it. Raises DatasetError where there is no row, or a
+    everything it shows; the Markdown links the plots in its folder. Raises DatasetError where there is no row, or a
     damaged file.
     """
     store = ComparisonFolder(folder)

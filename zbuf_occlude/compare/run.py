@@ -495,7 +495,7 @@ def compare_masks(measured: Measurement, expected: ReferenceAnswer, question: Qu
 
 @cache
 def machine() -> str:
-    """Processor and cores, in words."""
+    """The processor's name and number of cores."""
     name = platform.processor() or platform.machine()
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:

@@ -101,7 +101,7 @@ def write_pages(
     """Write a report: a self-contained HTML page, the same as Markdown, its pictures as PNG files; return their paths.
 
     `answers` and `facts` are the first paragraphs, the second kind smaller; `first` stands before the other sections,
-    as the template `page` (in ``zbuf_occlude/assets``) says, which shows `more` besides. Needs the package jinja2.
+    as the template `page` (in ``zbuf_occlude/assets``) says, which also shows `more`. Needs the package jinja2.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # late: pages of datasets do without
 

@@ -1,4 +1,4 @@
-"""Cloud: what every point cloud of the public face can do, whoever made it: be an array, a file, one of Open3D."""
+"""Cloud: what every public point cloud can do: become an array, a file, a cloud of Open3D."""
 
 import os
 from pathlib import Path

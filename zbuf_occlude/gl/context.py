@@ -277,7 +277,7 @@ class GlContext:
             self._closed = True
 
     def __del__(self) -> None:
-        """Close what nobody holds any more, as at the end of its thread; the end of the process closes all."""
+        """Close the context with its last reference, as at a thread's end; the end of the process closes all."""
         of_here = getattr(self, "_thread", None) == threading.get_ident() and self._process == os.getpid()
         if of_here and not sys.is_finalizing():
             self.close()

@@ -17,7 +17,7 @@ _VERSIONS = ((4, 5), (4, 3))
 class OsMesaContext:
     """What `moderngl.create_context(context=...)` expects, on top of libOSMesa; GlError where that cannot do it.
 
-    The default framebuffer is a pixel of ours, because all rendering goes to framebuffer objects. A context must not
+    The default framebuffer is a single pixel, because all rendering goes to framebuffer objects. A context must not
     be current when it is destroyed, or Mesa writes to freed memory.
     """
 

@@ -76,7 +76,7 @@ def probe_all() -> tuple[Probe, ...]:
 def hardware_devices() -> list[int]:
     """Return the EGL devices that are hardware and open, tried in child processes, as CUDA_VISIBLE_DEVICES chooses.
 
-    Mesa also lists render nodes that nobody may open.
+    Mesa also lists render nodes that this process may not open.
     """
     try:
         listed = left_by_cuda(egl_devices(), os.environ.get(VISIBLE))

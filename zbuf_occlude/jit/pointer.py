@@ -32,7 +32,7 @@ class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]  # numba shi
 def reference(typing_context, value):
     """Refer to a NamedTuple that is an argument of the calling kernel; its fields are read as the tuple's own.
 
-    It must not outlive the call, and whoever made the tuple keeps its arrays alive as long.
+    It must not outlive the call, and the tuple's owner keeps its arrays alive as long.
     """
 
     def codegen(context, builder, signature, arguments):

@@ -50,7 +50,7 @@ def take_end(tasks):
 
 @njit()
 def take_block_from(tasks, end, n, size):
-    """Take a block as `take_block` does, from the front or the back of what is left.
+    """Take a block as `take_block` does, from the front or the back of the rest.
 
     For neighbours that have much in common: two threads share but one pair of them.
     """

@@ -19,7 +19,7 @@ class Model:
     name: str  # as typed at the command line
     summary: str
     factory: str  # "module:class", imported when it is built
-    options: Mapping[str, Any] = field(default_factory=dict)  # passed to the class besides the number of classes
+    options: Mapping[str, Any] = field(default_factory=dict)  # passed to the class with the number of classes
 
     def build(self, n_classes: int) -> "Classifier":
         """Return the network with fresh weights, drawn by PyTorch's default generator.

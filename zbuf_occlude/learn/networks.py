@@ -52,7 +52,7 @@ class Classifier(nn.Module):
         self.n_classes = n_classes
 
     def normalise(self, points: torch.Tensor) -> torch.Tensor:
-        """Move and scale clouds (b, n, 3) as the network's paper wants them.
+        """Move and scale clouds (b, n, 3) as the network's paper does.
 
         Here the bounding box of each cloud is centred at the origin, its longest side 1 (paper, section 3.4).
         """

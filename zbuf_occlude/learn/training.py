@@ -38,7 +38,7 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """How a classifier is trained: everything that decides the outcome, besides the clouds.
+    """How a classifier is trained: everything but the clouds that decides the outcome.
 
     Raises OptionError for a value out of range, or an unknown model.
     """
@@ -287,7 +287,7 @@ class _Run:
 def hold_out(clouds: CloudSet, share: float, seed: int) -> tuple[CloudSet, CloudSet]:
     """Take a share of the objects out, at least one, with all their clouds, to validate with.
 
-    Returns what is left, and what was taken out. Raises ArgumentError where there is only one object.
+    Returns the rest, and what was taken out. Raises ArgumentError where there is only one object.
     """
     objects = np.unique(clouds.object_ids)
     if len(objects) < 2:

@@ -24,7 +24,7 @@ BLOCK = 256
 
 
 class OccupancyGrid:
-    """An n x n x n grid of cubic cells about an object, and which of them its points occupy.
+    """An n x n x n grid of cubic cells about an object, and the cells that its points occupy.
 
     Parameters
     ----------

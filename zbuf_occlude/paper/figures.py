@@ -114,7 +114,7 @@ def figure_7(exhibit: Exhibit) -> Figure:
 
 
 def figure_8(exhibit: Exhibit) -> Figure:
-    """Object with the camera, result of HSR by vertices (large faces divided first), cloud sampled on what is left."""
+    """Object with the camera, result of HSR by vertices (large faces divided first), cloud sampled on the rest."""
     mesh, seed = exhibit.mesh, exhibit.seed
     camera = eye_at(20, 25, 1.9)
     divided = divide_faces(mesh, 1.0 / 4000.0, max(20_000, len(mesh.faces))).mesh

@@ -102,7 +102,7 @@ COUNTED = {OWN: "their own", MATCHED: "matched"}
 def write_study(folder: Path) -> list[Path]:
     """Write the report of a study's folder; return the paths of study.html, study.md and the plots.
 
-    Trains and tests nothing. The page holds everything it shows; the Markdown refers to the plots beside it. Raises
+    Trains and tests nothing. The page holds everything it shows; the Markdown links the plots in its folder. Raises
     DatasetError where there is no study or no result, or a damaged file.
     """
     study, results = read_study(folder), read_results(folder)
@@ -420,7 +420,7 @@ def vehicle_scores(scans: Confusion) -> VehicleScores:
 
     Paper 4.4: of a class c with n scans, TP are those labelled car; FP the scans of classes other than the six that
     are labelled car; the others of its own scans are FN = n - TP. F1 = 2 TP / (2 TP + FP + FN). "Average F1" does not
-    say whether weighted; the unweighted mean is taken, the weighted one given beside it.
+    say whether weighted; the unweighted mean is taken, the weighted one also given.
 
     Raises ArgumentError where a class has no scan, or "car" is not among the labels.
     """

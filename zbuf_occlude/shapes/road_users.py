@@ -26,7 +26,7 @@ USUAL_SIDES = MappingProxyType(
 )
 """Length, width and height of each, metres: assumed."""
 RIDDEN_FROM = 1.3
-"""Metres of height from which somebody sits on a bicycle or motorcycle."""
+"""A box at least this high, in metres, has a rider on its bicycle or motorcycle."""
 SEGMENTS = 12
 
 
@@ -91,7 +91,7 @@ def _wheel(radius: float, thickness: float) -> MeshPart:
 
 
 def _rider(seat: float) -> MeshPart:
-    """Return somebody who sits at a height, hands and feet 0.45 m before and 0.6 m below."""
+    """Return a figure that sits at a height, hands and feet 0.45 m before and 0.6 m below."""
     trunk = ellipsoid((0, 0, 0), (0.19, 0.13, 0.36), 2 * SEGMENTS).turned("x", 30).at(0, 0.02, seat + 0.27)
     head = ellipsoid((0, -0.25, seat + 0.68), (0.09, 0.11, 0.14), 2 * SEGMENTS)
     legs = [

@@ -179,7 +179,7 @@ class Views(Sealed):
         return Views(self.azimuth, self.elevation, self.distance * scale, target, self.roll, None, self.windows)
 
     def looking(self, at: ArrayLike | None = None, field_of_view: float | None = None) -> "Views":
-        """Return the views turned to look at a point (3,), and with square pictures of this many radians."""
+        """Return the views turned to look at a point (3,), with square pictures of an angle in radians."""
         rotations, windows = self.rotations, self.windows
         if at is not None:
             rotations = view_matrices(self.eyes, np.asarray(at, dtype=np.float64), self.ups)[:, :3, :3]

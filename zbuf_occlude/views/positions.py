@@ -263,7 +263,7 @@ SPECIFICATIONS: tuple[Specification, ...] = (
 
 
 def forms() -> str:
-    """Return what may be typed, in words.
+    """Return a sentence that lists what may be typed.
 
     Examples
     --------

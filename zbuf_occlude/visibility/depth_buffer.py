@@ -179,7 +179,7 @@ class DepthBuffer(Occluder):
     def _answer(
         self, points: list[UploadedPoints], pictures: Pictures, tiles_per_eye: int, out: BoolArray
     ) -> BoolArray:
-        """Answer for eyes that all have this many tiles, into (k, n) bool."""
+        """Answer for eyes that all have as many tiles, into (k, n) bool."""
         depth_pass = self._pass(tiles_per_eye)
         tiles = arrange_tiles(pictures, self._resolution, depth_pass.atlas.columns, depth_pass.n_eyes * tiles_per_eye)
         # answers of a batch's groups have a byte per point each
@@ -250,7 +250,7 @@ class DepthBuffer(Occluder):
         return self._passes[tiles_per_eye, ids]
 
     def _programs(self, tiles_per_eye: int, depth_pass: DepthPass, n_eyes: int) -> list[Any]:
-        """Return the programs for a batch of this many eyes: one that answers, and one for what it doubts."""
+        """Return the programs for a batch of eyes of that number: one that answers, and one for what it doubts."""
         constants = {"TILES": MOST_TILES, "CUBE": int(tiles_per_eye == CUBE)}
         eyes = min(n_eyes, EYES_PER_BYTE)  # a program asks for all of its eyes, whether they are there or not
         if self._witness:

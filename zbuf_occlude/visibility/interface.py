@@ -234,7 +234,7 @@ class Method:
     libraries : tuple of str
         What the package links to on Linux and does not bring.
     no_first_hits : str
-        In words, why it cannot answer `Occluder.first_hits`; "" for a method that can.
+        Why it cannot answer `Occluder.first_hits`; "" for a method that can.
     """
 
     name: str
@@ -249,7 +249,7 @@ class Method:
     no_first_hits: str = ""
 
     def missing(self) -> str:
-        """Say in words why the method cannot run here; empty when nothing is known to be missing.
+        """Say why the method cannot run here; empty when nothing is known to be missing.
 
         Nothing is imported or opened to find out: ``zbuf-occlude doctor`` tries packages and OpenGL.
         """
@@ -276,7 +276,7 @@ class Method:
         return dict(_options_of(self.load()))
 
     def check_first_hits(self) -> None:
-        """Raise OptionError, in words, when the method cannot answer `Occluder.first_hits`."""
+        """Raise OptionError when the method cannot answer `Occluder.first_hits`."""
         if self.no_first_hits:
             raise OptionError(
                 f"the method must cast rays; {self.name} does not: {self.no_first_hits}. "
