@@ -11,7 +11,8 @@ a table            .tsv or .csv with category, length, width, height, x, y, z, y
 
 The sensor is the one of the table of sensors whose lasers' elevations explain the points best; firings per turn are as
 the points' azimuths are spaced. Without points it is the one that the maker of the log names. Returns in boxes are
-counted where there are points, else they are as the makers counted them. What cannot be read ends in one line.
+counted where there are points, else they are as the makers counted them. A sweep that cannot be read is skipped and
+named. A file of the whole log that cannot be read ends in one line.
 """
 
 import csv
@@ -20,7 +21,7 @@ import json
 import pickle
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -80,41 +81,46 @@ class DriveSweep(NamedTuple):
 
 
 class Log(NamedTuple):
-    """A drive: its form, its turns, its sensor, and how that was found."""
+    """A drive: its form, its turns, its sensor, how that was found, and of each turn that could not be read why."""
 
     form: str
     sweeps: list[DriveSweep]
     sensor: Sensor
     found: str
+    skipped: list[str]
 
 
 def read_log(path: Path, sensor: str | None = None) -> Log:
     """Read a log of any form; `sensor` is told instead of found."""
-    read = ((form, usual, list(reader(path))) for form, usual, reader in FORMS)
+    skipped: list[str] = []
+    read = ((form, usual, counted(reader(path, skipped), skipped)) for form, usual, reader in FORMS)
     form, usual, sweeps = next((each for each in read if each[2]), ("", "", []))
-    sweeps = [counted(sweep) for sweep in sweeps]
+    if not sweeps and skipped:
+        raise SystemExit(f"error: {skipped[0]}")
     if not sweeps:
         raise SystemExit(f"error: {path} must be a log of drives, a folder or a table; see {Path(__file__).name}.")
     if sensor is not None:
-        return Log(form, sweeps, make(sensor), "told")
+        return Log(form, sweeps, make(sensor), "told", skipped)
     clouds = [sweep.cloud for sweep in sweeps if sweep.cloud is not None and len(sweep.mounts) == 1]
     if not clouds and form == FORMS[0][0] and len(sweeps[0].mounts) == 1:
         raise SystemExit(f"error: {path} has boxes in the LiDAR's own frame and no points. Name it: --sensor NAME.")
     if not clouds:
-        return Log(form, sweeps, make(usual), f"named by {form}")
-    found = []
+        return Log(form, sweeps, make(usual), f"named by {form}", skipped)
+    found, poor = list[tuple[Sensor, str]](), list[str]()
     for cloud in clouds[:: -(-len(clouds) // CLOUDS)]:
-        with reading(cloud):
+        with skipping(poor), reading(cloud):
             found.append(found_sensor(points_of(cloud)))
+    if not found:
+        raise SystemExit(f"error: {poor[0]}")
     names = {made.name for made, _ in found}
     if len(names) > 1:
         raise SystemExit(f"error: {path} must be of one sensor; it has {', '.join(sorted(names))}. Give each alone.")
     columns = round(np.median([made.pattern["columns"] for made, _ in found]))
-    return Log(form, sweeps, make(names.pop(), columns=columns), found[0][1])
+    return Log(form, sweeps, make(names.pop(), columns=columns), found[0][1], skipped)
 
 
 @contextmanager
-def reading(file: Path) -> Iterator[None]:
+def reading(file: Path | str) -> Iterator[None]:
     """End the program with one line where a file cannot be read, whatever is the matter with it."""
     try:
         yield
@@ -122,6 +128,15 @@ def reading(file: Path) -> Iterator[None]:
         words = f"{error}".partition("\n")[0].removeprefix(f"{file}: ")
         known = isinstance(error, OccludeError | ValueError | OSError) and words
         raise SystemExit(f"error: {file}: {words if known else f'{type(error).__name__} {words}'}") from None
+
+
+@contextmanager
+def skipping(skipped: list[str]) -> Iterator[None]:
+    """Go on where a sweep cannot be read, for which the program would end, and keep the reason."""
+    try:
+        yield
+    except SystemExit as error:
+        skipped.append(f"{error}".removeprefix("error: "))
 
 
 @lru_cache(2)
@@ -162,13 +177,17 @@ def count_in(box: Box, points: np.ndarray) -> Box:
     return replace(box, n_points=int(within(box, points, SLACK).sum()))
 
 
-def counted(sweep: DriveSweep) -> DriveSweep:
-    """Return a sweep with the points counted that are in its boxes, where it has points."""
-    if sweep.cloud is None:
-        return sweep
-    with reading(sweep.cloud):
-        points = points_of(sweep.cloud) @ sweep.mounts[0][:3, :3].T + sweep.mounts[0][:3, 3]
-    return sweep._replace(boxes=[count_in(box, points) for box in sweep.boxes])
+def counted(sweeps: Iterable[DriveSweep], skipped: list[str]) -> list[DriveSweep]:
+    """Return sweeps with the points counted that are in their boxes, where they have points."""
+    found = []
+    for sweep in sweeps:
+        if sweep.cloud is None:
+            found.append(sweep)
+            continue
+        with skipping(skipped), reading(sweep.cloud):
+            points = points_of(sweep.cloud) @ sweep.mounts[0][:3, :3].T + sweep.mounts[0][:3, 3]
+            found.append(sweep._replace(boxes=[count_in(box, points) for box in sweep.boxes]))
+    return found
 
 
 def turned(yaw: float) -> np.ndarray:
@@ -198,7 +217,7 @@ def number_of(name: object) -> int:
     return zlib.crc32(f"{name}".encode())
 
 
-def of_argoverse(path: Path) -> Iterator[DriveSweep]:
+def of_argoverse(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """Argoverse 2: boxes in the car's frame, their returns counted by the makers."""
     files = [path] if path.suffix == ".feather" else sorted(path.rglob("annotations*.feather"))
     for file in files:
@@ -215,22 +234,23 @@ def of_argoverse(path: Path) -> Iterator[DriveSweep]:
                 ]
             if "num_interior_pts" not in rows:
                 raise SystemExit(f"error: {file} must have num_interior_pts; it has {', '.join(rows.columns)}.")
-            for _, sweep in rows.groupby("timestamp_ns"):
-                boxes = [
-                    Box(
-                        row.category,
-                        np.array([row.length_m, row.width_m, row.height_m]),
-                        np.array([row.tx_m, row.ty_m, row.tz_m]),
-                        heading(rotation_from(row.qw, row.qx, row.qy, row.qz)),
-                        int(row.num_interior_pts),
-                        number_of(row.track_uuid),
-                    )
-                    for row in sweep.itertuples()
-                ]
-                yield DriveSweep(boxes, mounts)
+            for stamp, sweep in rows.groupby("timestamp_ns"):
+                with skipping(skipped), reading(f"{file}, {stamp}"):
+                    boxes = [
+                        Box(
+                            row.category,
+                            np.array([row.length_m, row.width_m, row.height_m]),
+                            np.array([row.tx_m, row.ty_m, row.tz_m]),
+                            heading(rotation_from(row.qw, row.qx, row.qy, row.qz)),
+                            int(row.num_interior_pts),
+                            number_of(row.track_uuid),
+                        )
+                        for row in sweep.itertuples()
+                    ]
+                    yield DriveSweep(boxes, mounts)
 
 
-def of_table(path: Path) -> Iterator[DriveSweep]:
+def of_table(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """A table of boxes in a frame on the ground, Argoverse 2's car's, or in the LiDAR's own, which is above 1 m.
 
     Sweeps begin where the categories begin anew, in their order.
@@ -287,7 +307,7 @@ def completed(sweeps: list[list[Box]]) -> list[list[Box]]:
     return full
 
 
-def of_kitti(path: Path) -> Iterator[DriveSweep]:
+def of_kitti(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """KITTI's objects and tracking: boxes in the camera's frame, turned into the LiDAR's."""
     for cloud in sorted(path.rglob("velodyne/**/*.bin")):
         folder = next(above for above in cloud.parents if above.name == "velodyne")
@@ -297,21 +317,22 @@ def of_kitti(path: Path) -> Iterator[DriveSweep]:
         if labels is None or not calibration.exists():
             continue
         is_track, boxes = cloud.parent != folder, []
-        with reading(calibration):
-            to_lidar = of_calibration(calibration.read_text())
-        with reading(labels):
-            rows = [line.split() for line in labels.read_text().splitlines() if line.strip()]
-            if wrong := [row for row in rows if len(row) - 2 * is_track not in (15, 16)]:
-                raise ValueError(f"a row must have {15 + 2 * is_track} fields; one has {len(wrong[0])}")
-            if is_track:
-                rows = [[*row[2:17], row[1]] for row in rows if int(row[0]) == int(cloud.stem)]
-            for number, row in enumerate(rows):
-                height, width, length, *at, turn = map(float, row[8:15])
-                identity = number_of((stem, row[15] if is_track else number))
-                if row[0] != "DontCare":
-                    sides = np.array([length, width, height])
-                    boxes.append(of_camera(row[0], sides, at, turn, to_lidar, identity))
-        yield DriveSweep(boxes, [np.eye(4)], cloud)
+        with skipping(skipped):
+            with reading(calibration):
+                to_lidar = of_calibration(calibration.read_text())
+            with reading(labels):
+                rows = [line.split() for line in labels.read_text().splitlines() if line.strip()]
+                if wrong := [row for row in rows if len(row) - 2 * is_track not in (15, 16)]:
+                    raise ValueError(f"a row must have {15 + 2 * is_track} fields; one has {len(wrong[0])}")
+                if is_track:
+                    rows = [[*row[2:17], row[1]] for row in rows if int(row[0]) == int(cloud.stem)]
+                for number, row in enumerate(rows):
+                    height, width, length, *at, turn = map(float, row[8:15])
+                    identity = number_of((stem, row[15] if is_track else number))
+                    if row[0] != "DontCare":
+                        sides = np.array([length, width, height])
+                        boxes.append(of_camera(row[0], sides, at, turn, to_lidar, identity))
+            yield DriveSweep(boxes, [np.eye(4)], cloud)
 
 
 def of_calibration(text: str) -> np.ndarray:
@@ -337,7 +358,7 @@ def of_camera(
     return Box(category, sides, centre, float(np.arctan2(ahead[1], ahead[0])), n, identity)
 
 
-def of_tracklets(path: Path) -> Iterator[DriveSweep]:
+def of_tracklets(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """KITTI's raw data: tracklets in the LiDAR's frame."""
     for file in sorted(path.rglob("tracklet_labels.xml")):
         with reading(file):
@@ -353,7 +374,7 @@ def of_tracklets(path: Path) -> Iterator[DriveSweep]:
                 yield DriveSweep(boxes[int(cloud.stem)], [np.eye(4)], cloud)
 
 
-def of_nuscenes(path: Path) -> Iterator[DriveSweep]:
+def of_nuscenes(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """nuScenes' tables: boxes in the world, turned into the car's frame at each key frame."""
     for file in sorted(path.rglob("sample_annotation.json")):
 
@@ -366,22 +387,23 @@ def of_nuscenes(path: Path) -> Iterator[DriveSweep]:
             for row in table("sample_annotation").values():
                 annotations[row["sample_token"]].append(row)
             for frame in table("sample_data").values():
-                mount = calibrated[frame["calibrated_sensor_token"]]
-                if not frame["is_key_frame"] or "LIDAR_TOP" not in sensors[mount["sensor_token"]]["channel"]:
-                    continue
-                car = poses[frame["ego_pose_token"]]
-                back = rotation_from(*car["rotation"]).T
-                boxes = []
-                for row in annotations[frame["sample_token"]]:
-                    width, length, height = row["size"]
-                    category = categories[instances[row["instance_token"]]["category_token"]]["name"]
-                    centre = back @ (np.array(row["translation"]) - car["translation"])
-                    yaw, seen = heading(back @ rotation_from(*row["rotation"])), row["num_lidar_pts"]
-                    sides, identity = np.array([length, width, height]), number_of(row["instance_token"])
-                    boxes.append(Box(category, sides, centre, yaw, seen if seen >= 0 else None, identity))
-                clouds = (root / frame["filename"] for root in file.parents)
-                cloud = next((each for each in clouds if each.exists()), None)
-                yield DriveSweep(boxes, [pose_from(rotation_from(*mount["rotation"]), mount["translation"])], cloud)
+                with skipping(skipped), reading(f"{file}, {frame['token']}"):
+                    mount = calibrated[frame["calibrated_sensor_token"]]
+                    if not frame["is_key_frame"] or "LIDAR_TOP" not in sensors[mount["sensor_token"]]["channel"]:
+                        continue
+                    car = poses[frame["ego_pose_token"]]
+                    back = rotation_from(*car["rotation"]).T
+                    boxes = []
+                    for row in annotations[frame["sample_token"]]:
+                        width, length, height = row["size"]
+                        category = categories[instances[row["instance_token"]]["category_token"]]["name"]
+                        centre = back @ (np.array(row["translation"]) - car["translation"])
+                        yaw, seen = heading(back @ rotation_from(*row["rotation"])), row["num_lidar_pts"]
+                        sides, identity = np.array([length, width, height]), number_of(row["instance_token"])
+                        boxes.append(Box(category, sides, centre, yaw, seen if seen >= 0 else None, identity))
+                    clouds = (root / frame["filename"] for root in file.parents)
+                    cloud = next((each for each in clouds if each.exists()), None)
+                    yield DriveSweep(boxes, [pose_from(rotation_from(*mount["rotation"]), mount["translation"])], cloud)
 
 
 class _Plain(pickle.Unpickler):
@@ -395,32 +417,35 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is not read")
 
 
-def of_pickles(path: Path) -> Iterator[DriveSweep]:
+def of_pickles(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
     """MMDetection3D's: boxes in the camera's frame of KITTI, in the LiDAR's of nuScenes."""
     for file in sorted(path.rglob("*.pkl")):
         with reading(file):
             document = _Plain(io.BytesIO(file.read_bytes())).load()
             names = list(document["metainfo"].get("categories", KITTI_CATEGORIES))
-            for frame in document["data_list"]:
-                lidar, boxes = frame["lidar_points"], []
-                for number, row in enumerate(frame["instances"]):
-                    label, seen = row["bbox_label_3d"], int(row["num_lidar_pts"])
-                    category, identity = (
-                        names[label] if label >= 0 else "other",
-                        number_of((lidar["lidar_path"], number)),
-                    )
-                    x, y, z, *sides, turn = row["bbox_3d"]
-                    if "Tr_velo_to_cam" in lidar:
-                        to_camera = np.array(frame["images"]["R0_rect"]) @ np.array(lidar["Tr_velo_to_cam"])
-                        sizes, back = np.array(sides)[[0, 2, 1]], np.linalg.inv(to_camera)
-                        boxes.append(of_camera(category, sizes, (x, y, z), turn, back, identity, seen))
-                    else:
-                        boxes.append(Box(category, np.array(sides), np.array([x, y, z]), turn, seen, identity))
-                cloud = next(file.parent.rglob(Path(lidar["lidar_path"]).name), None)
-                yield DriveSweep(boxes, [np.eye(4)], cloud)
+            for place, frame in enumerate(document["data_list"]):
+                with skipping(skipped), reading(f"{file}, frame {place}"):
+                    lidar, boxes = frame["lidar_points"], []
+                    for number, row in enumerate(frame["instances"]):
+                        label, seen = row["bbox_label_3d"], int(row["num_lidar_pts"])
+                        category, identity = (
+                            names[label] if label >= 0 else "other",
+                            number_of((lidar["lidar_path"], number)),
+                        )
+                        x, y, z, *sides, turn = row["bbox_3d"]
+                        if min(sides) == max(sides) == -1.0:  # KITTI's DontCare
+                            continue
+                        if "Tr_velo_to_cam" in lidar:
+                            to_camera = np.array(frame["images"]["R0_rect"]) @ np.array(lidar["Tr_velo_to_cam"])
+                            sizes, back = np.array(sides)[[0, 2, 1]], np.linalg.inv(to_camera)
+                            boxes.append(of_camera(category, sizes, (x, y, z), turn, back, identity, seen))
+                        else:
+                            boxes.append(Box(category, np.array(sides), np.array([x, y, z]), turn, seen, identity))
+                    cloud = next(file.parent.rglob(Path(lidar["lidar_path"]).name), None)
+                    yield DriveSweep(boxes, [np.eye(4)], cloud)
 
 
-FORMS: tuple[tuple[str, str, Callable[[Path], Iterator[DriveSweep]]], ...] = (
+FORMS: tuple[tuple[str, str, Callable[[Path, list[str]], Iterator[DriveSweep]]], ...] = (
     ("a table of Argoverse 2", "vlp-32c", of_table),
     ("Argoverse 2", "vlp-32c", of_argoverse),
     ("nuScenes", "hdl-32e:columns=1084,turns=20", of_nuscenes),

@@ -1,9 +1,11 @@
 """Random scenes against the oracle: how often an exact method disagrees outside the boundary band. It must be never.
 
-    python benchmarks/random_scenes.py [--method exact] [--scenes 1000] [--first 0] [--seed 0] [--rays]
+    python benchmarks/random_scenes.py [--method exact] [--scenes 1000] [--first 0] [--seed 0]
+        [--question points|rays|two-eyes]
 
 The scenes are those of tests/random_scenes.py; contact tolerances of 0, 1e-7, 1e-5, 1e-3 and 1e-2 diagonals take turns.
-With ``--rays`` first hits are asked instead, which have no tolerance. Exit status 1 when an answer disagrees.
+Of rays first hits are asked, of two eyes which returns of a scan both see; they have no tolerance. Exit status 1 when
+an answer disagrees.
 """
 
 import argparse
@@ -16,7 +18,9 @@ import numpy as np
 import zbuf_occlude as zo
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from tests.random_scenes import CONTACTS, disagreements_of, ray_disagreements_of, scene
+from tests.random_scenes import CONTACTS, disagreements_of, ray_disagreements_of, scene, two_eye_disagreements_of
+
+OF_NO_TOLERANCE = {"rays": ray_disagreements_of, "two-eyes": two_eye_disagreements_of}
 
 
 def main() -> int:
@@ -25,16 +29,16 @@ def main() -> int:
     parser.add_argument("--scenes", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rays", action="store_true", help="ask which face rays meet first")
+    parser.add_argument("--question", default="points", choices=["points", *OF_NO_TOLERANCE])
     options = parser.parse_args()
-    things = "rays" if options.rays else "pairs"
+    things = {"points": "pairs", "rays": "rays", "two-eyes": "returns"}[options.question]
     totals, start = np.zeros((len(CONTACTS), 3), dtype=np.int64), time.perf_counter()
     for index in range(options.first, options.first + options.scenes):
         turn = index % len(CONTACTS)  # the kinds of scenes are no multiple of it
-        if options.rays:
-            counts = ray_disagreements_of(options.method, options.seed, index)
-        else:
+        if options.question == "points":
             counts = disagreements_of(options.method, options.seed, index, CONTACTS[turn])
+        else:
+            counts = OF_NO_TOLERANCE[options.question](options.method, options.seed, index)
         totals[turn] += counts
         if counts[0]:
             kind = scene(options.seed, index)[3]
@@ -42,7 +46,7 @@ def main() -> int:
                 f"scene {index} ({kind}, contact {CONTACTS[turn]:g}): "
                 f"{counts[0]} of {counts[2]} {things} differ outside the boundary band"
             )
-    if not options.rays:
+    if options.question == "points":
         for contact, (outside, inside, pairs) in zip(CONTACTS, totals, strict=True):
             print(
                 f"contact {contact:g}: {pairs} pairs, {outside} disagreements outside the boundary band, {inside} in it"

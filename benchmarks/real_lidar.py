@@ -13,10 +13,12 @@ albedo, which is not known either: each object has one drawn, and all of it is d
 KS is the Kolmogorov-Smirnov distance of the distributions of real and simulated numbers, of rows with at least 20
 sightings of 5 objects. "Within the draws" is the share of sightings whose real number lies from the 5th to the 95th
 percentile of their own draws; a model without fault has 90 %. Sweeps follow each other in tenths of a second, so what
-differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %.
+differs is objects. "With other objects" is the ratio of medians when they are drawn anew, from 5 to 95 %, "without
+dropout" that to all that geometry lets return.
 """
 
 import argparse
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -170,8 +172,8 @@ def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
     """Say it as a table, class by class and range by range, and in a line."""
     lines = [
         "| | metres | sightings, objects | real 50, 75, 90 % | simulated 50, 75, 90 % | ratio of medians "
-        "| with other objects | KS | within the draws |",
-        "| --- | --- | ---: | --- | --- | ---: | ---: | ---: | ---: |",
+        "| with other objects | without dropout | KS | within the draws |",
+        "| --- | --- | ---: | --- | --- | ---: | ---: | ---: | ---: | ---: |",
     ]
     reals = np.array([one.real for one in sightings])
     low, high = np.quantile(simulated, (0.05, 0.95), axis=0)
@@ -185,14 +187,15 @@ def report(sightings: list[Counted], simulated: np.ndarray) -> list[str]:
             real, made, names = reals[mine], simulated[:, mine], [sightings[i].identity for i in mine]
             of_both = [np.quantile(values, (0.5, 0.75, 0.9)) for values in (real, made)]
             shown = " | ".join(", ".join(f"{q:.0f}" for q in each) for each in of_both)
-            ratio = f"{of_both[0][0] / of_both[1][0]:.2f}" if of_both[1][0] else "-"
+            without = np.median([len(sightings[i].returns) for i in mine])
+            ratio, whole = (f"{of_both[0][0] / n:.2f}" if n else "-" for n in (of_both[1][0], without))
             trust, far = "-", "-"
             if len(mine) >= LEAST and len(set(names)) >= LEAST_OBJECTS:
                 distances[group, nearest] = distance_between(real, made.ravel())
                 trust, far = trusted(real, made, names), f"{distances[group, nearest]:.2f}"
             lines.append(
                 f"| {group} | {nearest:.0f}-{farthest:.0f} | {len(mine)}, {len(set(names))} | {shown} | {ratio} "
-                f"| {trust} | {far} | {within[mine].mean():.0%} |"
+                f"| {trust} | {whole} | {far} | {within[mine].mean():.0%} |"
             )
     usual = [far for (group, nearest), far in distances.items() if group in FITTED_ON and 10.0 <= nearest <= 50.0]
     means = " ".join(
@@ -234,11 +237,13 @@ def measure(log: Log) -> list[str]:
         f"{log.form}, {len(sightings)} sightings in {len(taken)} of {len(sweeps)} sweeps. Sensor: {log.sensor.name} "
         f"({log.found}), {columns} firings a turn, reach {reach:g} m."
     )
+    n_skipped = len(log.skipped)
+    end = ["", f"Sweeps that could not be read and were skipped: {n_skipped}."] if n_skipped else []
     if not sightings:
-        return [head]
+        return [head, *end]
     simulated = drawn(sightings, reach)
     few = listed(sightings, simulated) if len(sightings) <= 3 * LEAST else []
-    return [head, "", *few, *report(sightings, simulated)]
+    return [head, "", *few, *report(sightings, simulated), *end]
 
 
 def main() -> None:
@@ -248,7 +253,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="Write the tables here too.")
     given = parser.parse_args()
     try:
-        lines = measure(read_log(given.log, given.sensor))
+        log = read_log(given.log, given.sensor)
+        for reason in log.skipped:
+            print(f"skipped: {reason}", file=sys.stderr, flush=True)
+        lines = measure(log)
     except OccludeError as error:
         raise SystemExit(f"error: {given.log}: {error}") from None
     print("\n".join(lines))

@@ -12,6 +12,7 @@ import numpy as np
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, SurfacePoints, sample_surface, shapes
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.sensors import Sensor, look_at
 from zbuf_occlude.shapes import refined, solids
 from zbuf_occlude.visibility.interface import CONTACT, Occluder
 from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
@@ -287,3 +288,33 @@ def ray_disagreements_of(method: str, seed: int, index: int) -> tuple[int, int, 
             wrong[mine] |= (found.face_ids != truth.face_ids[mine]) | ~close
     outside = int(oracle.decided_hits(origins[wrong], directions[wrong]).sum()) if wrong.any() else 0
     return outside, int(wrong.sum()) - outside, len(directions)
+
+
+def two_eye_disagreements_of(method: str, seed: int, index: int) -> tuple[int, int, int]:
+    """Count, for one scene scanned by two eyes, returns unlike the oracle's outside the boundary band, in it, and all.
+
+    A return differs that only one of the two scans has, or of which they name another face. The band is of both eyes.
+    """
+    mesh, _, eyes, _ = scene(seed, index)
+    rng = np.random.default_rng([seed, index])
+    baseline = rng.normal(size=3) * mesh.diagonal * 0.2
+    directions = np.concatenate([np.full((150, 1), 1.0), rng.uniform(-0.5, 0.5, (150, 2))], axis=1)
+    sensor = Sensor("random", "list", {"directions": directions.tolist()}).with_numbers(
+        baseline=baseline.tolist(), noise=0
+    )
+    pose = look_at(eyes[0], mesh.centre)
+    found, truth = (zo.scan(mesh, sensor, pose, method=name) for name in (method, "oracle"))
+    both = np.stack([np.full(len(directions), -1)] * 2)
+    for faces, each in zip(both, (found, truth), strict=True):
+        faces[each.columns] = each.face_ids
+    differing = np.flatnonzero(both[0] != both[1])
+    outside, second = 0, eyes[0] + pose[:3, :3] @ baseline
+    oracle = prepare_oracle(mesh)
+    for column in differing:
+        each = truth if both[1, column] >= 0 else found
+        row = np.flatnonzero(each.columns == column)
+        ids = each.face_ids[row]
+        points = SurfacePoints(each.points[row], ids, mesh.face_normals[ids])
+        decided = oracle.decided_hits(eyes[:1], each.directions[row])
+        outside += bool(decided.all() and oracle.decided(points, np.array([eyes[0], second])).all())
+    return outside, len(differing) - outside, int((both[1] >= 0).sum())
