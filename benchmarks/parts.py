@@ -113,12 +113,4 @@ PARTS = (
         times=False,
         reads="realism/study.md",
     ),
-    Part(
-        "two-eyes",
-        "zbuf-occlude paper realism --quick --objects 8 --seeds 1 --out OUT/two-eyes",
-        8,
-        "--objects 5 --points 64",
-        times=False,
-        reads="two-eyes/study.md",
-    ),
 )

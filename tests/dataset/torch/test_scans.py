@@ -5,6 +5,7 @@ import pytest
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
+from zbuf_occlude.geometry.colors import Material, SurfaceColors
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
@@ -52,3 +53,8 @@ def test_what_it_refuses() -> None:
     far = OnTheFlyScan(10, sensor="pinhole:width=2,height=2,fov=60", range=(900.0, 900.0), method="embree")
     with pytest.raises(zo.MeshError, match="a mesh must be met by a ray; none met car_0001 from 8 places"):
         far(CAR, "car")
+    glass = SurfaceColors((Material((1.0, 1.0, 1.0), name="glass"),), np.zeros(len(CAR.faces), np.int32))
+    clear = zo.Mesh(CAR.vertices, CAR.faces, "pane", colors=glass)
+    with pytest.raises(zo.MeshError, match=r"every material of pane lets all light pass\. Give one a share below 1"):
+        OnTheFlyScan(10, transparent={"glass": 1.0})(clear, "car")
+    assert OnTheFlyScan(10, transparent={"glass": 0.5}, method="embree")(clear, "car").shape == (10, 3)

@@ -383,7 +383,8 @@ class OnTheFlyScan:
     scale : {"cloud", "mesh"}
         "cloud": centred, longest side 1; "mesh": metres about the middle of the object's box.
     **setup
-        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `method` of `zbuf_occlude.sensors.setup.Setup`.
+        `range`, `size`, `scene`, `hidden`, `keep`, `sensor_height`, `transparent`, `method` of
+        `zbuf_occlude.sensors.setup.Setup`.
 
     Raises
     ------
@@ -433,7 +434,7 @@ class OnTheFlyScan:
         ArgumentError
             Not a mesh.
         MeshError
-            No ray met it from any of some places.
+            No ray met it from any of some places, or it lets all light pass.
         OptionError
             A class without a size.
         """
@@ -444,6 +445,11 @@ class OnTheFlyScan:
         if get_worker_info() is not None:
             use_threads(1)
         standing, size = in_metres(mesh, label, self.setup)
+        if standing.colors is not None and (standing.colors.passing == 1.0).all():
+            raise MeshError(
+                f"a mesh must send some light back to be scanned; every material of {mesh.name} lets all light pass. "
+                "Give one a share below 1 in transparent."
+            )
         floor = float(standing.bounds[0, 2])
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
