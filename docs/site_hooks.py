@@ -101,7 +101,7 @@ def exists(name: str) -> bool:
 def command_line() -> str:
     """Return the page of the command line: what `--help` prints of each command."""
     group = import_module("zbuf_occlude.cli").group
-    top = click.Context(group, info_name="zbuf-occlude", terminal_width=100)
+    top = click.Context(group, info_name="zbuf-occlude", terminal_width=100, show_default=True)
     lines = [
         "# Command line\n",
         "What `zbuf-occlude COMMAND --help` prints. Options in square brackets have defaults.\n",

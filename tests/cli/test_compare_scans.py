@@ -64,7 +64,7 @@ def test_options_that_need_each_other(run: Run, tmp_path: Path) -> None:
     np.save(tmp_path / "s.npy", np.eye(3))
     both = (tmp_path / "m.obj", tmp_path / "s.npy", "--out", tmp_path / "o")
     assert "--look-at" in run("compare-scans", *both, "--eye", "0,0,1").err
-    assert "three numbers" in run("compare-scans", *both, "--eye", "0,1", "--look-at", "0,0,0").err
+    assert "three finite numbers" in run("compare-scans", *both, "--eye", "0,1", "--look-at", "0,0,0").err
     assert "--up-axis" in run("compare-scans", *both, "--up-axis", "0,0,1").err
 
 

@@ -13,8 +13,7 @@ import pytest
 
 from tests.scenes import box
 from zbuf_occlude import DatasetError, Mesh, OptionError
-from zbuf_occlude.dataset.export import convert
-from zbuf_occlude.dataset.export.shared import names_of
+from zbuf_occlude.dataset.export import convert, names_of
 from zbuf_occlude.dataset.folder import sorted_out
 from zbuf_occlude.dataset.formats import FORMATS, find_format
 from zbuf_occlude.dataset.generate import generate

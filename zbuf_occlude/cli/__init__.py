@@ -52,11 +52,9 @@ WITHOUT_WORKERS = {"-h", "--help", "--dry-run", "ray", "--engine=ray"}
 
 
 class LazyGroup(CommandGroup):
-    """A group that lists its commands without importing them."""
+    """All commands."""
 
-    def list_commands(self, context: click.Context) -> list[str]:
-        """Return the names in the order of the table."""
-        return list(COMMANDS)
+    table = COMMANDS
 
     def resolve_command(
         self, context: click.Context, args: list[str]
@@ -79,13 +77,11 @@ class LazyGroup(CommandGroup):
         check_surroundings()
         return super().invoke(context)
 
-    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands from the table."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
 
-
-@click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118})
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118, "show_default": True},
+)
 @click.version_option(package_name="zbuf-occlude")
 def group() -> None:
     """Complete triangle meshes in, occluded point clouds out.

@@ -1,6 +1,7 @@
 """`zbuf-occlude train` and `zbuf-occlude evaluate`: classifiers from datasets that `generate` wrote."""
 
 import math
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -22,35 +23,26 @@ HELD_OUT = 0.1
 @click.command(cls=Command)
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the model.")
-@click.option(
-    "--model",
-    type=Name([row.name for row in MODELS]),
-    default="voxnet",
-    show_default=True,
-    help="Network.",
-)
-@click.option(
-    "--epochs", type=click.IntRange(1), default=100, show_default=True, help="Passes over the clouds at most."
-)
+@click.option("--model", type=Name([row.name for row in MODELS]), default="voxnet", help="Network.")
+@click.option("--epochs", type=click.IntRange(1), default=100, help="Passes over the clouds at most.")
 @click.option(
     "--patience",
     type=click.IntRange(1),
     default=20,
-    show_default=True,
     help="Epochs without a better validation after which training stops.",
 )
-@click.option("--batch-size", type=click.IntRange(2), default=32, show_default=True, help="Clouds of a step.")
-@click.option("--learning-rate", type=float, default=0.001, show_default=True, help="Initial learning rate of Adam.")
+@click.option("--batch-size", type=click.IntRange(2), default=32, help="Clouds of a step.")
+@click.option("--learning-rate", type=float, default=0.001, help="Initial learning rate of Adam.")
 @click.option("--points", "n_points", type=click.IntRange(1), help="Points of each cloud.  [default: all]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
-@click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.  [default: rotate]")
-@click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.  [default: rescale]")
-@click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.  [default: jitter]")
-@click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
+@click.option("--rotate/--no-rotate", default=True, help="Turn each cloud about the z axis.")
+@click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.")
+@click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.")
+@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 @click.option(
     "--mixed-precision/--full-precision",
     default=True,
-    help="On CUDA, half precision where it is safe.  [default: mixed]",
+    help="On CUDA, half precision where it is safe.",
 )
 def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
@@ -110,25 +102,16 @@ def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
 
 
 def load_split(folders: tuple[Path, ...], split: str) -> CloudSet:
-    """Return the clouds of a split of all datasets.
-
-    Raises
-    ------
-    DatasetError, ArgumentError
-        No such dataset or split; datasets that do not fit together.
-    """
-    clouds = load_clouds(folders[0], split)
-    for folder in folders[1:]:
-        clouds = CloudSet.joined(clouds, load_clouds(folder, split))
-    return clouds
+    """Return the clouds of a split of all datasets."""
+    return reduce(CloudSet.joined, (load_clouds(folder, split) for folder in folders))
 
 
 @click.command(cls=Command)
 @click.argument("model", type=click.Path(path_type=Path), metavar="MODEL")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DIR...")
-@click.option("--split", type=Name(SPLITS), default="test", show_default=True, help="Which clouds of DIR.")
+@click.option("--split", type=Name(SPLITS), default="test", help="Which clouds of DIR.")
 @click.option("--out", type=OutFolder(), help="Folder of the figures.  [default: MODEL]")
-@click.option("--device", default="auto", show_default=True, help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
+@click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
 def evaluate_command(model: Path, folders: tuple[Path, ...], split: str, out: Path | None, device: str) -> None:
     """Test the classifier that `train` left in the folder MODEL on the clouds of DIR, datasets of `generate`.
 

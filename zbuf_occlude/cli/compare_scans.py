@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.panels import Command, Name
-from zbuf_occlude.cli.scan_options import CASTING, Vector, parse_sensor, sensor_options
+from zbuf_occlude.cli.scan_options import CASTING, parse_sensor, sensor_options, vector
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.compare.scan_comparison import compare_scans, write_scan_report
@@ -22,23 +22,25 @@ from zbuf_occlude.sensors.scanning import look_at
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Scans to the mesh: .conf, BOP's scene_gt.json, 4 x 4.  [default: one frame]",
 )
-@click.option("--eye", type=Vector(), help="Where the sensor is, in the scans' frame.  [default: at its origin]")
 @click.option(
-    "--look-at", "target", type=Vector(), help="What the sensor looks at, in the scans' frame; goes with --eye."
+    "--eye", type=vector, metavar="X,Y,Z", help="Where the sensor is, in the scans' frame.  [default: at its origin]"
 )
-@click.option("--up-axis", type=Vector(), help="What is up for the sensor.  [default: 0,0,1]")
+@click.option(
+    "--look-at",
+    "target",
+    type=vector,
+    metavar="X,Y,Z",
+    help="What the sensor looks at, in the scans' frame; goes with --eye.",
+)
+@click.option("--up-axis", type=vector, metavar="X,Y,Z", help="What is up for the sensor.  [default: 0,0,1]")
 @click.option("--tolerance", type=click.FloatRange(0, min_open=True), help="A vertex this near a point is scanned.")
 @click.option("--slack", type=click.FloatRange(0, min_open=True), help="A mesh this far before a point hides it.")
 @click.option(
-    "--depth-unit",
-    type=click.FloatRange(0, min_open=True),
-    default=0.001,
-    show_default=True,
-    help="Metres of one step of a depth image.",
+    "--depth-unit", type=click.FloatRange(0, min_open=True), default=0.001, help="Metres of one step of a depth image."
 )
 @click.option("--refine", is_flag=True, help="Fit the poses to the mesh first, by Open3D's ICP.")
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated scans.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of the simulated scans.")
 @click.option("--out", type=OutFolder(), required=True, help="Folder of the report.")
 def compare_scans_command(
     mesh: Path,

@@ -58,21 +58,12 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="ModelNet40's folder, for table1a and table1b.",
 )
-@click.option(
-    "--views",
-    default="paper100",
-    show_default=True,
-    help=VIEWS,
-)
+@click.option("--views", default="paper100", help=VIEWS)
 @distance_option
 @click.option(
-    "--most-views",
-    type=click.IntRange(1),
-    default=MOST_VIEWS,
-    show_default=True,
-    help="Views that are compared, evenly chosen.",
+    "--most-views", type=click.IntRange(1), default=MOST_VIEWS, help="Views that are compared, evenly chosen."
 )
-@click.option("--points", type=click.IntRange(1), default=10_000, show_default=True, help="Sampled on each mesh.")
+@click.option("--points", type=click.IntRange(1), default=10_000, help="Sampled on each mesh.")
 @click.option(
     "--judge-points",
     type=click.IntRange(1),
@@ -84,14 +75,8 @@ OF_MESHES = ("methods", "views", "distance", "most_views", "points", "limit", "u
     type=click.FloatRange(0.01),
     help="Timed calls of each row together.  [default: 3; 30 in table1a and table1b]",
 )
-@click.option(
-    "--row-seconds",
-    type=click.FloatRange(1),
-    default=ROW_SECONDS,
-    show_default=True,
-    help="Timeout of a row.",
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--row-seconds", type=click.FloatRange(1), default=ROW_SECONDS, help="Timeout of a row.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @up_option
 @choice_options
@@ -183,13 +168,7 @@ def run_cases(
 
 
 def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
-    """Refuse options that nothing of what was asked for uses.
-
-    Raises
-    ------
-    click.UsageError
-        Says which, and what to do.
-    """
+    """Refuse options that nothing of what was asked for uses."""
     if alone and (idle := given(context, OF_MESHES)):
         raise click.UsageError(
             f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
@@ -203,13 +182,7 @@ def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool
 
 
 def parse_subject(text: str) -> Subject:
-    """Read ``NAME[:KEY=VALUE,...]``.
-
-    Raises
-    ------
-    OptionError
-        No such method or option.
-    """
+    """Read ``NAME[:KEY=VALUE,...]``."""
     name, colon, settings = text.partition(":")
     if name == AUTO:
         raise OptionError(f"--method: {AUTO_ELSEWHERE}; `zbuf-occlude methods` lists them.")

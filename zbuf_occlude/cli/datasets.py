@@ -121,7 +121,7 @@ def merge_command(context: click.Context, /, folder: Path, **options: Any) -> No
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
 @up_option
-@click.option("--samples", type=click.IntRange(1), default=50, show_default=True, help="Clouds that the oracle checks.")
+@click.option("--samples", type=click.IntRange(1), default=50, help="Clouds that the oracle checks.")
 @engine_options
 @shard_option("Look only at this machine's share of the files, I from 0.")
 @click.pass_context
@@ -188,11 +188,7 @@ def check(
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
-    "--format",
-    "format",
-    required=True,
-    type=Name([row.name for row in FORMATS]),
-    help="Files of the new dataset.",
+    "--format", "format", required=True, type=Name([row.name for row in FORMATS]), help="Files of the new dataset."
 )
 @click.option("--out", required=True, type=OutFolder(), help="Folder of the new dataset.")
 @engine_options

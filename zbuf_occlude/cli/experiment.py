@@ -80,10 +80,7 @@ TEXT = """
     help="Sydney Urban Objects, unpacked: Test 3, on real scans.",
 )
 @click.option(
-    "--sydney-up",
-    "scans_up",
-    type=Name(UPS),
-    help="Up direction of the scans.  [default: found from the scans]",
+    "--sydney-up", "scans_up", type=Name(UPS), help="Up direction of the scans.  [default: found from the scans]"
 )
 @click.option(
     "--real",
@@ -91,12 +88,7 @@ TEXT = """
     metavar="DIR",
     help="Labelled sweeps of real drives, of KITTI or Argoverse 2: one more test.",
 )
-@click.option(
-    "--voxels",
-    type=int,
-    metavar="N",
-    help="Take each object as the surface of N^3 voxels; 30 is usual.",
-)
+@click.option("--voxels", type=int, metavar="N", help="Take each object as the surface of N^3 voxels; 30 is usual.")
 @click.option(
     "--budget",
     "budgets",
@@ -107,10 +99,7 @@ TEXT = """
 @click.option("--models", metavar="NAME,...", help=f"Of {', '.join(model.name for model in MODELS)}.")
 @click.option("--seeds", type=click.IntRange(1), metavar="N", help="Train each classifier with the seeds 0 to N - 1.")
 @click.option(
-    "--objects",
-    type=int,
-    metavar="N",
-    help="Objects of each class to train; in 4.3 also 1/4 to validate, 5/8 to test.",
+    "--objects", type=int, metavar="N", help="Objects of each class to train; in 4.3 also 1/4 to validate, 5/8 to test."
 )
 @click.option("--points", metavar="N[,N]", help="Points of a cloud; 4.3 takes all of several, 4.2 the last.")
 @click.option(

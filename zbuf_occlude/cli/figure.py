@@ -35,10 +35,9 @@ WITH_SCAN = "fig7"
     "--distance",
     type=click.FloatRange(0, min_open=True),
     default=PAPER_DISTANCE,
-    show_default=True,
     help="Of the cameras from the centre, in longest sides.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @up_option
 def figure_command(name: str, **options: Any) -> None:
     """Draw a figure of the paper, of MESH or of a built-in shape; now `zbuf-occlude paper NAME`."""

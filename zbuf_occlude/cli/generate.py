@@ -14,7 +14,6 @@ from zbuf_occlude.cli.shared_options import (
     VIEWS,
     MeshPlace,
     OutFolder,
-    SampleSize,
     Settings,
     choice_options,
     chosen_method,
@@ -25,6 +24,7 @@ from zbuf_occlude.cli.shared_options import (
     method_options,
     parse_settings,
     pop_engine,
+    sample_size,
     shard_option,
     share_of,
     up_option,
@@ -65,12 +65,11 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 
 @click.command(cls=Command)
 @click.argument("meshes", nargs=-1, type=MeshPlace(), metavar="[MESH_OR_DIR]...")
-@click.option("--out", type=OutFolder(), default=Path("occluded"), show_default=True, help="Folder of the dataset.")
+@click.option("--out", type=OutFolder(), default=Path("occluded"), help="Folder of the dataset.")
 @click.option(
     "--shapes",
     type=Name(["classes", FORMULAS]),
     default="classes",
-    show_default=True,
     help="Without MESH_OR_DIR: eight classes of 75 objects, or surfaces of formulas.",
 )
 @click.option(
@@ -82,28 +81,22 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
 )
 @method_options(also=(AUTO,))
 @scan_options(SURFACE)
-@click.option(
-    "--views",
-    default="modelnet8",
-    show_default=True,
-    help=VIEWS,
-)
+@click.option("--views", default="modelnet8", help=VIEWS)
 @distance_option
 @click.option("--points", type=click.IntRange(1), help="Points sampled on each object.  [default: 20000]")
 @click.option("--density", type=float, help="Instead of --points: points per area, the longest side taken as 1.")
-@click.option("--variations", type=click.IntRange(1), default=1, show_default=True, help="Samplings of each object.")
+@click.option("--variations", type=click.IntRange(1), default=1, help="Samplings of each object.")
 @click.option(
     "--sample-size",
-    type=SampleSize(),
+    type=sample_size,
+    metavar="N|all",
     default="2048",
-    show_default=True,
     help="Points kept in each cloud; all: every visible one.",
 )
 @click.option(
     "--subset",
     type=Name(SUBSETS),
     default="random",
-    show_default=True,
     help="Which visible points are kept; fps: farthest-point sampling.",
 )
 @click.option(
@@ -111,34 +104,31 @@ def use_format(context: click.Context, parameter: click.Parameter, name: str) ->
     "format",
     type=Name([row.name for row in FORMATS]),
     default="hdf5",
-    show_default=True,
     is_eager=True,
     callback=use_format,
     help="Files of the dataset.",
 )
 @click.option("--overlap", metavar="A..B", help="Of --format pairs: share of a view that the other sees too.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @click.option("--limit", type=click.IntRange(1), metavar="N", help="Only the first N meshes (classes interleaved).")
 @click.option(
     "--scale",
     type=Name(SCALES),
     default="cloud",
-    show_default=True,
     help="What gets the longest side 1: each cloud, the object, or nothing (mesh).",
 )
 @click.option(
     "--frame",
     type=Name(FRAMES),
     default="object",
-    show_default=True,
     help="Axes: the object's, z up in published layouts too, or the camera's.",
 )
 @with_option("Attributes of the points: normals towards the camera, base colours; boxes: of whole LiDAR scans.")
 @up_option
 @choice_options
 @engine_options
-@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, show_default=True, help=LIMIT)
-@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, show_default=True, help=LIMIT)
+@click.option("--mesh-seconds", type=click.FloatRange(0, min_open=True), default=600.0, help=LIMIT)
+@click.option("--mesh-gigabytes", type=click.FloatRange(0, min_open=True), default=8.0, help=LIMIT)
 @shard_option("Only this machine's share, I from 0; then `zbuf-occlude merge`.")
 @click.option("--require-gpu", is_flag=True, help="Refuse to render in software.")
 @click.option("--overwrite", is_flag=True, help="Replace a dataset in the folder.")

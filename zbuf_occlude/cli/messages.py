@@ -4,7 +4,7 @@ import errno
 import os
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,34 +55,21 @@ def stacked(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def uncolored(document: dict[str, Any]) -> list[str]:
-    """Say of how many meshes colours were wanted and are lacking, and what there is instead."""
-    n = document["counts"].get("meshes_without_colors", 0)
-    if not n:
-        return []
-    return [
-        f"warning: of {n} of {counted(document['counts']['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
-        f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
-    ]
-
-
-def opaque(document: dict[str, Any]) -> list[str]:
-    """Warn where nothing in a collection has any of the windows asked for."""
+def lacking(document: dict[str, Any]) -> Iterator[str]:
+    """Warn of colours and windows that were asked for and are not there, and of cameras inside their objects."""
     counts = document["counts"]
-    n = counts.get("meshes_without_windows", 0)
-    if not n or n < counts["meshes"] - counts["meshes_failed"]:
-        return []
-    names = ", ".join(document["options"]["scanning"]["transparent"])
-    return [f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"]
-
-
-def inside(document: dict[str, Any]) -> list[str]:
-    """Warn of cameras inside the bounding box of their object."""
-    n = document["counts"].get("views_inside_the_bounding_box", 0)
-    if not n:
-        return []
-    cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
-    return [f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"]
+    if n := counts.get("meshes_without_colors"):
+        yield (
+            f"warning: of {n} of {counted(counts['meshes'], 'mesh', 'meshes')} colours are lacking: where they "
+            f"are, points have their material's, or are grey ({GREY}, {GREY}, {GREY})"
+        )
+    n = counts.get("meshes_without_windows")
+    if n and n >= counts["meshes"] - counts["meshes_failed"]:
+        names = ", ".join(document["options"]["scanning"]["transparent"])
+        yield f"warning: --transparent {names} names no material of any mesh that lets light pass: all are opaque"
+    if n := counts.get("views_inside_the_bounding_box"):
+        cure = "Raise --distance or --range, or place the cameras of a file in the mesh's unit."
+        yield f"warning: {counted(n, 'camera')} inside the bounding box of the object seen. {cure}"
 
 
 def picture(path: Path) -> str:
@@ -110,9 +97,7 @@ def what_was_made(document: dict[str, Any], out: Path) -> str:
         *([f"warning: {document['renderer_remark']}"] if document.get("renderer_remark") else []),
         measured(error),
         *stacked(document),
-        *uncolored(document),
-        *opaque(document),
-        *inside(document),
+        *lacking(document),
         f"data      {out / names[0]}{others} ({n_files})",
         f"manifest  {out / MANIFEST}",
         f"picture   {picture(out / CONTACT_SHEET)}",
@@ -195,15 +180,7 @@ def human(amount: float, units: Sequence[tuple[float, str]]) -> str:
 
 
 def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
-    """Check that a plan's dataset could be made in a folder, as far as that shows before it is.
-
-    Raises
-    ------
-    DatasetError
-        As of `generate`.
-    PermissionError
-        It may not be written in.
-    """
+    """Check that a plan's dataset could be made in a folder, as far as that shows before it is."""
     if overwrite:
         removable(out)
     elif holds(plan, out) and (out / MANIFEST).exists():

@@ -25,16 +25,13 @@ from zbuf_occlude.sensors.scanning import default_caster, no_windows
 from zbuf_occlude.sensors.setup import SURFACE, Setup
 from zbuf_occlude.views import from_angles
 
-_azimuth, _elevation = angle_options("Degrees above the xy plane, where no ground is.")
-
 
 @click.command(cls=Command)
 @click.argument("meshes", nargs=-1, required=True, type=MeshPlace())
 @scan_options("vlp-32c")
-@_azimuth
-@_elevation
+@angle_options("Degrees above the xy plane, where no ground is.")
 @click.option("--method", type=Name(CASTING), help="Who casts the rays. [default: the first that can here]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Range image and cloud, as a PNG.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="scan.ply, .npz, .pcd, .npy or .csv")
@@ -103,13 +100,7 @@ def scan_once(
     elevation: float,
     seed: int,
 ) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
-
-    Raises
-    ------
-    OptionError
-        A class without a size, or a range within the object.
-    """
+    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene."""
     first = collection[0]
     with Limits().watch():
         loaded = first.load()

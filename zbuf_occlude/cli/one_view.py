@@ -51,14 +51,8 @@ def scans_now(context: click.Context, parameter: click.Parameter, value: Any) ->
 @method_options()
 @click.option("--sensor", hidden=True, expose_value=False, callback=scans_now)
 @click.option("--set-sensor", hidden=True, expose_value=False, callback=scans_now)
-@click.option(
-    "--points",
-    type=click.IntRange(1),
-    default=50_000,
-    show_default=True,
-    help="Points sampled.",
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--points", type=click.IntRange(1), default=50_000, help="Points sampled.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @with_option("Attributes of the points: normals towards the camera, base colours.")
 @click.option("--union", is_flag=True, help="What any of the cameras of --cameras sees.")
 @up_option
@@ -199,7 +193,7 @@ def _write_cloud(
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
 @camera_options
-@click.option("--resolution", type=PIXELS, default=512, show_default=True, help="Pixels along a side.")
+@click.option("--resolution", type=PIXELS, default=512, help="Pixels along a side.")
 @click.option("--size", type=PIXELS, hidden=True)  # its name before; elsewhere it is metres
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="depth.png, .npy or .exr")

@@ -2,8 +2,9 @@
 
 import re
 import shutil
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from typing import Any, ClassVar
 
 import click
 
@@ -65,16 +66,35 @@ def _plain(names: str, text: str) -> tuple[str, str]:
 
 
 class CommandGroup(click.Group):
-    """A group that names the command that a mistyped one is nearest to."""
+    """A group of the commands of a table, imported when they are called; it names the nearest to a mistyped one."""
+
+    table: ClassVar[Mapping[str, str]]
+    """Name and one line of each command."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(self.table)
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands from the table."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(self.table.items()))
 
     def resolve_command(
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that was called."""
         if not args[0].startswith("-") and self.get_command(context, args[0]) is None:
-            known = self.list_commands(context)
-            context.fail(f"No such command {args[0]!r}.{did_you_mean(args[0], known)}")
+            context.fail(f"No such command {args[0]!r}.{did_you_mean(args[0], self.table)}")
         return super().resolve_command(context, args)
+
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def all_of(*options: Decorator) -> Decorator:
+    """Return a decorator that gives a command several options, which its help lists in this order."""
+    return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
 
 
 class Name(click.Choice):  # type: ignore[type-arg]  # takes no parameter before click 8.2

@@ -39,11 +39,9 @@ _MAKERS = {
 
 
 class PaperGroup(CommandGroup):
-    """The commands of the table, imported when one is called or asked for help."""
+    """The commands of `paper`."""
 
-    def list_commands(self, context: click.Context) -> list[str]:
-        """Return the names in the order of the table."""
-        return list(COMMANDS)
+    table = COMMANDS
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import the command's module and return the command."""
@@ -52,11 +50,6 @@ class PaperGroup(CommandGroup):
         module, maker = next(row for start, row in _MAKERS.items() if name.startswith(start))
         command: click.Command = getattr(import_module(f"zbuf_occlude.cli.{module}"), maker)(name)
         return command
-
-    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands from the table."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.command(cls=PaperGroup)
@@ -67,19 +60,7 @@ def paper_command() -> None:
 def derived(
     old: click.Command, name: str, options: Collection[str], run: Callable[..., Any], text: str
 ) -> click.Command:
-    """Return a command of `paper` that has some options of the command it replaces.
-
-    Parameters
-    ----------
-    old : click.Command
-    name : str
-    options : collection of str
-        Parameters of `old` that it has.
-    run : callable
-        Called with the name and the options.
-    text : str
-        Its help.
-    """
+    """Return a command of `paper` that has some `options` of the `old` one; `run` is called with its name and these."""
     params = [parameter for parameter in old.params if parameter.name in options]
     return Command(name, params=params, callback=partial(run, name), help=text)
 
@@ -90,11 +71,6 @@ def replaced(old: str, new: str) -> None:
 
 
 def refuse_unused(name: str, options: Collection[str]) -> None:
-    """Refuse options of the running command that were typed and that a table, figure or experiment does not use.
-
-    Raises
-    ------
-    click.UsageError
-    """
+    """Refuse options of the running command that were typed and that a table, figure or experiment does not use."""
     if idle := given(click.get_current_context(), options):
         raise click.UsageError(f"{name} does not use {', '.join(idle)}. Leave it out.")

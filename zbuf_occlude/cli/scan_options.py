@@ -1,7 +1,6 @@
 """Options of everything that scans: sensor, range, size, scene; and how they become a setup."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
+from zbuf_occlude.cli.panels import Decorator, all_of
 from zbuf_occlude.cli.shared_options import Setting, Settings, finite
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.dataset.auto import AUTO
@@ -22,8 +22,6 @@ from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import SURFACE, Setup, parse_span
 from zbuf_occlude.visibility import METHODS, find_method
 
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
 SCAN_OPTIONS = (
     "sensor", "set_sensor", "range_", "size", "scene", "hidden", "keep", "keep_clean", "sensor_height", "transparent",
     "velocity", "turn", "trajectory", "deskew",
@@ -35,31 +33,23 @@ CASTING = [method.name for method in METHODS if not method.no_first_hits]
 """Methods that cast rays."""
 
 
-class Vector(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """Three numbers with commas between."""
-
-    name = "X,Y,Z"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return three floats."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            x, y, z = map(float, str(value).split(","))
-        except ValueError:
-            self.fail(f"must be three numbers X,Y,Z; got {value!r}.", param, ctx)
-        if not all(map(math.isfinite, (x, y, z))):
-            self.fail(f"must be three finite numbers X,Y,Z; got {value!r}.", param, ctx)
-        return x, y, z
+def vector(text: str) -> tuple[float, float, float]:
+    """Read three finite numbers with commas between."""
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not math.isfinite(x + y + z):
+        raise click.BadParameter(f"must be three finite numbers X,Y,Z; got {text!r}.")
+    return x, y, z
 
 
 def sensor_options(sensor: str) -> Decorator:
     """--sensor and --set-sensor; `sensor` is the default."""
-    return _all_of(
+    return all_of(
         click.option(
             "--sensor",
             default=sensor,
-            show_default=True,
             help="Name of `zbuf-occlude sensors`, or YAML or CSV"
             + ("; surface: no sensor." if sensor == SURFACE else "."),
         ),
@@ -75,7 +65,7 @@ def sensor_options(sensor: str) -> Decorator:
 def scan_options(sensor: str) -> Decorator:
     """--sensor and what goes with it; `sensor` is the default."""
     scenes = ", ".join(kind.name for kind in KINDS)
-    return _all_of(
+    return all_of(
         sensor_options(sensor),
         click.option(
             "--range", "range_", metavar="M|A..B", help="Metres from sensor to object.  [default: from the views]"
@@ -83,15 +73,13 @@ def scan_options(sensor: str) -> Decorator:
         click.option(
             "--size",
             metavar="CLASS=M,...|M|file",
-            default="",
             help="Longest sides, metres; file: as in the files.  [default: by class]",
         ),
-        click.option("--scene", default="none", show_default=True, help=f"{scenes}, or a JSON file."),
+        click.option("--scene", default="none", help=f"{scenes}, or a JSON file."),
         click.option("--hidden", metavar="A..B", help="Share of the object that others hide.  [default: the scene's]"),
         click.option(
             "--keep",
             default="target",
-            show_default=True,
             metavar="target|box|all",
             help="Points of the object, in its box (box:shift=0.5,rotate,scale), or all.",
         ),
@@ -103,7 +91,9 @@ def scan_options(sensor: str) -> Decorator:
             metavar="NAME[=SHARE]",
             help="Material that lets light pass (alpha of glTF, d of MTL); * for any.",
         ),
-        click.option("--velocity", type=Vector(), help="Of the sensor while it scans: m/s forward, left, up."),
+        click.option(
+            "--velocity", type=vector, metavar="X,Y,Z", help="Of the sensor while it scans: m/s forward, left, up."
+        ),
         click.option("--turn", type=float, default=0.0, callback=finite, help="Of it, degrees a second to the left."),
         click.option(
             "--trajectory",
@@ -114,24 +104,11 @@ def scan_options(sensor: str) -> Decorator:
     )
 
 
-def _all_of(*options: Decorator) -> Decorator:
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return decorate
-
-
 def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: bool) -> Setup | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
 
-    `sampled`: whether the whole objects are sampled too, for a format that holds complete clouds.
-
-    Raises
-    ------
-    OptionError, click.UsageError
-        As `parse_setup`; options that say how points are sampled beside a sensor.
+    `sampled`: whether the whole objects are sampled too, for a format that holds complete clouds. Else options that say
+    how points are sampled are refused beside a sensor.
     """
     taken = {name: given.pop(name) for name in SCAN_OPTIONS}
     if taken["sensor"] == SURFACE:
@@ -145,13 +122,7 @@ def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: 
 
 
 def named_caster(context: click.Context) -> str:
-    """Return the method that a person named to cast rays, or the one that casts them here.
-
-    Raises
-    ------
-    OptionError
-        One that casts none.
-    """
+    """Return the method that a person named to cast rays, or the one that casts them here."""
     name = context.params.get("method")
     if context.get_parameter_source("method") is not ParameterSource.COMMANDLINE or name in (None, AUTO):
         return default_caster()
@@ -160,13 +131,7 @@ def named_caster(context: click.Context) -> str:
 
 
 def parse_sensor(name: str, settings: Settings) -> Sensor:
-    """Return a sensor with the numbers that were set.
-
-    Raises
-    ------
-    OptionError
-        As `zbuf_occlude.sensors.make`.
-    """
+    """Return a sensor with the numbers that were set."""
     sensor = sensors.make(name, **dict(settings))
     sensor.rays()  # for its errors
     return sensor
@@ -199,13 +164,7 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
 
 
 def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
-    """Turn the options of `scan_options` into a setup; None without a sensor.
-
-    Raises
-    ------
-    OptionError
-        What the setup refuses; options of scans without a sensor.
-    """
+    """Turn the options of `scan_options` into a setup; None without a sensor, beside which they are refused."""
     if given["sensor"] == SURFACE:
         for name in SCAN_OPTIONS[1:]:
             if given[name] not in (None, False, "", (), "none", "target"):

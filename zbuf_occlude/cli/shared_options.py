@@ -12,7 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from zbuf_occlude.cli.panels import Name
+from zbuf_occlude.cli.panels import Decorator, Name, all_of
 from zbuf_occlude.cli.shell import echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
@@ -28,8 +28,6 @@ from zbuf_occlude.workers.local import run_local
 from zbuf_occlude.workers.ray import run_ray
 
 VIEWS = "Camera positions: paper100, ring:N@EL, grid:ELxAZ, random:N, ..., a file."
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 AUTO_ELSEWHERE = f"{AUTO!r} chooses for a whole dataset: it is for `generate` only. Name a method here"
 
@@ -55,15 +53,12 @@ class MeshPlace(click.Path):
         return Path(name)
 
 
-class OutFolder(click.Path):
+class OutFolder(MeshPlace):
     """Path of a folder to write into, which need not be there."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
-        name = os.fsdecode(super().convert(value, param, ctx))
-        if not name:  # of a variable that is not set: not the current folder
-            self.fail("it must be the name of a folder; it is empty. For the current one, write a dot.", param, ctx)
-        path = Path(name)
+        path = super().convert(value, param, ctx)
         if path.exists() and not path.is_dir():
             self.fail(f"it must be a folder; {str(path)!r} is a file. Choose another.", param, ctx)
         if path.is_symlink() and not path.exists():
@@ -105,24 +100,21 @@ Settings = tuple[tuple[str, str], ...]
 
 def method_options(default: str = "depth_buffer", also: tuple[str, ...] = ()) -> Decorator:
     """--method and --set, passed on as `method` and `settings`; `also` are words besides the methods' names."""
-
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        function = click.option(
+    return all_of(
+        click.option(
+            "--method",
+            type=MethodName([*(method.name for method in METHODS), *also]),
+            default=default,
+            help="Method of hidden-surface removal; without OpenGL the default is exact.",
+        ),
+        click.option(
             "--set",
             "settings",
             type=Setting(),
             multiple=True,
             help="Option of the method, as `zbuf-occlude methods` lists them; repeatable.",
-        )(function)
-        return click.option(
-            "--method",
-            type=MethodName([*(method.name for method in METHODS), *also]),
-            default=default,
-            show_default=True,
-            help="Method of hidden-surface removal; without OpenGL the default is exact.",
-        )(function)
-
-    return decorate
+        ),
+    )
 
 
 def chosen_method(context: click.Context, method: str, settings: Settings) -> Choice:
@@ -144,54 +136,33 @@ def finite(context: click.Context, parameter: click.Parameter, value: Any) -> An
     return value
 
 
-class Distance(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """A distance D, or distances D0..D1 to be drawn from; the value is (nearest, farthest or None)."""
-
-    name = "D|D0..D1"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the two numbers."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            numbers = [float(part) for part in str(value).split("..")]
-        except ValueError:
-            numbers = []
-        if len(numbers) not in (1, 2) or not all(math.isfinite(number) and number > 0 for number in numbers):
-            self.fail(f"it must be D or D0..D1, positive and finite; got {value!r}.", param, ctx)
-        if len(numbers) == 2 and not numbers[0] < numbers[1]:
-            self.fail(f"distances must run upwards; got {value}.", param, ctx)
-        return numbers[0], (numbers[1] if len(numbers) == 2 else None)
+def distances(text: str) -> tuple[float, float | None]:
+    """Read a distance D, or distances D0..D1 to be drawn from: the nearest, and the farthest or None."""
+    try:
+        numbers = [float(part) for part in text.split("..")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or not all(math.isfinite(number) and number > 0 for number in numbers):
+        raise click.BadParameter(f"it must be D or D0..D1, positive and finite; got {text!r}.")
+    if len(numbers) == 2 and not numbers[0] < numbers[1]:
+        raise click.BadParameter(f"distances must run upwards; got {text}.")
+    return numbers[0], (numbers[1] if len(numbers) == 2 else None)
 
 
 distance_option = click.option(
     "--distance",
-    type=Distance(),
+    type=distances,
     default="4",
-    show_default=True,
+    metavar="D|D0..D1",
     help="Of the cameras from the centre, in longest sides; D0..D1: random for each view.",
 )
 
 
-def angle_options(of_elevation: str) -> tuple[Callable[..., Any], ...]:
+def angle_options(of_elevation: str) -> Decorator:
     """--azimuth and --elevation: where a camera or sensor stands about the mesh."""
-    return (
-        click.option(
-            "--azimuth",
-            type=float,
-            default=0.0,
-            show_default=True,
-            callback=finite,
-            help="Degrees from +x towards +y.",
-        ),
-        click.option(
-            "--elevation",
-            type=click.FloatRange(-90, 90),
-            default=0.0,
-            show_default=True,
-            callback=finite,
-            help=of_elevation,
-        ),
+    return all_of(
+        click.option("--azimuth", type=float, default=0.0, callback=finite, help="Degrees from +x towards +y."),
+        click.option("--elevation", type=click.FloatRange(-90, 90), default=0.0, callback=finite, help=of_elevation),
     )
 
 
@@ -236,13 +207,12 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
         return function(camera=camera, **others)
 
-    options = (
-        *angle_options("Degrees above the xy plane; 90 is +z."),
+    return all_of(
+        angle_options("Degrees above the xy plane; 90 is +z."),
         click.option(
             "--distance",
             type=click.FloatRange(0, min_open=True),
             default=4.0,
-            show_default=True,
             callback=finite,
             help="Of the camera from the centre, in longest sides.",
         ),
@@ -260,16 +230,9 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
             callback=finite,
             help="Field of view, degrees.  [default: the whole mesh is seen]",
         ),
-        click.option(
-            "--cameras",
-            metavar="FILE",
-            help="Instead of angles: cameras as JSON or CSV, of NeRF or COLMAP.",
-        ),
+        click.option("--cameras", metavar="FILE", help="Instead of angles: cameras as JSON or CSV, of NeRF or COLMAP."),
         click.option("--index", type=click.IntRange(0), default=0, help="Which of the cameras, from 0."),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+    )(command)
 
 
 up_option = click.option(
@@ -280,59 +243,46 @@ up_option = click.option(
 )
 
 
-class SampleSize(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """A number of points, or ``all``, whose value is None."""
-
-    name = "N|all"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
-        """Return the number, or None."""
-        if value == "all":
-            return None
-        try:
-            number = int(value)
-        except ValueError:
-            number = 0
-        if number < 1:
-            self.fail(f"it must be a number of points, at least 1, or all; got {value!r}.", param, ctx)
-        return number
+def sample_size(value: str | int) -> int | None:
+    """Read a number of points, or ``all``, whose value is None."""
+    if value == "all":
+        return None
+    if not str(value).isdecimal() or int(value) < 1:
+        raise click.BadParameter(f"it must be a number of points, at least 1, or all; got {value!r}.")
+    return int(value)
 
 
-class Words(click.ParamType):  # type: ignore[type-arg]  # takes no parameter before click 8.2
-    """Words between commas."""
-
-    name = "NAME,..."
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[str]:
-        """Return the words."""
-        words = value if isinstance(value, list) else [word.strip() for word in value.split(",") if word.strip()]
-        if not words:
-            self.fail(f"it must have a word, or several between commas; got {value!r}.", param, ctx)
-        return words
+def words(text: str) -> list[str]:
+    """Read words between commas."""
+    found = [word.strip() for word in text.split(",") if word.strip()]
+    if not found:
+        raise click.BadParameter(f"it must have a word, or several between commas; got {text!r}.")
+    return found
 
 
-def with_option(help: str) -> Callable[[Any], Any]:
+def with_option(help: str) -> Decorator:
     """--with: what points have besides their positions; handed on as `attributes`."""
     return click.option(
         "--with",
         "attributes",
-        type=Words(),
+        type=words,
         callback=lambda context, parameter, words: words or [],
         metavar="normals,colors",
         help=help,
     )
 
 
-def choice_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """--labels, --classes, --splits: which of the meshes found, and what they are of."""
-    function = click.option("--splits", type=Words(), help="Only meshes of these splits: train, val, test.")(function)
-    function = click.option("--classes", type=Words(), help="Only meshes of these classes.")(function)
-    return click.option(
+choice_options = all_of(
+    click.option(
         "--labels",
         type=click.Path(path_type=Path),
         metavar="FILE",
         help="Class and split of each mesh, as CSV or JSON; others are left out.",
-    )(function)
+    ),
+    click.option("--classes", type=words, metavar="NAME,...", help="Only meshes of these classes."),
+    click.option("--splits", type=words, metavar="NAME,...", help="Only meshes of these splits: train, val, test."),
+)
+"""Which of the meshes found, and what they are of."""
 
 
 def given(context: click.Context, names: Collection[str]) -> list[str]:
@@ -379,13 +329,7 @@ def collect(
 
 
 def parse_settings(method: str, settings: Settings) -> dict[str, Any]:
-    """Turn (("resolution", "512"), ("refine", "none")) into a dict and check it against the method's options.
-
-    Raises
-    ------
-    OptionError
-        As `Method.check_options`.
-    """
+    """Turn (("resolution", "512"), ("refine", "none")) into a dict and check it by `Method.check_options`."""
     options = {key: literal(text) for key, text in settings}
     find_method(method).check_options(options)
     return options
@@ -432,46 +376,23 @@ ENGINE = ("engine", "workers", "ray_address", "ray_gpus")
 """Names of the parameters that `engine_options` adds, and `pop_engine` takes."""
 
 
-def engine_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """--workers, --engine, --ray-address, --ray-gpus."""
-    for option in reversed(
-        (
-            click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
-            click.option(
-                "--engine",
-                type=Name(["local", "ray"]),
-                default="local",
-                show_default=True,
-                help="Processes here, or a Ray cluster.",
-            ),
-            click.option(
-                "--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new one here]"
-            ),
-            click.option(
-                "--ray-gpus",
-                type=click.FloatRange(0),
-                default=0.0,
-                help="GPUs of each Ray worker; with 0.25 four share one.",
-            ),
-        )
-    ):
-        function = option(function)
-    return function
+engine_options = all_of(
+    click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one per core]"),
+    click.option("--engine", type=Name(["local", "ray"]), default="local", help="Processes here, or a Ray cluster."),
+    click.option("--ray-address", help="Address of a running cluster.  [default: RAY_ADDRESS, or a new one here]"),
+    click.option(
+        "--ray-gpus", type=click.FloatRange(0), default=0.0, help="GPUs of each Ray worker; with 0.25 four share one."
+    ),
+)
 
 
-def shard_option(what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def shard_option(what: str) -> Decorator:
     """--shard; `what` says whereof."""
     return click.option("--shard", metavar="I/N", help=what)
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
-    """Take the options of `engine_options` out of a command's, and return the engine that they choose.
-
-    Raises
-    ------
-    UsageError
-        An option of an engine that was not chosen.
-    """
+    """Take the options of `engine_options` out of a command's, and return the engine that they choose."""
     engine, workers, address, gpus = (options.pop(name) for name in ENGINE)
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")

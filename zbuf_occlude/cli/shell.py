@@ -46,15 +46,7 @@ LEAST_MEMORY = 768 * 2**20
 
 
 def check_surroundings() -> None:
-    """Look at what numba would refuse while it is imported, and at the folder that paths begin in.
-
-    Raises
-    ------
-    OptionError
-        NUMBA_NUM_THREADS is a whole number below 1. (numba takes no notice of words.)
-    OccludeError
-        The process may have less than `LEAST_MEMORY` of address space, or its folder has been removed.
-    """
+    """Refuse what numba would end by while it is imported, and a folder to begin paths in that was removed."""
     try:
         Path.cwd()
     except FileNotFoundError:

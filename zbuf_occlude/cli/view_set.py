@@ -20,11 +20,11 @@ from zbuf_occlude.visible_surface import coverage as measure_coverage
 
 @click.command(cls=Command)
 @click.argument("mesh", type=MeshPlace())
-@click.option("--views", default="paper100", show_default=True, help=VIEWS)
+@click.option("--views", default="paper100", help=VIEWS)
 @distance_option
 @click.option("--coverage", is_flag=True, help="Measure how much of the surface the views see.")
-@click.option("--points", type=click.IntRange(1), default=20_000, show_default=True, help="Points sampled.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all random draws.")
+@click.option("--points", type=click.IntRange(1), default=20_000, help="Points sampled.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
 @up_option
 @click.option("--out", type=click.Path(path_type=Path), help="views.csv, or coverage.png: a picture of the shares.")
 def views_command(

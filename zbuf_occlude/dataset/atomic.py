@@ -24,22 +24,9 @@ _TEMPORARY = re.compile(r"\.zbuf-[0-9a-f]{16}\.part")
 def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = False, synced: bool = True) -> None:
     """Let `fill` write to an open file; the file appears under `path` only when all of it is on the disk.
 
-    Parameters
-    ----------
-    path : Path
-    fill : callable
-    exclusive : bool
-        Leave a file that is there already.
-    synced : bool
-        If not, the file appears when all of it is written; a loss of power may take its last seconds. For files of
-        unfinished work that have checksums: nothing waits for the disk.
-
-    Raises
-    ------
-    FileExistsError
-        There is one, and this was to be exclusive.
-    OSError
-        It cannot be written.
+    Where it is not to be `synced`, it appears when all of it is written; a loss of power may take its last seconds. For
+    files of unfinished work that have checksums: nothing waits for the disk. `exclusive`: a file that is there already
+    stays, and is a FileExistsError.
     """
     # random, not the process's number: machines and containers that share a folder have the same numbers
     temporary = path.with_name(f".zbuf-{secrets.token_hex(8)}.part")

@@ -65,13 +65,6 @@ def remark_on_renderer(method: str) -> str:
 def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     """Replace the method `auto` by a choice for this machine; leave any other recipe as it is.
 
-    Raises
-    ------
-    OptionError
-        Options are given for a method that is not yet known.
-
-    Notes
-    -----
     On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
     may too: name the method there.
     """

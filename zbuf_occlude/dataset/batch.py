@@ -61,38 +61,18 @@ class Named(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a batch, or of all batches of a group.
+    """What came of a batch, or of all batches of a group; of meshes by their keys."""
 
-    Parameters
-    ----------
-    fingerprint : str
-        Of the plan.
-    counts : Counts
-    failures : mapping of mesh key to reason
-    given_up : mapping of mesh key to Limits
-        Of the failures that exceeded limits, or ended their workers: the limits then.
-    origins : mapping of mesh key to Origin
-        What every mesh was made of.
-    renderers : list of str
-    seconds : float
-        That making it took.
-    n_clouds : mapping of split to int
-    files : mapping of split to list of Named
-        Final files with clouds; an archive of the format packed may stand under several splits.
-    pieces : mapping of file number to Piece
-        Where a batch's clouds lie; none in the format packed.
-    """
-
-    fingerprint: str
+    fingerprint: str  # of the plan
     counts: Counts = field(default_factory=Counts)
-    failures: Mapping[str, str] = field(default_factory=dict)
-    given_up: Mapping[str, Limits] = field(default_factory=dict)
-    origins: Mapping[str, Origin] = field(default_factory=dict)
+    failures: Mapping[str, str] = field(default_factory=dict)  # reasons
+    given_up: Mapping[str, Limits] = field(default_factory=dict)  # of failures by limits, or that ended workers
+    origins: Mapping[str, Origin] = field(default_factory=dict)  # what every mesh was made of
     renderers: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    n_clouds: Mapping[str, int] = field(default_factory=dict)
-    files: Mapping[str, list[Named]] = field(default_factory=dict)
-    pieces: Mapping[int, Piece] = field(default_factory=dict)
+    seconds: float = 0.0  # that making it took
+    n_clouds: Mapping[str, int] = field(default_factory=dict)  # by split
+    files: Mapping[str, list[Named]] = field(default_factory=dict)  # final ones by split; an archive may be in several
+    pieces: Mapping[int, Piece] = field(default_factory=dict)  # by file number; none in the format packed
 
     @classmethod
     def of_all(cls, fingerprint: str, parts: list["Outcome"], files: Mapping[str, list[Named]]) -> "Outcome":
@@ -203,10 +183,7 @@ def new_store(plan: Plan) -> Clouds | Archive:
 def make_mesh(plan: Plan, mesh_id: int, gl: Any, store: Clouds | Archive) -> tuple[Counts, str, Origin]:
     """Make all clouds of a mesh, and put them into a store; return what was counted, the renderer, and its origin.
 
-    Raises
-    ------
-    MeshError, ArgumentError
-        The mesh cannot be used; the store is left as it was.
+    The store is left as it was where MeshError or ArgumentError says that the mesh cannot be used.
     """
     entry = plan.meshes[mesh_id]
     mesh = entry.load()
@@ -287,12 +264,7 @@ def group_path(out: Path, number: int) -> Path:
 def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outcome | None, str]:
     """Return the outcome of a batch or group that is done; else None and, where there is something, what is wrong.
 
-    With `closely` the checksums of clouds and files are compared too.
-
-    Raises
-    ------
-    DatasetError
-        It belongs to another plan.
+    With `closely` the checksums of clouds and files are compared too. One of another plan is a DatasetError.
     """
     try:
         with open(path, "rb") as file:
@@ -317,13 +289,7 @@ def read_outcome(plan: Plan, path: Path, *, closely: bool = False) -> tuple[Outc
 
 
 def read_groups(plan: Plan, out: Path) -> Iterator[Outcome]:
-    """Yield the outcomes of all groups of a dataset.
-
-    Raises
-    ------
-    DatasetError
-        One is not done.
-    """
+    """Yield the outcomes of all groups of a dataset; raise DatasetError where one is not done."""
     for number in range(len(plan.groups)):
         group, fault = read_outcome(plan, group_path(out, number))
         if group is None:
@@ -354,13 +320,7 @@ def worth_another_try(entry: MeshEntry, origin: Origin, given_up: Limits | None,
 
 
 def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
-    """Return the clouds of a final file, in its order, from the batches of its group.
-
-    Raises
-    ------
-    DatasetError
-        A batch is missing or damaged.
-    """
+    """Return the clouds of a final file, in its order, from the batches of its group."""
     records = np.empty(plan.clouds_per_file, record_type(plan.recipe))
     is_filled = np.zeros(len(records), bool)
     for batch in plan.batches_of[plan.files[number].group]:

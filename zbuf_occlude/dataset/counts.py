@@ -29,51 +29,24 @@ class WorstMesh(NamedTuple):
 
 @dataclass(frozen=True)
 class Counts:
-    """What was made and what was checked.
-
-    Parameters
-    ----------
-    n_clouds : int
-    n_blind_views : int
-        Views that see nothing, and give no cloud.
-    n_inside : int
-        Cameras inside the bounding box of their mesh.
-    n_with_repeats : int
-        Clouds with fewer visible points than they hold.
-    n_checked : int
-        Pairs of view and point asked again of the oracle.
-    false_visible, false_hidden : int
-        Of them the pairs that a method shows and the oracle hides, and the other way round.
-    n_views_checked, n_bad_views : int
-        Views of which points were checked; those of which more than `BAD_VIEW` were wrong.
-    worst : WorstView, optional
-        None where nothing was checked.
-    n_looked_at, n_stacked : int
-        Points that were looked at for another sheet, and those that have one nearer than the method's tolerance.
-    most_stacked : WorstMesh, optional
-        None where none was looked at.
-    n_without_colors, n_without_windows : int
-        Meshes of which colours are wanted and some are lacking; that have none of the windows asked for.
-    faces_dropped : mapping of reason to number
-        What cleaning took away.
-    """
+    """What was made and what was checked."""
 
     n_clouds: int = 0
-    n_blind_views: int = 0
-    n_inside: int = 0
-    n_with_repeats: int = 0
-    n_checked: int = 0
-    false_visible: int = 0
+    n_blind_views: int = 0  # views that see nothing, and give no cloud
+    n_inside: int = 0  # cameras inside the bounding box of their mesh
+    n_with_repeats: int = 0  # clouds with fewer visible points than they hold
+    n_checked: int = 0  # pairs of view and point asked again of the oracle
+    false_visible: int = 0  # of them those that a method shows and the oracle hides
     false_hidden: int = 0
     n_views_checked: int = 0
-    n_bad_views: int = 0
+    n_bad_views: int = 0  # of these the views of whose points more than `BAD_VIEW` were wrong
     worst: WorstView | None = None
-    n_looked_at: int = 0
-    n_stacked: int = 0
+    n_looked_at: int = 0  # points that were looked at for another sheet
+    n_stacked: int = 0  # of them those that have one nearer than the method's tolerance
     most_stacked: WorstMesh | None = None
-    n_without_colors: int = 0
-    n_without_windows: int = 0
-    faces_dropped: Mapping[str, int] = field(default_factory=dict)
+    n_without_colors: int = 0  # meshes of which colours are wanted and some are lacking
+    n_without_windows: int = 0  # meshes that have none of the windows asked for
+    faces_dropped: Mapping[str, int] = field(default_factory=dict)  # by cleaning, for each reason
 
     def __add__(self, other: "Counts") -> "Counts":
         """Return the counts of both; of equally bad views or meshes the first."""

@@ -67,13 +67,7 @@ def datasets_in(out: Path) -> list[Path]:
 
 
 def read_plan(out: Path) -> Plan:
-    """Read back the plan of a dataset's folder.
-
-    Raises
-    ------
-    DatasetError
-        There is none, or it is damaged.
-    """
+    """Read back the plan of a dataset's folder; DatasetError where there is none, or it is damaged."""
     path = out / PLAN
     if not path.exists():
         raise DatasetError(f"{out} must hold a dataset; it has no {PLAN}. Was it made by `zbuf-occlude generate`?")
@@ -89,13 +83,7 @@ def read_plan(out: Path) -> Plan:
 
 
 def read_manifest(out: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder whose dataset is complete, None for one that is not.
-
-    Raises
-    ------
-    DatasetError
-        It is damaged, or lacks something that is read of it.
-    """
+    """Return the manifest of a folder whose dataset is complete, None for one that is not; DatasetError if damaged."""
     path = out / MANIFEST
     if not path.exists():
         return None
@@ -130,13 +118,7 @@ def _check_kinds(values: Any, kinds: Kinds, what: str) -> None:
 
 
 def read_finished(out: Path) -> tuple[Plan, dict[str, Any]]:
-    """Return the plan and the manifest of a complete dataset.
-
-    Raises
-    ------
-    DatasetError
-        It is not complete, or damaged, or there is none.
-    """
+    """Return the plan and the manifest of a complete dataset; DatasetError where there is none, or it is damaged."""
     plan, manifest = read_plan(out), read_manifest(out)
     if manifest is None:
         raise DatasetError(
@@ -176,13 +158,7 @@ def write_names(plan: Plan, out: Path) -> None:
 
 
 def plan_in(out: Path) -> Plan | None:
-    """Return the plan of the dataset in a folder; None of an empty folder, and of one that is not there.
-
-    Raises
-    ------
-    DatasetError
-        It holds something else.
-    """
+    """Return the plan of the dataset in a folder, None of no folder or an empty one; DatasetError of anything else."""
     if not out.is_dir() or not set(out.iterdir()) - set(atomic.leftovers([out])):
         return None
     if not (out / PLAN).exists():
@@ -194,13 +170,7 @@ def plan_in(out: Path) -> Plan | None:
 
 
 def holds(plan: Plan, out: Path) -> bool:
-    """Whether a folder holds this plan's dataset, finished or not; False where it is empty.
-
-    Raises
-    ------
-    DatasetError
-        It holds something else, or another plan.
-    """
+    """Whether a folder holds this plan's dataset, finished or not, or nothing; DatasetError of anything else."""
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
         return theirs is not None
@@ -213,13 +183,7 @@ def holds(plan: Plan, out: Path) -> bool:
 
 
 def occupy(plan: Plan, out: Path) -> None:
-    """Make the folder this plan's, or find that it is already; nothing in it is removed.
-
-    Raises
-    ------
-    DatasetError
-        It holds something else, or another plan.
-    """
+    """Make the folder this plan's, or find that it is already (`holds`); nothing in it is removed."""
     if not holds(plan, out):
         out.mkdir(parents=True, exist_ok=True)
         try:
@@ -233,12 +197,7 @@ def occupy(plan: Plan, out: Path) -> None:
 def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
     """Hold some groups of a dataset for this run alone; the lock ends with the process, however that ends.
 
-    With `wait`, another run that holds one is waited for.
-
-    Raises
-    ------
-    DatasetError
-        Another run holds one of them.
+    Another run that holds one is waited for with `wait`, else a DatasetError.
     """
     (out / WORK).mkdir(exist_ok=True)
     try:
@@ -261,13 +220,7 @@ def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
 
 
 def remove(out: Path) -> None:
-    """Remove a dataset of ours from its folder, with the complete clouds of it.
-
-    Raises
-    ------
-    DatasetError
-        As of `removable`; nothing was removed.
-    """
+    """Remove a dataset of ours from its folder, with the complete clouds of it, if that is all (`removable`)."""
     for folder, plan in removable(out):
         own, _ = sorted_out(folder, plan)
         (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left is no finished dataset
@@ -280,10 +233,7 @@ def remove(out: Path) -> None:
 def removable(out: Path) -> list[tuple[Path, Plan]]:
     """Return the folders and plans of a dataset of ours and of its complete clouds; nothing is changed.
 
-    Raises
-    ------
-    DatasetError
-        The folder, or something in it, is not ours.
+    DatasetError where the folder, or something in it, is not ours.
     """
     plan, original = plan_in(out), _original(out)
     datasets = [(out / ORIGINAL, original)] if original else []

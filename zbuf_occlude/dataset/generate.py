@@ -84,13 +84,7 @@ class Making:
 
 
 def write_file(plan: Plan, number: int, out: Path) -> Named | None:
-    """Write a final file from the batches of its group; nothing where no cloud is for it.
-
-    Raises
-    ------
-    DatasetError
-        A batch is missing or damaged.
-    """
+    """Write a final file from the batches of its group; nothing where no cloud is for it."""
     file, module = plan.files[number], find_format(plan.format).load()
     records = clouds_of_file(plan, out, number)
     if not len(records):
@@ -105,11 +99,6 @@ class Schedule:
 
     `todo` has the jobs to begin with. `on_batch` is called with the number of clouds planned in each batch that is
     done, and `on_file` with 1 for each file that is written; at once for those of a run before.
-
-    Raises
-    ------
-    DatasetError
-        A mesh is another than what its clouds were made of.
     """
 
     def __init__(
@@ -281,13 +270,7 @@ def generate(
 
 
 def merge(plan: Plan, out: Path) -> dict[str, Any]:
-    """Finish a dataset whose groups were made by several machines: names, lists, picture, manifest, which is returned.
-
-    Raises
-    ------
-    DatasetError
-        A group is not done, a mesh has changed since it was used, or no mesh has a cloud.
-    """
+    """Finish a dataset whose groups were made by several machines, as `finish`; another process may do it too."""
     if (finished := read_manifest(out)) is not None:
         return finished
     with locked(out, range(1), wait=True):
@@ -300,13 +283,7 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
 
 
 def is_sound(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) -> bool:
-    """Whether a finished dataset is what its plan would give now, as far as that shows without reading its files.
-
-    Raises
-    ------
-    DatasetError
-        A mesh is another than what its clouds were made of.
-    """
+    """Whether a finished dataset is what its plan would give now, as far as that shows without reading its files."""
     if lost := next((name for name in sorted(manifest["sha256"]) if not (out / name).exists()), None):
         _LOG.warning("%s is missing, and is made again", out / lost)
         return False

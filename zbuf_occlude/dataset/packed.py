@@ -30,9 +30,9 @@ import io
 import json
 import os
 import zipfile
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple, overload
 
@@ -239,11 +239,6 @@ class PackedFiles:
     """The blocks and clouds of some packed files; files are opened when they are needed, in each process anew.
 
     Clouds are numbered in the order of the plan: by mesh, variation, view.
-
-    Raises
-    ------
-    DatasetError
-        A file is missing or damaged.
     """
 
     def __init__(self, plan: Plan, paths: list[Path]) -> None:
@@ -269,7 +264,7 @@ class PackedFiles:
 
     def __getstate__(self) -> dict[str, Any]:
         state = self.__dict__.copy()
-        for name in ("_open", "_kept"):  # another process opens its own
+        for name in ("_archive", "_unpacked"):  # another process opens its own
             del state[name]
         return state
 
@@ -281,12 +276,7 @@ class PackedFiles:
         """Unpack a block; the last few are kept."""
         if self._process != os.getpid():  # a file opened before a fork would be read at the other's position
             self._forget()
-        if index not in self._kept:
-            self._kept[index] = self._unpack(*self.blocks[index])
-            if len(self._kept) > KEPT_BLOCKS:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(index)
-        return self._kept[index]
+        return self._unpacked(index)
 
     def place(self, number: int) -> tuple[int, int]:
         """Return the block and the view of a cloud's number."""
@@ -343,7 +333,8 @@ class PackedFiles:
         record["mesh_id"], record["label"] = mesh_id, self.plan.classes.index(entry.label)
         return record
 
-    def _unpack(self, mesh_id: int, variation: int) -> KeptSampling:
+    def _unpack(self, index: int) -> KeptSampling:
+        mesh_id, variation = self.blocks[index]
         facts, path, recipe = self._facts[mesh_id], self._path_of[mesh_id], self.plan.recipe
         n_points, name = facts["n_points"][variation], f"{mesh_id:06d}/{variation}"
         with reading(path):
@@ -370,18 +361,10 @@ class PackedFiles:
         views = self.plan.views_of(self.plan.meshes[mesh_id].key)
         return KeptSampling(points, mask, views.around(facts["centre"], facts["longest_side"]), points)
 
-    def _archive(self, path: Path) -> zipfile.ZipFile:
-        if path not in self._open:
-            self._open[path] = zipfile.ZipFile(path)
-            if len(self._open) > OPEN_FILES:
-                self._open.popitem(last=False)[1].close()
-        self._open.move_to_end(path)
-        return self._open[path]
-
     def _forget(self) -> None:
         self._process = os.getpid()
-        self._open: OrderedDict[Path, zipfile.ZipFile] = OrderedDict()
-        self._kept: OrderedDict[int, KeptSampling] = OrderedDict()
+        self._archive = lru_cache(OPEN_FILES)(zipfile.ZipFile)
+        self._unpacked = lru_cache(KEPT_BLOCKS)(self._unpack)
 
 
 def _everything(block: KeptSampling) -> BoolArray:

@@ -53,27 +53,13 @@ _LOG = logging.getLogger(__name__)
 
 
 class Sampling(NamedTuple):
-    """One sampling of a mesh, and who sees what of it.
+    """One sampling of a mesh, and who sees what of it."""
 
-    Parameters
-    ----------
-    points : SurfacePoints
-        n points; of scans those of all views, one after the other.
-    mask : (k, n) bool
-        Points that each view sees.
-    views : Views
-        World units.
-    counts : Counts
-        Of its clouds, and of what was asked again of the oracle.
-    renderer : str
-        "none" without OpenGL.
-    """
-
-    points: SurfacePoints
-    mask: BoolArray
-    views: Views
-    counts: Counts
-    renderer: str
+    points: SurfacePoints  # n; of scans those of all views, one after the other
+    mask: BoolArray  # (k, n): points that each view sees
+    views: Views  # k, world units
+    counts: Counts  # of its clouds, and of what was asked again of the oracle
+    renderer: str  # "none" without OpenGL
 
 
 def samplings(plan: Plan, mesh: Mesh, mesh_id: int, gl: Any) -> Iterator[Sampling]:
@@ -234,13 +220,7 @@ def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key
 
 
 def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
-    """Yield the whole scene that each view of a variation of a mesh scans.
-
-    Raises
-    ------
-    MeshError
-        The mesh's file is not what it was.
-    """
+    """Yield the whole scene that each view of a variation of a mesh scans."""
     entry, setup = plan.meshes[mesh_id], plan.recipe.setup
     assert setup is not None
     mesh = entry.load()

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.export.shared import LONGEST
+from zbuf_occlude.dataset.export import LONGEST, Exported
 from zbuf_occlude.dataset.folder import list_of
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import further_fields

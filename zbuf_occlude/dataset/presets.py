@@ -22,12 +22,7 @@ def seventy_five_each(meshes: MeshCollection) -> MeshCollection:
     """Choose 40, 10 and 25 meshes of each of the eight classes to train, validate and test.
 
     A split is filled from its own meshes first. What it lacks (ModelNet has no "val", and 20 lamps to test) comes from
-    those of "train" that are left, then from any.
-
-    Raises
-    ------
-    OptionError
-        A class is missing or has fewer than 75 meshes.
+    those of "train" that are left, then from any. A class of fewer than 75 is an OptionError.
     """
     chosen: list[MeshEntry] = []
     for label in MODELNET8:
@@ -48,29 +43,14 @@ def seventy_five_each(meshes: MeshCollection) -> MeshCollection:
 
 @dataclass(frozen=True)
 class Preset:
-    """One row of the table of presets.
-
-    Parameters
-    ----------
-    name : str
-    summary : str
-        One line.
-    n_objects : int
-        As many as its paper has.
-    options : mapping
-        What `generate` is to be told unless it is told otherwise, by the names of its command line's parameters.
-    choose : callable
-        Picks the meshes out of all there are.
-    original : bool
-        Whether a complete cloud of each object is wanted too, as a dataset in the folder `folder.ORIGINAL`.
-    """
+    """One row of the table of presets."""
 
     name: str
     summary: str
-    n_objects: int
-    options: Mapping[str, Any]
-    choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved
-    original: bool = False
+    n_objects: int  # as many as its paper has
+    options: Mapping[str, Any]  # defaults of `generate`, by the names of its command line's parameters
+    choose: Callable[[MeshCollection], MeshCollection] = MeshCollection.interleaved  # picks from all there are
+    original: bool = False  # a complete cloud of each object too, as a dataset in the folder `folder.ORIGINAL`
 
 
 _OF_PAPER = {"format": "packed", "method": "exact"}
@@ -140,13 +120,7 @@ PRESETS: tuple[Preset, ...] = (
 
 
 def find_preset(name: str) -> Preset:
-    """Return the row of a name.
-
-    Raises
-    ------
-    OptionError
-        No such preset; the message lists those there are.
-    """
+    """Return the row of a name; an unknown one is an OptionError."""
     return find_row("preset", name, PRESETS)
 
 

@@ -49,10 +49,7 @@ def _context_for(recipe: Recipe) -> Iterator[Any]:
 def rehearse(recipe: Recipe, require_gpu: bool) -> None:
     """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
 
-    Raises
-    ------
-    OptionError, UnavailableError, GlError
-        What any mesh would have met; also a software renderer when a GPU is required.
+    With `require_gpu` a software renderer is a GlError.
     """
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
     with _context_for(recipe) as gl:
@@ -106,36 +103,18 @@ def _kind(recipe: Recipe) -> str:
 
 
 class Estimate(NamedTuple):
-    """What a dataset would take.
+    """What a dataset would take."""
 
-    Parameters
-    ----------
-    n_meshes, n_failed : int
-        Made for it; of them those that failed.
-    processor_seconds : float
-        Of all meshes of the plan, from their files to final ones.
-    uncertainty : float
-        Two standard errors of that: meshes differ.
-    n_bytes, peak_bytes : float
-        Of the dataset; on the disk at any moment.
-    """
-
-    n_meshes: int
-    n_failed: int
-    processor_seconds: float
-    uncertainty: float
-    n_bytes: float
-    peak_bytes: float
+    n_meshes: int  # made for it
+    n_failed: int  # of these
+    processor_seconds: float  # of all meshes of the plan, from their files to final ones
+    uncertainty: float  # two standard errors of that: meshes differ
+    n_bytes: float  # of the dataset
+    peak_bytes: float  # on the disk at any moment
 
 
 def estimate(plan: Plan) -> Estimate:
-    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay.
-
-    Raises
-    ------
-    GlError, UnavailableError
-        The method cannot run here.
-    """
+    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay."""
     chosen = np.random.default_rng(seed_of(plan.recipe.seed, "estimate")).permutation(len(plan.meshes)).tolist()
     made: list[tuple[float, int, bool]] = []
     with tempfile.TemporaryDirectory() as folder, _context_for(plan.recipe) as gl:

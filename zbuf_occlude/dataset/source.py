@@ -35,37 +35,24 @@ class KeptSampling(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The clouds of a dataset, wherever they are kept.
-
-    Parameters
-    ----------
-    plan : Plan
-    order : dict of split to (n,) int
-        The numbers of a split's clouds in the order of its files; splits without clouds are not there.
-    take : callable
-        Returns the records (`record_type`) of some numbers, in the order of the numbers.
-    blocks_of : callable
-        Returns for each number the block that it is in, where the clouds of a block are quickly read together; None
-        where neighbours in the order are.
-    complete : callable, optional
-        Returns a record of an object's whole surface, hidden points too, from its mesh's index and a number of points;
-        only where all points of the objects are kept.
-    block : callable, optional
-        Returns the points and the mask of a sampling, from its mesh's index and variation; where `complete` is.
-    sizes : mapping of split to list of int
-        How many clouds each file has that is written of them; `Plan.clouds_per_file` where nothing is said.
-    ids : callable
-        Returns what each cloud is of, (n,) of `IDS`, by its number.
-    """
+    """The clouds of a dataset, wherever they are kept. Each has a number."""
 
     plan: Plan
     order: dict[str, Numbers]
+    """The numbers of each split's clouds in the order of its files; splits without clouds are not there."""
     take: Callable[[Numbers], Records]
+    """Returns the records (`record_type`) of some numbers, in the order of the numbers."""
     blocks_of: Callable[[Numbers], Numbers | None] = lambda numbers: None
+    """Returns for each number the block whose clouds are quickly read together; None where neighbours are."""
     complete: Callable[[int, int], Any] | None = None
+    """Returns a record of an object's whole surface, from its mesh's index and a number of points; None where only the
+    points drawn are kept."""
     block: Callable[[int, int], KeptSampling] | None = None
+    """Returns a sampling, from its mesh's index and variation; where `complete` is."""
     sizes: Mapping[str, list[int]] = field(default_factory=dict)
+    """How many clouds each file has that is written of them; `Plan.clouds_per_file` where nothing is said."""
     ids: Callable[[], NDArray[Any]] = lambda: np.empty(0, IDS)
+    """Returns what each cloud is of, (n,) of `IDS`, by its number."""
 
     @property
     def n_clouds(self) -> dict[str, int]:
@@ -91,13 +78,7 @@ class Source:
 
 
 def open_dataset(folder: Path) -> Source:
-    """Return the clouds of a complete dataset of a format that is read back.
-
-    Raises
-    ------
-    DatasetError
-        There is no complete dataset, it is damaged, or it is an export in a layout of others.
-    """
+    """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError."""
     plan, manifest = read_finished(folder)
     row = find_format(plan.format)
     if row.exported_from:
@@ -127,23 +108,10 @@ def source_of_files(
     *,
     read_ids: Callable[[Path], NDArray[Any]] | None = None,
 ) -> Source:
-    """Return a source over files that hold records.
+    """Return a source over files, by split, that hold records; a file that cannot be read is a DatasetError.
 
-    Parameters
-    ----------
-    plan : Plan
-    files : dict of split to paths
-    count : callable
-        Returns the number of clouds in a file.
-    load : callable
-        Returns the records of some rows of a file, in the order of the rows.
-    read_ids : callable, optional
-        Returns what the clouds of a file are of, (n,) of `IDS`; by default by loading them.
-
-    Raises
-    ------
-    DatasetError
-        A file cannot be read, here or when its clouds are taken.
+    `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
+    `read_ids` what its clouds are of, (n,) of `IDS`, by default by loading them.
     """
     paths, sizes, order = [path for split in files for path in files[split]], list[int](), dict[str, Numbers]()
     for split in files:

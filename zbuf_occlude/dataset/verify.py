@@ -33,25 +33,13 @@ DEVIATIONS = 5.0
 
 @dataclass
 class Verdict:
-    """What was looked at, and what was wrong with it.
+    """What was looked at, and what was wrong with it."""
 
-    Attributes
-    ----------
-    n_files, n_clouds : int
-        Read whole; of an export no clouds.
-    n_checked : int
-        Points asked again of the oracle; 0 when the meshes were not at hand.
-    false_visible : float or None
-        The fraction of them that the oracle says are hidden.
-    faults : list of str
-        One line each; empty: the dataset is what its manifest says.
-    """
-
-    n_files: int
-    n_clouds: int
-    n_checked: int
-    false_visible: float | None
-    faults: list[str]
+    n_files: int  # read whole
+    n_clouds: int  # read; of an export none
+    n_checked: int  # points asked again of the oracle; 0 when the meshes were not at hand
+    false_visible: float | None  # the fraction of them that the oracle says are hidden
+    faults: list[str]  # one line each; empty: the dataset is what its manifest says
 
 
 class FileVerdict(NamedTuple):

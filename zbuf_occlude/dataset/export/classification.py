@@ -8,8 +8,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.export.shared import Layout, Rest, names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, Layout, Rest, names_of, whole_objects
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError

@@ -1,6 +1,5 @@
 """Layouts of point cloud completion: partial clouds and the complete cloud of each object, for the loaders of each."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,16 @@ import h5py
 import numpy as np
 
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.export.shared import Layout, Names, Rest, names_of, whole_objects, write_index, write_synsets
+from zbuf_occlude.dataset.export import (
+    Exported,
+    Layout,
+    Names,
+    Rest,
+    names_of,
+    whole_objects,
+    write_index,
+    write_synsets,
+)
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.point_files import write_pcd
 from zbuf_occlude.dataset.source import Source
@@ -19,9 +26,8 @@ from zbuf_occlude.meshes.collection import SPLITS
 
 MVP_VIEWS, MVP_SIZE = 26, 2_048
 """Loaders find the complete cloud of a partial one by dividing its number by 26."""
-
-Write = Callable[[Path, Any], None]
-"""Writes a record's points."""
+WHOLE = "shapenet_pc/{taxonomy}-{name}.npy"
+"""An object's complete cloud; loaders split it at the hyphen and the dot."""
 
 
 def export_pcn(source: Source, out: Path) -> Exported:
@@ -33,14 +39,8 @@ def export_pcn(source: Source, out: Path) -> Exported:
     shapenet_synset_dict.json                    what each taxonomy is called
     """
     names = names_of(source.plan)
-
-    def complete(split: str, i: int) -> str:
-        return f"{split}/complete/{names.taxonomies[i]}/{names.objects[i]}.pcd"
-
-    def of_view(split: str, i: int, view: int) -> str:
-        return f"{split}/partial/{names.taxonomies[i]}/{names.objects[i]}/{view:02d}.pcd"
-
-    exported, mesh_ids = _export_pairs(source, out, 16_384, complete, of_view, write_pcd, write_pcd, n_tested=1)
+    complete, of_view = "{split}/complete/{taxonomy}/{name}.pcd", "{split}/partial/{taxonomy}/{name}/{view:02d}.pcd"
+    exported, mesh_ids = _export_pairs(source, out, names, 16_384, complete, of_view, n_tested=1)
     write_index(out / "PCN.json", source.plan, names, mesh_ids)
     write_synsets(out, source.plan, names)
     return exported
@@ -57,13 +57,8 @@ def export_completion3d(source: Source, out: Path) -> Exported:
     shapenet_synset_dict.json           what each taxonomy is called
     """
     names = names_of(source.plan)
-
-    def path(folder: str, split: str, i: int, view: int = 0) -> str:
-        return f"{split}/{folder}/{names.taxonomies[i]}/{names.objects[i]}.h5"
-
-    exported, mesh_ids = _export_pairs(
-        source, out, 2_048, partial(path, "gt"), partial(path, "partial"), _write_h5, _write_h5
-    )
+    complete, of_view = "{split}/gt/{taxonomy}/{name}.h5", "{split}/partial/{taxonomy}/{name}.h5"
+    exported, mesh_ids = _export_pairs(source, out, names, 2_048, complete, of_view)
     for split, of_split in mesh_ids.items():
         atomic.write_lines(out / f"{split}.list", [f"{names.taxonomies[i]}/{names.objects[i]}" for i in of_split])
     write_index(out / "Completion3D.json", source.plan, names, mesh_ids)
@@ -87,21 +82,15 @@ def export_epn3d(source: Source, out: Path) -> Exported:
     CuiRuikai/Partial2Complete, datasets/EPNDataset.py, EPN3D.
     """
     names, n_views = names_of(source.plan), len(source.plan.views)
-
-    def complete(split: str, i: int) -> str:
-        return f"{names.classes[i]}/complete/{names.objects[i]}.npy"
-
-    def of_view(split: str, i: int, view: int) -> str:
-        return f"{names.classes[i]}/partial/{names.objects[i]}__{view}__.npy"
-
-    exported, mesh_ids = _export_pairs(source, out, 2_048, complete, of_view, _write_npy, _write_npy)
+    complete, of_view = "{label}/complete/{name}.npy", "{label}/partial/{name}__{view}__.npy"
+    exported, mesh_ids = _export_pairs(source, out, names, 2_048, complete, of_view)
     index: dict[str, dict[str, Any]] = {}
     for split, of_split in mesh_ids.items():
         for i in of_split:
             row: dict[str, Any] = {"taxonomy_id": names.taxonomies[i], "taxonomy_name": names.classes[i]}
             row |= {each: {"partial": [], "complete": []} for each in SPLITS}
             row = index.setdefault(names.classes[i], row)[split]
-            row["partial"] += [Path(of_view(split, i, view)).stem for view in range(n_views)]
+            row["partial"] += [f"{names.objects[i]}__{view}__" for view in range(n_views)]
             row["complete"] += [names.objects[i]] * n_views
     atomic.write_json(out / "EPN3D.json", [index[name] for name in sorted(index)])
     return exported
@@ -115,15 +104,10 @@ def export_projected_shapenet(source: Source, out: Path) -> Exported:
     train.txt, test.txt (and val.txt)                                  shapenet_pc/TAXONOMY-OBJECT.npy, one per line
     shapenet_synset_dict.json                                          what each taxonomy is called
     """
-    names = names_of(source.plan)
-
-    def of_view(split: str, i: int, view: int) -> str:
-        return f"projected_partial_noise/{names.taxonomies[i]}/{names.objects[i]}/models/{view}.pcd"
-
-    complete = partial(_npy_name, names)
-    exported, mesh_ids = _export_pairs(source, out, 8_192, complete, of_view, _write_npy, write_pcd)
+    names, of_view = names_of(source.plan), "projected_partial_noise/{taxonomy}/{name}/models/{view}.pcd"
+    exported, mesh_ids = _export_pairs(source, out, names, 8_192, WHOLE, of_view)
     for split, of_split in mesh_ids.items():
-        atomic.write_lines(out / f"{split}.txt", [complete(split, i) for i in of_split])
+        atomic.write_lines(out / f"{split}.txt", [names.fill(WHOLE, i) for i in of_split])
     write_synsets(out, source.plan, names)
     return exported
 
@@ -143,7 +127,7 @@ def export_shapenet55(source: Source, out: Path) -> Exported:
             records = source.take(numbers[begin : begin + CLOUDS_PER_FILE, 0])
             rest.write(slice(begin, begin + len(records)), records)
             for record in records:
-                written.append(_npy_name(names, split, int(record["mesh_id"])))
+                written.append(names.fill(WHOLE, int(record["mesh_id"])))
                 _write_npy(out / written[-1], record)
         atomic.write_lines(out / f"{split}.txt", [Path(name).name for name in written])
         files[split], n_clouds[split] = [*written, rest.name], len(written)
@@ -187,18 +171,12 @@ def export_mvp(source: Source, out: Path) -> Exported:
 
 
 def _export_pairs(
-    source: Source,
-    out: Path,
-    n_complete: int,
-    complete_name: Callable[[str, int], str],
-    partial_name: Callable[[str, int, int], str],
-    write_complete: Write,
-    write_partial: Write,
-    n_tested: int | None = None,
+    source: Source, out: Path, names: Names, n_complete: int, complete: str, of_view: str, n_tested: int | None = None
 ) -> tuple[Exported, dict[str, list[int]]]:
     """Write a file for each complete cloud and for each partial one of it; return also the objects of each split.
 
-    Names are of a split, a mesh index and a view. Of each object in val and test the first `n_tested` views are kept.
+    Their names are filled into `complete` and `of_view`. Of each object in val and test the first `n_tested` views are
+    kept.
     """
     assert source.complete is not None  # it is read from the format packed
     files, n_clouds, mesh_ids = dict[str, list[str]](), dict[str, int](), dict[str, list[int]]()
@@ -212,21 +190,18 @@ def _export_pairs(
             mesh_id = int(records["mesh_id"][0])
             mesh_ids[split].append(mesh_id)
             fields = [name for name in records.dtype.names or () if name != "normal" or with_normals]
-            pairs = [(complete_name(split, mesh_id), write_complete, source.complete(mesh_id, n_complete))]
-            for record in records[fields]:
-                pairs.append((partial_name(split, mesh_id, int(record["view_id"])), write_partial, record))
-            for name, write, record in pairs:
+            pairs = [
+                (complete, source.complete(mesh_id, n_complete)),
+                *((of_view, record) for record in records[fields]),
+            ]
+            for pattern, record in pairs:
+                name = names.fill(pattern, mesh_id, split=split, view=int(record["view_id"]))
                 (out / name).parent.mkdir(parents=True, exist_ok=True)
-                write(out / name, record)
+                _WRITERS[Path(name).suffix](out / name, record)
                 files[split].append(name)
         files[split].append(rest.name)
         n_clouds[split] = numbers.size
     return Exported(files, n_clouds), mesh_ids
-
-
-def _npy_name(names: Names, split: str, mesh_id: int) -> str:
-    """Return what an object's complete cloud is called; loaders split it at the hyphen and the dot."""
-    return f"shapenet_pc/{names.taxonomies[mesh_id]}-{names.objects[mesh_id]}.npy"
 
 
 def _write_npy(path: Path, record: Any) -> None:
@@ -236,6 +211,10 @@ def _write_npy(path: Path, record: Any) -> None:
 def _write_h5(path: Path, record: Any) -> None:
     with h5py.File(path, "w") as h5:
         h5.create_dataset("data", data=record["data"].astype(np.float32), track_times=False)
+
+
+_WRITERS = {".pcd": write_pcd, ".npy": _write_npy, ".h5": _write_h5}
+"""By a file's ending what writes a record's points."""
 
 
 def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:

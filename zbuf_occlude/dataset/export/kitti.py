@@ -7,7 +7,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
+from zbuf_occlude.dataset.export import Exported, check_as_they_are
 from zbuf_occlude.dataset.plan import BOXES, Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
@@ -124,15 +124,8 @@ def _calibration() -> bytes:
 
 def check(plan: Plan) -> None:
     """Raise OptionError unless the clouds are whole scans of a level LiDAR, with boxes, as they are."""
-    recipe = plan.recipe
-    for option, found, wanted in (
-        ("--sample-size", recipe.sample_size, None),
-        ("--scale", recipe.scale, "mesh"),
-        ("--frame", recipe.frame, "object"),
-    ):
-        if found != wanted:
-            raise OptionError(f"kitti must have all points as they are, {option} {wanted or 'all'}; got {found}.")
-    if BOXES not in recipe.attributes:
+    check_as_they_are(plan)
+    if BOXES not in plan.recipe.attributes:
         raise OptionError("kitti must have boxes; got none. Give --with boxes.")
     with importing("PIL", "--format kitti"):
         import PIL  # noqa: F401  # now, not when all is scanned

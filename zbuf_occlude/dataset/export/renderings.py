@@ -1,25 +1,31 @@
-"""Frames: the pictures of a pinhole camera, a folder for each object, as readers of renderings for NeRF have them."""
+"""Pictures of a pinhole camera: frames, as readers of renderings for NeRF have them, and scenes of BOP's benchmark."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.export.shared import names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, Layout, check_as_they_are, names_of, whole_objects
+from zbuf_occlude.dataset.pipeline import scanned_scenes
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import OptionError
-from zbuf_occlude.sensors.frames import Frame, depth_unit, write_frames
+from zbuf_occlude.scenes.scene import Scene
+from zbuf_occlude.sensors.bop import BopWriter
+from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, write_frames
+from zbuf_occlude.visibility import prepare
 
 PATHS = "valid_paths.json"
 """The folders of all objects, a list, as Zero-1-to-3's loader wants it."""
 
 
-def export(source: Source, out: Path) -> Exported:
+def export_frames(source: Source, out: Path) -> Exported:
     """Write SPLIT/CLASS/OBJECT[-VARIATION]/ with the files of `write_frames`, 000 the first view; and valid_paths.json.
 
     World space is the scans': metres, the middle of the object's box at the origin, z up. Instance 0 is the object.
@@ -68,7 +74,7 @@ def frame_of(plan: Plan, record: Any) -> Frame:
     return Frame(depth, face_ids, instances, normals, colors, sensor.intrinsics, record["pose"])
 
 
-def check(plan: Plan) -> None:
+def check_frames(plan: Plan) -> None:
     """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, with normals, as they are."""
     recipe = plan.recipe
     if recipe.setup is None or recipe.setup.made_sensor.kind != "pinhole":
@@ -76,14 +82,56 @@ def check(plan: Plan) -> None:
         raise OptionError(
             f"{plan.format} must be of a pinhole camera; got --sensor {named}. `zbuf-occlude sensors` lists some."
         )
-    for option, found, wanted in (
-        ("--sample-size", recipe.sample_size, None),
-        ("--scale", recipe.scale, "mesh"),
-        ("--frame", recipe.frame, "object"),
-    ):
-        if found != wanted:
-            raise OptionError(
-                f"{plan.format} must have all points as they are, {option} {wanted or 'all'}; got {found}."
-            )
+    check_as_they_are(plan)
     if "normals" not in recipe.attributes:
         raise OptionError(f"{plan.format} must have normals; got none. Give --with normals.")
+
+
+def export_bop(source: Source, out: Path) -> Exported:
+    """Write SPLIT/SCENE/ with the files of `write_bop`; a scene is a variation of an object, its images are the views.
+
+    Scenes that hide a drawn share of the object differ by view: each image lists what stands there. Models are the
+    meshes of the collection, and what fills scenes without one. `depth` has the sensor's noise, masks and `rgb` have
+    none.
+    """
+    plan, n_views = source.plan, len(source.plan.views)
+    assert plan.recipe.setup is not None
+    writer = BopWriter(out, background=(), method=plan.recipe.setup.method)
+    names, n_clouds = dict[str, list[str]](), dict[str, int]()
+    for split, numbers in whole_objects(source).items():
+        names[split], n_clouds[split] = [], numbers.size
+        for number, of_views in enumerate(numbers.reshape(-1, n_views)):
+            writer.write_scene(f"{split}/{number:06d}", _images(source, of_views, plan.recipe.setup.method))
+    of_all = writer.finish()
+    for split in names:
+        names[split] = [name for name in of_all if name.startswith(f"{split}/")]
+    return Exported(names, n_clouds)
+
+
+def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Scene, Frame, NDArray[np.float32]]]:
+    """Yield the scene of each view, what a camera without noise sees of it, and the sensor's depth."""
+    first = source.take(of_views[:1])[0]
+    scenes = scanned_scenes(source.plan, int(first["mesh_id"]), int(first["variation"]))
+    last, occluder = None, None
+    with ExitStack() as opened:
+        for scene, record in zip(scenes, records_of(source, of_views), strict=True):
+            if scene is not last or occluder is None:
+                opened.close()
+                last, occluder = scene, opened.enter_context(prepare(scene.mesh, method))
+                occluder.warns_of_eyes_inside = False
+            noisy = frame_of(source.plan, record)
+            clean = frame_at(scene, occluder, noisy.intrinsics, noisy.pose, noisy.depth.shape)
+            yield scene, replace(clean, colors=noisy.colors), noisy.depth
+
+
+def check_bop(plan: Plan) -> None:
+    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, in metres, of all objects."""
+    check_frames(plan)
+    setup = plan.recipe.setup
+    assert setup is not None
+    if setup.keep != "all":
+        raise OptionError(f"bop must have the pixels of all objects, --keep all; got {setup.keep}.")
+
+
+FRAMES = Layout(export_frames, check_frames)
+BOP = Layout(export_bop, check_bop)

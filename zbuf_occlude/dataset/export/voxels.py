@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.dataset import atomic
-from zbuf_occlude.dataset.export import Exported
-from zbuf_occlude.dataset.export.shared import names_of, whole_objects
+from zbuf_occlude.dataset.export import Exported, names_of, whole_objects
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan
 from zbuf_occlude.dataset.source import Source

@@ -33,45 +33,19 @@ PACKED = "packed"
 
 @dataclass(frozen=True)
 class Format:
-    """One row of the table of formats. Its module is imported when the format is used, not before.
+    """One row of the table of formats. Its module is imported when the format is used, not before."""
 
-    Parameters
-    ----------
-    name : str
-        Also the name of its module, unless `module` says another.
-    summary : str
-        One line.
-    exported_from : str
-        Of a layout, the format of the dataset that it is exported from: `packed` where it needs whole objects' points.
-    complete : bool
-        Whether it holds clouds of whole surfaces alone.
-    from_meshes : bool
-        Whether its export reads the meshes again, so that it is not converted from a dataset.
-    ragged : bool
-        Whether its clouds may be of unequal size (`--sample-size all`).
-    least_tested : int
-        Test clouds below which the loaders' own test ends in an error.
-    axes : (str, str, str)
-        The axes of its frame, by those of the recipe's frame "object", where z points up.
-    longest_side : float
-        In its frame, of what the recipe scales to 1.
-    options : mapping
-        Defaults of `generate` for it, by the names of its command line's parameters.
-    module : str
-        Where its functions are; behind a colon the name of the object there that has them as methods.
-    """
-
-    name: str
+    name: str  # also of its module, unless `module` says another
     summary: str
-    exported_from: str = ""
-    complete: bool = False
-    from_meshes: bool = False
-    ragged: bool = False
-    least_tested: int = 0
-    axes: tuple[str, str, str] = ("x", "y", "z")
-    longest_side: float = 1.0
-    options: Mapping[str, Any] = field(default_factory=dict)
-    module: str = ""
+    exported_from: str = ""  # format of the dataset that a layout is made from; `packed` where it needs whole objects
+    complete: bool = False  # holds clouds of whole surfaces alone
+    from_meshes: bool = False  # its export reads the meshes again, so that nothing is converted to it
+    ragged: bool = False  # its clouds may be of unequal size (`--sample-size all`)
+    least_tested: int = 0  # test clouds below which the loaders' own test ends in an error
+    axes: tuple[str, str, str] = ("x", "y", "z")  # of its frame, by those of the recipe's frame "object", z up
+    longest_side: float = 1.0  # in its frame, of what the recipe scales to 1
+    options: Mapping[str, Any] = field(default_factory=dict)  # defaults of `generate`, by its parameters' names
+    module: str = ""  # where its functions are; behind a colon the object there that has them as methods
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -101,13 +75,7 @@ class Format:
             yield from (module.file_name(file.split, file.number) for file in plan.files)
 
     def select(self, meshes: MeshCollection) -> MeshCollection:
-        """Return the meshes of its classes; a remark names the classes that are left out.
-
-        Raises
-        ------
-        OptionError
-            None is left.
-        """
+        """Return the meshes of its classes, one at least; a remark names the classes that are left out."""
         outside = self._outside(meshes)
         if not outside:
             return meshes
@@ -161,6 +129,8 @@ class Format:
 
 
 Y_UP, MIRRORED = ("x", "z", "-y"), ("-x", "z", "y")
+_WHOLE_SCANS = {"keep": "all", "sample_size": "all", "scale": "mesh"}
+_OF_PIXELS = {**_WHOLE_SCANS, "attributes": "normals"}
 
 
 def _layout_of_pairs(name: str, summary: str, views: str, **values: Any) -> Format:
@@ -186,15 +156,8 @@ FORMATS: tuple[Format, ...] = (
         "pictures of each view: depth, mask, normals, instances, colours; transforms.json, cameras.json",
         "hdf5",
         ragged=True,
-        options={
-            "sensor": "pinhole:width=640,height=480,fov=32",
-            "size": "file",
-            "keep": "all",
-            "sample_size": "all",
-            "scale": "mesh",
-            "attributes": "normals",
-        },
-        module="export.renderings",
+        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=32", "size": "file"},
+        module="export.renderings:FRAMES",
     ),
     Format(
         "bop",
@@ -202,14 +165,8 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         from_meshes=True,
         ragged=True,
-        options={
-            "sensor": "pinhole:width=640,height=480,fov=50",
-            "keep": "all",
-            "sample_size": "all",
-            "scale": "mesh",
-            "attributes": "normals",
-        },
-        module="export.bop",
+        options={**_OF_PIXELS, "sensor": "pinhole:width=640,height=480,fov=50"},
+        module="export.renderings:BOP",
     ),
     Format(
         "kitti",
@@ -217,13 +174,11 @@ FORMATS: tuple[Format, ...] = (
         "hdf5",
         ragged=True,
         options={
+            **_WHOLE_SCANS,
             "sensor": "hdl-64e",
             "scene": "street",
-            "keep": "all",
             "range_": "6..40",
             "views": "ring:8@0",
-            "sample_size": "all",
-            "scale": "mesh",
             "attributes": "boxes",
         },
         module="export.kitti",
@@ -313,11 +268,5 @@ FORMATS: tuple[Format, ...] = (
 
 
 def find_format(name: str) -> Format:
-    """Return the row of a name.
-
-    Raises
-    ------
-    OptionError
-        No such format; the message lists those there are.
-    """
+    """Return the row of a name; an unknown one is an OptionError."""
     return find_row("format", name, FORMATS)

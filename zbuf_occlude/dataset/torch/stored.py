@@ -39,6 +39,9 @@ class _Opened:
         check_word("split", split, self.source.order)
         self.classes, self.numbers = self.source.plan.classes, self.source.order[split]
 
+    def __len__(self) -> int:
+        return len(self.numbers)
+
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
 
@@ -134,9 +137,6 @@ class CloudDataset(_Split, Dataset[Sample]):
     ) -> None:
         super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
 
-    def __len__(self) -> int:
-        return len(self.numbers)
-
     def __getitem__(self, index: int) -> Sample:
         """Return (cloud, label)."""
         return self.sample(self.source.take(self.numbers[[index]])[0])
@@ -188,9 +188,6 @@ class CloudStream(_Split, IterableDataset[Sample]):
         else:
             order = np.argsort(blocks, kind="stable")
             self.groups = np.split(self.numbers[order], np.flatnonzero(np.diff(blocks[order])) + 1)
-
-    def __len__(self) -> int:
-        return len(self.numbers)
 
     def __iter__(self) -> Iterator[Sample]:
         worker = get_worker_info()
@@ -248,9 +245,6 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     def __repr__(self) -> str:
         pairs = f"{len(self)} pairs of {self.n_partial} and {self.n_complete} points, {len(self.classes)} classes"
         return f"{type(self).__name__}({str(self.folder)!r}, {self.split!r}: {pairs})"
-
-    def __len__(self) -> int:
-        return len(self.numbers)
 
     def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return (partial, complete, label)."""
