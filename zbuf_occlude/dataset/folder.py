@@ -170,7 +170,7 @@ def plan_in(out: Path) -> Plan | None:
 
 
 def holds(plan: Plan, out: Path) -> bool:
-    """Whether a folder holds this plan's dataset, finished or not, or nothing; DatasetError of anything else."""
+    """Whether a folder holds this plan's dataset, finished or not; False if empty, DatasetError of anything else."""
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
         return theirs is not None
@@ -220,7 +220,7 @@ def locked(out: Path, groups: range, *, wait: bool = False) -> Iterator[None]:
 
 
 def remove(out: Path) -> None:
-    """Remove a dataset of ours from its folder, with the complete clouds of it, if that is all (`removable`)."""
+    """Remove a dataset from its folder, with the complete clouds of it, if that is all (`removable`)."""
     for folder, plan in removable(out):
         own, _ = sorted_out(folder, plan)
         (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left is no finished dataset
