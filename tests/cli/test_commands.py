@@ -86,7 +86,7 @@ def test_doctor_judges_the_backend_that_is_taken(
         Probe("osmesa", None, works=True, renderer="llvmpipe", version="4.5", is_software=True),
     )
     monkeypatch.setattr("zbuf_occlude.cli.lists.probe_all", lambda: probes)
-    monkeypatch.setattr("zbuf_occlude.cli.lists.lacking", lambda method: "")  # tests/test_extras.py tries packages
+    monkeypatch.setattr("zbuf_occlude.cli.lists.why_lacking", lambda method: "")  # tests/test_extras.py tries packages
     monkeypatch.setenv("ZBUF_OCCLUDE_GL", named)
     outcome = run("doctor")
     assert outcome.code == code

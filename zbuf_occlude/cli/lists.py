@@ -162,7 +162,7 @@ def doctor_command(as_json: bool) -> None:
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if serves(probe, named))
-    methods = {method.name: why_not(lacking(method), method.needs_gl, works) for method in METHODS}
+    methods = {method.name: why_not(why_lacking(method), method.needs_gl, works) for method in METHODS}
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
@@ -184,7 +184,7 @@ def serves(probe: Probe, named: str) -> bool:
     return not named or (probe.backend == backend and index in ("", str(probe.device_index)))
 
 
-def lacking(method: Method) -> str:
+def why_lacking(method: Method) -> str:
     """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
     module, _, _ = method.factory.partition(":")
     return method.missing() or (tried(method.requires, module) if method.requires else "")
