@@ -24,7 +24,7 @@ def test_random_scenes_agree_with_the_oracle_outside_the_boundary_band(monkeypat
     kinds = set()
     for index in range(130):
         if index == len(KINDS) * len(CONTACTS):  # once more, as few points of large meshes are asked
-            monkeypatch.setattr("zbuf_occlude.exact.LEAVES_PER_POINT", 0)
+            monkeypatch.setattr("zbuf_occlude.exact.FEW_POINTS_PER_LEAF", 1 << 40)
         contact = CONTACTS[index % len(CONTACTS)]
         outside, _, _ = disagreements_of("exact", 1, index, contact)
         kind = scene(1, index)[3]

@@ -13,8 +13,8 @@ from zbuf_occlude.exact.search import find_visible, find_visible_one_by_one
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
-LEAVES_PER_POINT = 8
-"""Fewer points than a leaf per this many are looked at one by one."""
+FEW_POINTS_PER_LEAF = 1
+"""Fewer points per leaf are looked at one by one: an eye would see mostly other leaves."""
 
 
 class Engine:
@@ -30,7 +30,7 @@ class Engine:
         """Return which of n points each of k eyes sees; (k, n) bool."""
         if len(self._bvh.face_ids) == 0:  # no face that could block
             return np.ones((len(eyes), len(points)), dtype=bool)
-        if LEAVES_PER_POINT * len(points) < len(self._bvh.face_ids):
+        if len(points) < FEW_POINTS_PER_LEAF * len(self._bvh.face_ids):
             return find_visible_one_by_one(self._bvh, points, eyes)
         return find_visible(self._bvh, points, eyes)
 

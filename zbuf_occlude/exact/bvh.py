@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64
+from zbuf_occlude.exact.layout import ENDLESS, LEAF, ROUNDOFF, UPPER, ZERO, Float32, Int64, aligned
 from zbuf_occlude.geometry.hilbert import BLOCK, CODE_BITS, new_cells, place_along_curve, sorted_keys
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inlined, inner, njit
@@ -48,6 +48,7 @@ class Bvh(NamedTuple):
     boxes: Float32  # (6 n, 16) of the children of n nodes, those of node i from row 6 i on; node 0 is the root
     children: IntArray  # (16 n,) their nodes, or ~leaf
     n_children: IntArray  # (n,) how many each node has, the first of its 16
+    depth: int  # nodes on the longest way from the root to a leaf
     vertices: FloatArray  # (v, 3) world space
     faces: IntArray  # (f, 3)
     world_contact: float
@@ -81,21 +82,22 @@ def build_bvh(mesh: Mesh, contact: float) -> Bvh:
         contact=contact * scale,
         face_ids=np.full((n_leaves, LEAF), -1, dtype=np.int32),
         rows=np.full(len(mesh.faces) + 1, -1, dtype=np.int32),
-        corners=np.empty((n_leaves, 3, 3, LEAF), dtype=np.float32),
+        corners=aligned(n_leaves, 3, 3, LEAF),
         planes=np.empty((n_leaves, 4, LEAF), dtype=np.float32),
         used=np.empty(n_leaves, dtype=np.int64),
         weak=np.empty(n_leaves, dtype=np.int64),
         boxes=np.empty((0, LEAF), dtype=np.float32),
         children=np.empty(0, dtype=np.int32),
         n_children=np.empty(0, dtype=np.int32),
+        depth=0,
         vertices=mesh.vertices,
         faces=mesh.faces,
         world_contact=contact,
     )
     both = np.concatenate(runs)
     together(_fill_runs, len(both), bvh, order, both, leaf_boxes, own=_new_scratch)
-    boxes, children, n_children = _grow(leaf_boxes)
-    return bvh._replace(boxes=boxes, children=children, n_children=n_children)
+    boxes, children, n_children, depth = _grow(leaf_boxes)
+    return bvh._replace(boxes=boxes, children=children, n_children=n_children, depth=depth)
 
 
 @inlined
@@ -396,18 +398,20 @@ def _partition(order, first_half, scratch):
 # Nodes
 
 
-def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray]:
+def _grow(leaf_boxes: Float32) -> tuple[Float32, IntArray, IntArray, int]:
     """Return the fields of a `Bvh` that are about nodes, of the rows of its leaves."""
     n_leaves = len(leaf_boxes) // ROW
     room = max(n_leaves, 1)  # more nodes than leaves there cannot be
     boxes, children = np.zeros((room * 6, LEAF), dtype=np.float32), np.empty(room * LEAF, dtype=np.int32)
     n_children, leaves = np.empty(room, dtype=np.int32), np.arange(n_leaves, dtype=np.int32)
-    spans, parts = np.empty((room, 2), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
+    spans, parts = np.empty((room, 3), dtype=np.int64), np.empty((LEAF, 2), dtype=np.int64)
     extents, bins = np.empty(LEAF * ROW, dtype=np.float32), np.empty((BINS + 1) * ROW, dtype=np.float32)
     sizes, areas = np.empty(BINS, dtype=np.int64), np.empty(BINS, dtype=np.float32)
     scratch = parts, extents, bins, sizes, areas
     n = _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
-    return boxes[: n * 6].copy(), children[: n * LEAF].copy(), n_children[:n].copy()
+    used = aligned(n * 6, LEAF)
+    used[:] = boxes[: n * 6]
+    return used, children[: n * LEAF].copy(), n_children[:n].copy(), int(spans[n - 1, 2])
 
 
 @njit(nogil=True, cache=True)
@@ -419,7 +423,7 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
     """
     parts, extents = scratch[0], scratch[1]
     n_nodes, node = 1, 0
-    spans[0, 0], spans[0, 1] = 0, len(leaves)
+    spans[0, 0], spans[0, 1], spans[0, 2] = 0, len(leaves), 1
     while node < n_nodes:
         first, last, n = spans[node, 0], spans[node, 1], 0
         if last - first <= LEAF:
@@ -447,7 +451,7 @@ def _grow_nodes(leaf_boxes, leaves, spans, scratch, boxes, children, n_children)
                 children[LEAF * node + i] = ~leaves[parts[i, 0]]
             else:
                 children[LEAF * node + i] = n_nodes
-                spans[n_nodes, 0], spans[n_nodes, 1] = parts[i, 0], parts[i, 1]
+                spans[n_nodes, 0], spans[n_nodes, 1], spans[n_nodes, 2] = parts[i, 0], parts[i, 1], spans[node, 2] + 1
                 n_nodes += 1
         node += 1
     return n_nodes

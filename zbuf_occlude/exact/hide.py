@@ -17,9 +17,9 @@ from zbuf_occlude.exact.layout import (
     UPPER,
     ZERO,
 )
-from zbuf_occlude.exact.single_rays import Line, find_on_line
+from zbuf_occlude.exact.single_rays import triple, walk
 from zbuf_occlude.geometry.predicates import blocks
-from zbuf_occlude.jit.compiler import inlined, inner
+from zbuf_occlude.jit.compiler import inlined, inner, merged
 from zbuf_occlude.jit.simd import (
     absolute,
     dot3,
@@ -199,7 +199,7 @@ def _faces_block(bvh, points, view, i, leaf, faces):
         lane = first_lane(faces)
         faces &= faces - 1
         is_own = points.own[i] == leaf * LEAF + lane
-        if not is_own and _face_blocks(bvh, view.world_eye, point, bvh.face_ids[leaf, lane]):
+        if not is_own and _face_blocks(bvh, view.world_eye, point, corners_of(bvh, bvh.face_ids[leaf, lane])):
             return True
     return False
 
@@ -229,20 +229,24 @@ def _is_near(points, view, i, radius):
     return away <= radius
 
 
-@inner
-def is_hidden(bvh, eye, point, own, stack):
-    """Whether any face but its own blocks the line of sight of a point."""
-    if eye == point:
-        return False
-    return find_on_line(bvh, Line(eye, minus(point, eye), point, own), 1.0, _blocks_line, stack)[0] >= 0
+@merged
+def find_hidden(bvh, lines, n):
+    """Find for n lines of sight a face, but the points' own, that blocks them."""
+    for i in range(n):
+        away = minus(triple(lines.points, i), triple(lines.origins, i))
+        lines.fractions[i] = 1.0
+        if away == (0.0, 0.0, 0.0):  # an eye at its point: nowhere to go
+            away, lines.fractions[i] = (1.0, 0.0, 0.0), -1.0
+        for axis in range(3):
+            lines.directions[3 * i + axis] = away[axis]
+    walk(bvh, lines, n, _block)
 
 
-@inner
-def _blocks_line(bvh, line, candidate, face, fraction):
-    """Go no farther where a face blocks the line."""
-    if candidate != line.own and _face_blocks(bvh, line.origin, line.point, candidate):
-        return np.int64(candidate), -1.0
-    return face, fraction
+@inlined
+def _block(bvh, lines, i, candidate, a, b, c):
+    """Go no farther where a face blocks a line."""
+    if candidate != lines.own[i] and _face_blocks(bvh, triple(lines.origins, i), triple(lines.points, i), (a, b, c)):
+        lines.faces[i], lines.fractions[i] = candidate, -1.0
 
 
 @inner
@@ -258,9 +262,8 @@ def _within_slab(eye, point, lower, upper, enter, leave):
 
 
 @inner
-def _face_blocks(bvh, eye, point, face):
+def _face_blocks(bvh, eye, point, corners):
     """Whether a face blocks a line of sight by the definition, unless it does so by rounding only."""
-    corners = corners_of(bvh, face)
     by_definition = blocks(eye, point, corners[0], corners[1], corners[2], bvh.world_contact)
     return by_definition and not _passes_beside(bvh, eye, point, corners)
 

@@ -51,19 +51,18 @@ DEPTHS = 64
 """Intervals of depth that candidates are sorted into."""
 
 
+def aligned(*shape: int) -> Float32:
+    """Allocate float32 from the beginning of a cache line on, so that each 16 of them lie in one."""
+    numbers = np.empty(int(np.prod(shape)) + N_LANES, dtype=np.float32)
+    first = -numbers.ctypes.data // numbers.itemsize % N_LANES
+    return numbers[first : first + len(numbers) - N_LANES].reshape(shape)
+
+
 class CandidateList(NamedTuple):
     """Leaves that may hide something, nearest first; their number is passed along with the list."""
 
     leaves: IntArray  # (capacity,)
     rectangles: Float32  # (6, capacity) around them in the image
-
-
-class Stack(NamedTuple):
-    """Nodes, or ~leaves, that a ray still has to test, of one parent the nearest on top."""
-
-    nodes: IntArray
-    nearest: Float32
-    lanes: Float32  # (16,) scratch
 
 
 class Workspace(NamedTuple):
@@ -118,9 +117,3 @@ def put(candidates, at, leaf, rectangles, index, stride):
 def flat(slot):
     """Flat index, in boxes or rectangles of nodes' children, of the first number of a child."""
     return 6 * (slot & -LEAF) + (slot & (LEAF - 1))
-
-
-def make_stack(n_nodes: int) -> Stack:
-    """Allocate what a thread needs to look along lines: of each node on the way down all children but one."""
-    room = n_nodes * LEAF + 1
-    return Stack(np.empty(room, dtype=np.int32), np.empty(room, dtype=np.float32), np.empty(LEAF, dtype=np.float32))

@@ -34,6 +34,7 @@ from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.search import overlapping
 from zbuf_occlude.exact.single_rays import nearer
 from zbuf_occlude.exact.triangle_setup import DEPTH, WITHIN, faces_before, set_up_for_rays, slot_of
+from zbuf_occlude.geometry.predicates import meeting
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.simd import (
     ALL,
@@ -280,7 +281,8 @@ def _decide(bvh, frame, rays, candidate, lane, state):
     elif face >= 0:
         normal, height = _plane(corners_of(bvh, face), origin)
         fraction = height / dot(direction, normal)
-    found, nearest = nearer(bvh, origin, direction, candidate, face, fraction)
+    a, b, c = corners_of(bvh, candidate)
+    found, nearest = nearer(meeting(origin, direction, a, b, c), candidate, face, fraction)
     if found < 0:
         return False
     state.face_ids[lane], state.fractions[lane] = found, nearest

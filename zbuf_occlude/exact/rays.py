@@ -26,21 +26,20 @@ from zbuf_occlude.exact.layout import (
     ZERO,
     Float32,
     Int64,
-    make_stack,
     make_workspace,
 )
 from zbuf_occlude.exact.project import Window
 from zbuf_occlude.exact.ray_packets import RayFrame, Rays, first_hits_of_packet, make_state, window_of
 from zbuf_occlude.exact.search import choose, list_candidates, project_children
-from zbuf_occlude.exact.single_rays import SINGLE_RAYS, cast_singles
+from zbuf_occlude.exact.single_rays import BLOCK_LINES, cast_singles, make_lines
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.jit.compiler import inlined, inner, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import N_LANES, load, store
 from zbuf_occlude.jit.threads import n_blocks, shared_with_memory, take_block_from, take_end, together
 
-LEAVES_PER_RAY = 8
-"""Fewer rays than a leaf per this many go one by one: an eye looks at all boxes of a BVH."""
+FEW_RAYS_PER_LEAF = 3
+"""Fewer rays per leaf go one by one: an eye looks at all boxes of a BVH."""
 RAYS_PER_LEAF = 16
 """Fewer rays per leaf are sorted as a whole in any case: compact blocks share what they set up."""
 RUN_RAYS = 256
@@ -117,14 +116,14 @@ def find_first_hits(bvh: Bvh, origins: FloatArray, directions: FloatArray) -> tu
     if len(bvh.used) == 0:
         of_usual_length(directions)
         return np.full(n, -1, dtype=np.int32), np.full(n, np.inf)
-    if len(origins) > 1 and (origins == origins[0]).all():
+    if (origins[0] == origins[-1]).all() and (origins == origins[0]).all():
         origins = origins[:1]
     face_ids, distances = np.empty(n, dtype=np.int32), np.empty(n)
     away = math.dist(origins[0], bvh.centre) * bvh.scale
-    if len(origins) > 1 or n * LEAVES_PER_RAY < len(bvh.used):
+    if len(origins) > 1 or n < FEW_RAYS_PER_LEAF * len(bvh.used):
         directions = of_usual_length(directions)
         asked = bvh, origins, directions, face_ids, distances
-        together(cast_singles, n_blocks(n, SINGLE_RAYS), *asked, own=lambda: make_stack(len(bvh.n_children)))
+        together(cast_singles, n_blocks(n, BLOCK_LINES), *asked, own=lambda: make_lines(bvh))
         return face_ids, distances
     views = project_eyes(bvh, origins, 1.0)
     bits = min(max((n // N_LANES).bit_length() // 2, 1), MOST_BITS)

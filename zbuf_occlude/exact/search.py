@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.exact.bvh import Bvh
-from zbuf_occlude.exact.hide import NEAR_EYE, classify, hide_by_faces, hide_by_points, is_hidden, mark_near_points
+from zbuf_occlude.exact.hide import NEAR_EYE, classify, find_hidden, hide_by_faces, hide_by_points, mark_near_points
 from zbuf_occlude.exact.layout import (
     BOTTOM,
     CHUNK,
@@ -21,12 +21,12 @@ from zbuf_occlude.exact.layout import (
     ZERO,
     Int64,
     flat,
-    make_stack,
     make_workspace,
     put,
 )
 from zbuf_occlude.exact.points import make_packets
 from zbuf_occlude.exact.project import is_empty, joined, project_boxes, project_packet, window_of_chunk
+from zbuf_occlude.exact.single_rays import BLOCK_LINES, make_lines
 from zbuf_occlude.exact.triangle_setup import set_up_for_points, slot_of
 from zbuf_occlude.exact.view import project_eyes, view_of
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -37,10 +37,10 @@ from zbuf_occlude.jit.threads import n_blocks, n_threads, shared, take, take_blo
 
 PAIRS_ALONE = 10_000
 """Up to this many pairs of eye and point the calling thread answers alone: waking others takes as long."""
+MOST_PAIRS = 1 << 20
+"""Pairs that are numbered at a time."""
 TIGHT_LEAVES = 1024
 """Lists of at most this many leaves get the rectangles of the projected faces."""
-LINES = 256
-"""Lines of sight that a thread takes at a time."""
 FEW_POINTS = 5
 """Up to this many points are tested one by one against all faces of a leaf."""
 
@@ -61,9 +61,10 @@ def find_visible(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray
 
 
 def find_visible_one_by_one(bvh: Bvh, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
-    """Return the same, line of sight after line of sight: where points are few an eye would see mostly other leaves."""
+    """Return the same, line of sight after line of sight."""
     answer = np.empty((len(eyes), len(points)), dtype=np.uint8)
-    _look_at(bvh, points, eyes, np.arange(answer.size), answer)
+    for first in range(0, answer.size, MOST_PAIRS):
+        _look_at(bvh, points, eyes, np.arange(first, min(first + MOST_PAIRS, answer.size)), answer)
     return answer.view(bool)
 
 
@@ -71,20 +72,23 @@ def _look_at(bvh: Bvh, points: SurfacePoints, eyes: FloatArray, pairs: Int64, an
     """Write the answers of pairs, numbered through all of them."""
     if len(pairs):
         asked = points.positions, points.face_ids, np.ascontiguousarray(eyes), pairs, answer
-        tasks, n_nodes = n_blocks(len(pairs), LINES), len(bvh.n_children)
-        together(_look_along_lines, tasks, bvh, *asked, own=lambda: make_stack(n_nodes))
+        together(_look_along_lines, n_blocks(len(pairs), BLOCK_LINES), bvh, *asked, own=lambda: make_lines(bvh))
 
 
 @shared
-def _look_along_lines(tasks, bvh, positions, face_ids, eyes, pairs, answer, stack):
-    bvh_at, stack_at, n = reference(bvh), reference(stack), len(positions)
-    first, last = take_block(tasks, len(pairs), LINES)
+def _look_along_lines(tasks, bvh, positions, face_ids, eyes, pairs, answer, memory):
+    bvh_at, lines, n = reference(bvh), reference(memory), len(positions)
+    first, last = take_block(tasks, len(pairs), BLOCK_LINES)
     while first < last:
-        for pair in pairs[first:last]:
-            p, eye, own = positions[pair % n], eyes[pair // n], np.int64(face_ids[pair % n])
-            hidden = is_hidden(bvh_at, (eye[0], eye[1], eye[2]), (p[0], p[1], p[2]), own, stack_at)
-            answer[pair // n, pair % n] = not hidden
-        first, last = take_block(tasks, len(pairs), LINES)
+        for i in range(last - first):
+            p, k = pairs[first + i] % n, pairs[first + i] // n
+            for axis in range(3):
+                lines.origins[3 * i + axis], lines.points[3 * i + axis] = eyes[k, axis], positions[p, axis]
+            lines.own[i] = face_ids[p]
+        find_hidden(bvh_at, lines, last - first)
+        for i in range(last - first):
+            answer[pairs[first + i] // n, pairs[first + i] % n] = lines.faces[i] < 0
+        first, last = take_block(tasks, len(pairs), BLOCK_LINES)
 
 
 @shared

@@ -1,4 +1,7 @@
-"""Rays of many origins, one by one: each goes down the boxes, nearest first; float32 leaves out, float64 decides.
+"""Rays of many origins, in turns: each goes down the boxes, nearest first; float32 leaves out, float64 decides.
+
+The rays of a block take a step each, of one kind at a time: nodes, leaves, faces. While the memory that a step needs is
+fetched, those of other rays are taken, and hardly any branch depends on what a test says.
 
 What float32 leaves out cannot be hit: every comparison gives way by more than the rounding of all that enters it. What
 is left is asked of `predicates.meeting`, the definition itself, so face and distance are the oracle's, ties included.
@@ -11,32 +14,46 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.exact.bvh import corners_of
-from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.exact.bvh import Bvh
+from zbuf_occlude.exact.layout import ENDLESS, LEAF, UPPER, ZERO, Float32, Int64
 from zbuf_occlude.geometry.predicates import meeting
-from zbuf_occlude.jit.compiler import inlined, inner, merged
+from zbuf_occlude.jit.compiler import inlined, inner, merged, njit
 from zbuf_occlude.jit.pointer import reference
 from zbuf_occlude.jit.simd import (
     absolute,
+    count_lanes,
     dot3,
     first_lane,
     greater,
+    item,
     load,
     load3,
     maximum,
     minimum,
     muladd,
     not_less,
+    number,
+    numbered,
+    put_item,
     select,
     splat,
     splat3,
     store,
 )
-from zbuf_occlude.jit.threads import shared, take
+from zbuf_occlude.jit.threads import shared, take_block
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
-SINGLE_RAYS = 512
-"""Rays that a thread takes at a time."""
+BLOCK_LINES = 256
+"""Rays, or lines of sight, that a thread takes at a time: enough to wait for memory, few enough for a cache."""
+START, DIRECTION, INVERSE, ENTERS, LEAVES, LIMIT = 0, 3, 6, 9, 12, 15
+"""Rows of the float32 of rays: a ray is ``start + t direction``, of length 1, with t from 0 to `LIMIT`, scene units.
+`START` is where it enters the scene's sphere, or where it begins; `INVERSE` is 1 / the direction. A wall x the inverse
++ `ENTERS` is the t of a box's nearer wall, widened; + `LEAVES` that of the farther one."""
+EASY_CHILDREN = 4
+"""Children that a ray meets, up to so many, are sorted without a branch."""
+LEAST = np.float32(1e-30)
+"""No box is nearer: with a lane's number in its last bits, too, this is a normal number."""
 SPHERE = 1.01
 """Radius of a sphere that holds the scene, with room for rounding."""
 FARTHEST = np.float32(4.0)
@@ -59,165 +76,279 @@ LEAST_DIRECTION = 1e-9
 """Components of a unit direction smaller than this count as this: it moves no place within the scene by 1e-8."""
 
 
-class Line(NamedTuple):
-    """A ray, or the way from an eye to a point, in float64: world space."""
+class Lines(NamedTuple):
+    """A block of n rays, or lines of sight from an eye to a point, and how far each has come."""
 
-    origin: tuple[float, float, float]
-    direction: tuple[float, float, float]
-    point: tuple[float, float, float]
-    own: np.int64  # the point's face, which does not hide it
+    origins: FloatArray  # (3 n,) world space
+    directions: FloatArray  # (3 n,)
+    points: FloatArray  # (3 n,) where lines of sight end
+    fractions: FloatArray  # (n,) how many directions to go, or how many away the nearest face so far is
+    skipped: FloatArray  # (n,) scene units before the start
+    units: FloatArray  # (n,) scene units per direction
+    own: Int64  # (n,) the points' faces, which do not hide them
+    faces: Int64  # (n,) the nearest face so far, -1 for none
+    current: Int64  # (n,) the node, or ~leaf, to be tested next
+    tops: Int64  # (n,) where what is put on a line's stack goes
+    at_node: Int64  # (n,) the lines that are at a node
+    at_leaf: Int64  # (n,) and at a leaf
+    met: Int64  # (n,) of these, those that may meet a face
+    masks: Int64  # (n,) which
+    asking: Int64  # (16 n,) each of them,
+    asked: Int64  # (16 n,) each such face,
+    corners: FloatArray  # (9 x 16 n,) and its corners, world space
+    rays: Float32  # (16 n,) rows `START` to `LIMIT`
+    nodes: Int64  # (n room,) stacks of nodes, or ~leaves, still to be tested, of one parent the nearest on top
+    nearest: Float32  # (n room,) how far away they are, at least; at the bottom -`ENDLESS`
+    lanes: Float32  # (17,) scratch; the last stays -`ENDLESS`
 
 
-class Ray(NamedTuple):
-    """A ray in float32: ``start + t direction`` with t from 0 on, scene units."""
-
-    start: tuple[np.float32, np.float32, np.float32]  # where it enters the scene's sphere, or where it begins
-    direction: tuple[np.float32, np.float32, np.float32]  # of length 1
-    inverse: tuple[np.float32, np.float32, np.float32]  # 1 / each component of the direction
-    enters: tuple[np.float32, np.float32, np.float32]  # wall x inverse + this is the t of a box's nearer wall, widened
-    leaves: tuple[np.float32, np.float32, np.float32]  # likewise that of the farther wall
-    skipped: float  # scene units before `start`
-    unit: float  # scene units per length of the caller's direction
+def make_lines(bvh: Bvh) -> Lines:
+    """Allocate what a thread needs to walk along lines."""
+    n, room = BLOCK_LINES, (LEAF - 1) * bvh.depth + 3
+    more = n + 1  # what is not counted is written, too
+    return Lines(
+        origins=np.empty(3 * n),
+        directions=np.empty(3 * n),
+        points=np.empty(3 * n),
+        fractions=np.empty(n),
+        skipped=np.empty(n),
+        units=np.empty(n),
+        own=np.empty(n, dtype=np.int64),
+        faces=np.empty(n, dtype=np.int64),
+        current=np.empty(n, dtype=np.int64),
+        tops=np.empty(n, dtype=np.int64),
+        at_node=np.empty(more, dtype=np.int64),
+        at_leaf=np.empty(more, dtype=np.int64),
+        met=np.empty(more, dtype=np.int64),
+        masks=np.empty(more, dtype=np.int64),
+        asking=np.empty(LEAF * n, dtype=np.int64),
+        asked=np.empty(LEAF * n, dtype=np.int64),
+        corners=np.empty(9 * LEAF * n),
+        rays=np.empty(16 * n, dtype=np.float32),
+        nodes=np.empty(n * room, dtype=np.int64),
+        nearest=np.full(n * room, -ENDLESS, dtype=np.float32),
+        lanes=np.full(LEAF + 1, -ENDLESS, dtype=np.float32),
+    )
 
 
 @shared
 def cast_singles(tasks, bvh_, origins, directions, face_ids, distances, memory):
-    """Take blocks of rays and fill in the answers, ray by ray."""
-    bvh, stack, block = reference(bvh_), reference(memory), take(tasks)
-    while block * SINGLE_RAYS < len(face_ids):
-        for i in range(block * SINGLE_RAYS, min((block + 1) * SINGLE_RAYS, len(face_ids))):
-            o, d = origins[i if len(origins) > 1 else 0], directions[i]
-            line = Line((o[0], o[1], o[2]), (d[0], d[1], d[2]), (o[0], o[1], o[2]), np.int64(-1))
-            face, fraction = find_on_line(bvh, line, math.inf, _nearer_on_line, stack)
-            face_ids[i], distances[i] = face, fraction * math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        block = take(tasks)
+    """Take blocks of rays and fill in the answers."""
+    bvh, lines = reference(bvh_), reference(memory)
+    first, last = take_block(tasks, len(face_ids), BLOCK_LINES)
+    while first < last:
+        for i in range(last - first):
+            o = first + i if len(origins) > 1 else 0
+            for axis in range(3):
+                lines.origins[3 * i + axis] = origins[o, axis]
+                lines.directions[3 * i + axis] = directions[first + i, axis]
+            lines.fractions[i] = np.inf
+        walk(bvh, lines, last - first, _keep_nearer)
+        for i in range(last - first):
+            d = triple(lines.directions, i)
+            face_ids[first + i], distances[first + i] = lines.faces[i], lines.fractions[i] * math.sqrt(dot(d, d))
+        first, last = take_block(tasks, len(face_ids), BLOCK_LINES)
 
 
-@inner
-def _nearer_on_line(bvh, line, candidate, face, fraction):
-    return nearer(bvh, line.origin, line.direction, candidate, face, fraction)
+@inlined
+def triple(numbers, i):
+    """Numbers 3 i to 3 i + 2."""
+    return item(numbers, 3 * i), item(numbers, 3 * i + 1), item(numbers, 3 * i + 2)
 
 
-@inner
-def nearer(bvh, origin, direction, candidate, face, fraction):
-    """Return the nearer of a candidate and the nearest face so far, and how many directions away; the lower of ties."""
-    a, b, c = corners_of(bvh, candidate)
-    found = meeting(origin, direction, a, b, c)
+@inlined
+def _keep_nearer(bvh, lines, i, candidate, a, b, c):
+    found = meeting(triple(lines.origins, i), triple(lines.directions, i), a, b, c)
+    lines.faces[i], lines.fractions[i] = nearer(found, candidate, lines.faces[i], lines.fractions[i])
+
+
+@inlined
+def nearer(found, candidate, face, fraction):
+    """Return the nearer of a candidate, met at `found`, and the nearest face so far, and where; the lower of ties."""
     if found < fraction or (found == fraction and found < math.inf and candidate < face):
         return np.int64(candidate), found
     return face, fraction
 
 
 @merged
-def find_on_line(bvh, line, fraction, test, stack):
-    """Walk along a line from its origin, nearest boxes first, as far as this fraction of its direction.
+def walk(bvh, lines, n, test):
+    """Walk along n lines from their origins, nearest boxes first, as far as ``lines.fractions``.
 
-    ``test(bvh, line, candidate, face, fraction)`` is asked for each face that the line may meet, with the last answer,
-    and answers with a face and how far to go from now on. Returned is its last answer, at first -1 and `fraction`.
+    ``test(bvh, lines, i, candidate, a, b, c)`` is asked for each face abc that line i may meet, and writes to
+    ``lines.faces``, which is -1 at first, and to ``lines.fractions`` how far to go from now on.
     """
-    face = np.int64(-1)
-    ray, meets = _make_ray(bvh, line.origin, line.direction)
-    if not meets:
-        return face, fraction
-    limit, n = _limit(ray, fraction), 1
-    stack.nodes[0], stack.nearest[0] = 0, ZERO
-    while n:
-        n -= 1
-        if stack.nearest[n] > limit:
-            continue
-        node = np.int64(stack.nodes[n])
-        if node >= 0:
-            n = _open_node(bvh, ray, node, limit, stack, n)
-            continue
-        mask = _candidates(bvh, ray, ~node, limit)
+    _set_up(bvh.centre, bvh.scale, lines.origins, lines.directions, n, lines.rays, lines.skipped, lines.units)
+    n_nodes, n_leaves = _begin(lines, n), 0
+    while n_nodes + n_leaves > 0:
+        n_nodes, n_leaves = _open_nodes(bvh, lines, n_nodes, n_leaves)
+        for j in range(_find_candidates(bvh, lines, n_leaves)):
+            a, b, c = triple(lines.corners, 3 * j), triple(lines.corners, 3 * j + 1), triple(lines.corners, 3 * j + 2)
+            test(bvh, lines, lines.asking[j], lines.asked[j], a, b, c)
+        n_nodes, n_leaves = _leave(lines, n_nodes, n_leaves)
+
+
+@njit(error_model="numpy")
+def _set_up(centre, scale, origins, directions, n, rays, skipped, units):
+    """Fill in the rows of n lines but `LIMIT`; a loop without branches, which takes several at a time.
+
+    Lines that miss the scene's sphere skip infinitely much.
+    """
+    for i in range(n):
+        x, y, z = directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]
+        shrink = 1.0 / max(max(abs(x), abs(y)), abs(z))
+        x, y, z = x * shrink, y * shrink, z * shrink
+        length = math.sqrt(x * x + y * y + z * z)
+        inverse = 1.0 / length
+        x, y, z = x * inverse, y * inverse, z * inverse
+        u, v, w = origins[3 * i] - centre[0], origins[3 * i + 1] - centre[1], origins[3 * i + 2] - centre[2]
+        u, v, w = u * scale, v * scale, w * scale
+        along = -(u * x + v * y + w * z)
+        ahead, before = max(along, 0.0), max(along - SPHERE, 0.0)
+        p, q, r = u + ahead * x, v + ahead * y, w + ahead * z  # the closest to the scene's centre
+        radius = SPHERE + 1e-15 * (abs(u) + abs(v) + abs(w))
+        skipped[i] = before if p * p + q * q + r * r <= radius * radius else np.inf
+        units[i] = scale * length / shrink
+        _set_up_axis(rays, i, 0, u + before * x, x)
+        _set_up_axis(rays, i, 1, v + before * y, y)
+        _set_up_axis(rays, i, 2, w + before * z, z)
+
+
+@inlined
+def _set_up_axis(rays, i, axis, start, direction):
+    inverse = 1.0 / (direction if abs(direction) > LEAST_DIRECTION else LEAST_DIRECTION)
+    margin = MARGIN * abs(inverse)
+    rays[(START + axis) * BLOCK_LINES + i] = start
+    rays[(DIRECTION + axis) * BLOCK_LINES + i] = direction
+    rays[(INVERSE + axis) * BLOCK_LINES + i] = inverse
+    rays[(ENTERS + axis) * BLOCK_LINES + i] = -start * inverse - margin
+    rays[(LEAVES + axis) * BLOCK_LINES + i] = -start * inverse + margin
+
+
+@inner
+def _begin(lines, n):
+    """Let the lines that meet the scene's sphere begin at the root; return how many."""
+    n_nodes, room = 0, len(lines.nodes) // BLOCK_LINES
+    for i in range(n):
+        lines.faces[i], lines.current[i], lines.tops[i], lines.at_node[n_nodes] = -1, 0, i * room + 1, i
+        n_nodes += _set_limit(lines, i) > ZERO
+    return n_nodes
+
+
+@inlined
+def _set_limit(lines, i):
+    """Note how far from its start a line need be followed, scene units, rounded up; NaN for one that misses."""
+    distance = lines.fractions[i] * lines.units[i] - lines.skipped[i]
+    limit = FARTHEST if distance > FARTHEST else np.float32(distance * (1.0 + 4e-6)) + MARGIN
+    put_item(lines.rays, LIMIT * BLOCK_LINES + i, limit)
+    return limit
+
+
+@inlined
+def _row(rays, i, row):
+    return number(rays, row * BLOCK_LINES + i)
+
+
+@inlined
+def _state(lines):
+    """What steps are taken with: taken from `lines` once, as after each write it would be anew."""
+    return lines.at_node, lines.at_leaf, lines.current, lines.tops, lines.nodes, lines.nearest
+
+
+@inner
+def _open_nodes(bvh, lines, n_nodes, n_leaves):
+    """Let the lines at a node go on to its children; return how many are at a node now, and at a leaf."""
+    boxes, children, n_children, n_next = bvh.boxes, bvh.children, bvh.n_children, 0
+    rays, lanes, state = lines.rays, lines.lanes, _state(lines)
+    for j in range(n_nodes):
+        i = item(state[0], j)
+        node, enter, leave = item(state[2], i), splat(LEAST), splat(_row(rays, i, LIMIT))
+        for axis in range(3):
+            inverse = _row(rays, i, INVERSE + axis)
+            near = axis + UPPER * np.int64(inverse < ZERO)
+            near_wall, far_wall = 6 * node + near, 6 * node + 2 * axis + UPPER - near
+            enter = maximum(enter, muladd(load(boxes, LEAF * near_wall), inverse, splat(_row(rays, i, ENTERS + axis))))
+            leave = minimum(leave, muladd(load(boxes, LEAF * far_wall), inverse, splat(_row(rays, i, LEAVES + axis))))
+        mask = not_less(leave, enter) & ((np.int64(1) << item(n_children, node)) - 1)
+        enter = select(mask, numbered(enter), splat(-ENDLESS))
+        store(lanes, 0, enter)
+        top, rest = item(state[3], i), mask
+        for _ in range(EASY_CHILDREN):
+            rest = _push(children, LEAF * node, enter, lanes, state, top, rest)
+        while rest:
+            rest = _push(children, LEAF * node, enter, lanes, state, top, rest)
+        n_next, n_leaves = _go_on(i, top + count_lanes(mask), _row(rays, i, LIMIT), state, n_next, n_leaves)
+    return n_next, n_leaves
+
+
+@inlined
+def _push(children, first, enter, lanes, state, top, rest):
+    """Put the first child of a mask below all that are nearer; return the others. None goes where it is not counted."""
+    lane = first_lane(rest | (1 << LEAF))
+    nearest = number(lanes, lane)
+    place = top + count_lanes(greater(enter, splat(nearest)))
+    put_item(state[4], place, item(children, first + (lane & (LEAF - 1))))
+    put_item(state[5], place, nearest)
+    return rest & (rest - 1)
+
+
+@inlined
+def _go_on(i, top, limit, state, n_nodes, n_leaves):
+    """Let a line take what is on top of its stack; return how many are at a node now, and at a leaf."""
+    at_node, at_leaf, current, tops, nodes, nearest = state
+    while item(nearest, top - 1) > limit:  # the bottom never is: eyes and rays are too near for a limit of -infinity
+        top -= 1
+    more = np.int64(item(nearest, top - 1) > -ENDLESS)
+    node = item(nodes, top - more)
+    put_item(current, i, node)
+    put_item(tops, i, top - more)
+    put_item(at_node, n_nodes, i)
+    put_item(at_leaf, n_leaves, i)
+    leaf = np.int64(node < 0)
+    return n_nodes + (more & (1 - leaf)), n_leaves + (more & leaf)
+
+
+@inner
+def _leave(lines, n_nodes, n_leaves):
+    """Let the lines at a leaf go on; return how many are at a node now, and at a leaf."""
+    state, n_next = _state(lines), 0
+    for j in range(n_leaves):
+        i = item(state[1], j)
+        n_nodes, n_next = _go_on(i, item(state[3], i), _set_limit(lines, i), state, n_nodes, n_next)
+    return n_nodes, n_next
+
+
+@inner
+def _find_candidates(bvh, lines, n_leaves):
+    """Find the faces that the lines at a leaf may meet, and their corners; return how many."""
+    current, met, masks, n_met = lines.current, lines.met, lines.masks, 0
+    rays, corners, used = lines.rays, bvh.corners, bvh.used
+    for j in range(n_leaves):
+        i = item(lines.at_leaf, j)
+        leaf = ~item(current, i)
+        mask = _candidates(corners, leaf, rays, i) & item(used, leaf)
+        put_item(met, n_met, i)
+        put_item(masks, n_met, mask)
+        n_met += mask != 0
+    asking, asked, found, n_asked = lines.asking, lines.asked, lines.corners, 0
+    for j in range(n_met):
+        i, mask = item(met, j), item(masks, j)
         while mask:
-            lane = first_lane(mask)
+            put_item(asking, n_asked, i)
+            put_item(asked, n_asked, item(bvh.face_ids, LEAF * ~item(current, i) + first_lane(mask)))
             mask &= mask - 1
-            face, fraction = test(bvh, line, bvh.face_ids[~node, lane], face, fraction)
-            limit = _limit(ray, fraction)
-    return face, fraction
-
-
-@inner
-def _make_ray(bvh, origin, direction):
-    """Return a ray in float32, and whether it meets the scene's sphere at all."""
-    largest = max(abs(direction[0]), abs(direction[1]), abs(direction[2]))
-    scaled = (direction[0] / largest, direction[1] / largest, direction[2] / largest)
-    length = math.sqrt(dot(scaled, scaled))
-    unit = (scaled[0] / length, scaled[1] / length, scaled[2] / length)
-    away, scale = minus(origin, bvh.centre), bvh.scale
-    local = (away[0] * scale, away[1] * scale, away[2] * scale)
-    along = -dot(local, unit)
-    closest = local
-    if along > 0.0:
-        closest = (local[0] + along * unit[0], local[1] + along * unit[1], local[2] + along * unit[2])
-    rounding = 1e-15 * (abs(local[0]) + abs(local[1]) + abs(local[2]))
-    meets = dot(closest, closest) <= (SPHERE + rounding) ** 2
-    skipped = max(along - SPHERE, 0.0)
-    start = (local[0] + skipped * unit[0], local[1] + skipped * unit[1], local[2] + skipped * unit[2])
-    inverse = (_inverse(unit[0]), _inverse(unit[1]), _inverse(unit[2]))
-    ray = Ray(
-        start=(np.float32(start[0]), np.float32(start[1]), np.float32(start[2])),
-        direction=(np.float32(unit[0]), np.float32(unit[1]), np.float32(unit[2])),
-        inverse=(np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])),
-        enters=_offsets(start, inverse, MARGIN),
-        leaves=_offsets(start, inverse, -MARGIN),
-        skipped=skipped,
-        unit=largest * length * scale,
-    )
-    return ray, meets
-
-
-@inner
-def _inverse(component):
-    return 1.0 / (component if abs(component) > LEAST_DIRECTION else LEAST_DIRECTION)
+            n_asked += 1
+    faces, vertices = bvh.faces, bvh.vertices
+    for j in range(n_asked):
+        for corner in range(3):
+            vertex = np.int64(item(faces, 3 * item(asked, j) + corner))
+            for axis in range(3):
+                put_item(found, 9 * j + 3 * corner + axis, item(vertices, 3 * vertex + axis))
+    return n_asked
 
 
 @inlined
-def _offsets(start, inverse, margin):
-    """What to add to a wall times `inverse` for where a ray meets it, a margin before or, if negative, behind it."""
-    return (
-        np.float32(-start[0] * inverse[0] - margin * abs(inverse[0])),
-        np.float32(-start[1] * inverse[1] - margin * abs(inverse[1])),
-        np.float32(-start[2] * inverse[2] - margin * abs(inverse[2])),
-    )
-
-
-@inner
-def _limit(ray, fraction):
-    """How far from its start a ray need be followed, scene units; rounded up."""
-    distance = fraction * ray.unit - ray.skipped
-    return FARTHEST if distance > FARTHEST else np.float32(distance * (1.0 + 1e-6)) + MARGIN
-
-
-@inlined
-def _open_node(bvh, ray, node, limit, stack, n):
-    """Push the children of a node that the ray meets before `limit`, the nearest on top; return the stack's size."""
-    index = 6 * LEAF * node
-    enter, leave = splat(ZERO), splat(limit)
-    for axis in range(3):
-        inverse = ray.inverse[axis]
-        near = axis if inverse > ZERO else UPPER + axis
-        far = axis + UPPER + axis - near
-        enter = maximum(enter, muladd(load(bvh.boxes, index + near * LEAF), inverse, splat(ray.enters[axis])))
-        leave = minimum(leave, muladd(load(bvh.boxes, index + far * LEAF), inverse, splat(ray.leaves[axis])))
-    store(stack.lanes, 0, enter)
-    mask, bottom = not_less(leave, enter) & ((np.int64(1) << bvh.n_children[node]) - 1), n
-    while mask:
-        lane = first_lane(mask)
-        mask &= mask - 1
-        nearest, place = stack.lanes[lane], n
-        while place > bottom and stack.nearest[place - 1] < nearest:
-            stack.nodes[place], stack.nearest[place] = stack.nodes[place - 1], stack.nearest[place - 1]
-            place -= 1
-        stack.nodes[place], stack.nearest[place] = bvh.children[LEAF * node + lane], nearest
-        n += 1
-    return n
-
-
-@inner
-def _candidates(bvh, ray, leaf, limit):
-    """Mask of the faces of a leaf that the ray may meet before `limit`.
+def _candidates(corners, leaf, rays, i):
+    """Mask of the faces of a leaf that a line may meet before its limit.
 
     References
     ----------
@@ -226,11 +357,11 @@ def _candidates(bvh, ray, leaf, limit):
     with a face's distance.
     """
     base, zero = leaf * 9 * LEAF, splat(ZERO)
-    direction = splat3(ray.direction)
-    a = load3(bvh.corners, base, LEAF)
-    first = minus(load3(bvh.corners, base + 3 * LEAF, LEAF), a)
-    second = minus(load3(bvh.corners, base + 6 * LEAF, LEAF), a)
-    start = minus(splat3(ray.start), a)
+    direction = _splat_rows(rays, i, DIRECTION)
+    a = load3(corners, base, LEAF)
+    first = minus(load3(corners, base + 3 * LEAF, LEAF), a)
+    second = minus(load3(corners, base + 6 * LEAF, LEAF), a)
+    start = minus(_splat_rows(rays, i, START), a)
     moment, normal = cross(start, direction), cross(first, second)
     u, v = dot3(moment, second, zero), zero - dot3(moment, first, zero)
     slope, depth = zero - dot3(normal, direction, zero), dot3(normal, start, zero)
@@ -244,12 +375,17 @@ def _candidates(bvh, ray, leaf, limit):
     slope_error, depth_error = splat(SLOPE_ERROR) * spread, splat(DISTANCE_ERROR) * spread
     inside = not_less(u, zero - edge_error) & not_less(v, zero - edge_error)
     inside &= not_less(slope - u - v, zero - (edge_error + edge_error + slope_error))
-    before = not_less(depth, zero - depth_error) & not_less(splat(limit) * slope + depth_error, depth)
+    before = not_less(depth, zero - depth_error) & not_less(splat(_row(rays, i, LIMIT)) * slope + depth_error, depth)
     edge_on = not_less(slope_error, slope) & not_less((size + splat(MARGIN)) * splat(SPREAD), distance)
-    return bvh.used[leaf] & ((inside & before) | edge_on)
+    return (inside & before) | edge_on
 
 
 @inlined
 def _size_of(a):
     """Sum of the components' sizes, at least the length."""
     return absolute(a[0]) + absolute(a[1]) + absolute(a[2])
+
+
+@inlined
+def _splat_rows(rays, i, row):
+    return splat3((_row(rays, i, row), _row(rays, i, row + 1), _row(rays, i, row + 2)))

@@ -193,6 +193,18 @@ def splat(typing_context, value):
     return VECTOR(types.float32), codegen
 
 
+@intrinsic
+def numbered(typing_context, vector):
+    """The vector with each lane's number in the lane's last four bits: no two lanes are equal."""
+
+    def codegen(context, builder, signature, args):
+        kind = ir.VectorType(ir.IntType(32), N_LANES)
+        bits = builder.and_(builder.bitcast(args[0], kind), ir.Constant(kind, [-N_LANES] * N_LANES))
+        return builder.bitcast(builder.or_(bits, ir.Constant(kind, list(range(N_LANES)))), VECTOR.floats)
+
+    return VECTOR(VECTOR), codegen
+
+
 def _load(result: Any, kind: Any) -> Any:
     @intrinsic
     def operation(typing_context, array, index):
@@ -210,6 +222,28 @@ number = _load(types.float32, ir.FloatType())
 """The float32 of an array at a flat index."""
 load, load_wide = _load(VECTOR, VECTOR.floats), _load(WIDE, WIDE.floats)
 """The 16, or 32, float32 of an array that begin at a flat index."""
+
+
+@intrinsic
+def item(typing_context, array, index):
+    """The number of an array at a flat index that is not negative, which numba's own indexing has to ask."""
+
+    def codegen(context, builder, signature, args):
+        return builder.load(builder.gep(context.make_array(array)(context, builder, args[0]).data, [args[1]]))
+
+    return array.dtype(array, types.intp), codegen
+
+
+@intrinsic
+def put_item(typing_context, array, index, value):
+    """Write a number to an array likewise."""
+
+    def codegen(context, builder, signature, args):
+        data = context.make_array(array)(context, builder, args[0]).data
+        builder.store(context.cast(builder, args[2], value, array.dtype), builder.gep(data, [args[1]]))
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), codegen
 
 
 @intrinsic

@@ -309,8 +309,11 @@ def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tupl
     R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
     than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
     """
+    far_away = FAR * (mesh.diagonal or np.inf)
+    if max(origins.max() - mesh.centre.min(), mesh.centre.max() - origins.min()) <= far_away:
+        return origins, 0.0  # most rays, told without a copy
     away = origins - mesh.centre
-    if not np.abs(away).max() > FAR * (mesh.diagonal or np.inf):
+    if not np.abs(away).max() > far_away:
         return origins, 0.0
     directions = of_usual_length(directions)
     directions = directions / np.abs(directions).max(axis=1, keepdims=True)
