@@ -76,7 +76,7 @@ LEAST_DIRECTION = 1e-9
 """Components of a unit direction smaller than this count as this: it moves no place within the scene by 1e-8."""
 
 
-class Lines(NamedTuple):
+class RayBlock(NamedTuple):
     """A block of n rays, or lines of sight from an eye to a point, and how far each has come."""
 
     origins: FloatArray  # (3 n,) world space
@@ -102,11 +102,11 @@ class Lines(NamedTuple):
     lanes: Float32  # (17,) scratch; the last stays -`ENDLESS`
 
 
-def make_lines(bvh: Bvh) -> Lines:
+def make_lines(bvh: Bvh) -> RayBlock:
     """Allocate what a thread needs to walk along lines."""
     n, room = BLOCK_LINES, (LEAF - 1) * bvh.depth + 3
     more = n + 1  # what is not counted is written, too
-    return Lines(
+    return RayBlock(
         origins=np.empty(3 * n),
         directions=np.empty(3 * n),
         points=np.empty(3 * n),
