@@ -23,6 +23,7 @@ from pathlib import Path
 from signal import SIGKILL, pidfd_send_signal
 
 from zbuf_occlude.dataset.folder import GROUPS, MANIFEST, PLAN, read_plan
+from zbuf_occlude.dataset.formats import FORMATS
 
 ARGUMENTS = ["--views", "paper100", "--points", "1000", "--sample-size", "64", "--set", "resolution=128"]
 """Of generate, when none are given: 60,000 small clouds of the built-in shapes."""
@@ -155,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--every", type=float, default=2.0, help="seconds between kills, on average")
-    parser.add_argument("--format", action="append", choices=["hdf5", "packed", "webdataset", "npz", "pcn", "ply"])
+    parser.add_argument("--format", action="append", choices=[row.name for row in FORMATS])
     parser.add_argument("--random", type=int, default=None, help="seed of the moments and victims")
     known, others = parser.parse_known_args(arguments)
     seed = known.random if known.random is not None else random.SystemRandom().randrange(10**6)
