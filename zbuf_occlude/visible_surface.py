@@ -49,8 +49,8 @@ class VisiblePart(NamedTuple):
 
     mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
     face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
-    tolerance : float, world units: how near cuts are to the shadows' edges. Shadows and gaps narrower than a 64th of
-        the mesh's longest side may be missed
+    tolerance : float, world units: how near cuts are to the shadows' edges. Shadows and gaps narrower than a 48th of
+        the mesh's longest side, or than two thirds of a larger tolerance, may be missed
     """
 
     mesh: Mesh
