@@ -29,6 +29,15 @@ def manifest(out: Path) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.parametrize("size", ["1_000", "+1000", " 1000"])
+def test_a_sample_size_is_any_whole_number_that_python_reads(
+    run: Run, modelnet: Path, tmp_path: Path, size: str
+) -> None:
+    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--sample-size", size, "--dry-run")
+    assert outcome.code == 0, outcome.err
+    assert "clouds of 1000 points" in outcome.out
+
+
 def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     outcome = run("generate", modelnet, "--out", out, *SMALL)

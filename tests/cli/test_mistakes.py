@@ -56,7 +56,7 @@ OF_A_CAMERA = "--azimuth 0 --elevation 9 --out a.ply"
         ("generate a.off --method oracle --density=-1", "density must be positive; got -1"),
         ("generate a.off --method oracle --points 7 --density 2", "exclude each other"),
         *((f"generate a.off --method oracle --shard={share}", f"0 <= I < N; got {share!r}") for share in SHARES),
-        ("generate a.off --out ''", "it is empty. For this folder, write a dot."),
+        ("generate a.off --out ''", "it must be the name of a folder; it is empty. For this folder, write a dot."),
         ("generate '' --out o", "it must be the name of a file or folder; it is empty. For this folder, write a dot."),
         ("compare '' --out o", "it must be the name of a file or folder; it is empty"),
         ("verify . ''", "it must be the name of a file or folder; it is empty"),

@@ -1,5 +1,6 @@
 """Packed: the coding, the archive, the reader, and that it gives back what was computed, rounded to the stated step."""
 
+import gc
 import json
 import multiprocessing
 import os
@@ -202,6 +203,23 @@ def test_other_processes_read_it_too(folder: Path, start: Any) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
     assert os.getpid() == clouds.archives._process
     assert len(pickle.dumps(clouds)) < 20_000, "nothing unpacked travels"
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are listed by Linux alone")
+def test_files_close_with_their_reader(folder: Path) -> None:
+    def is_open() -> bool:
+        return any(folder.resolve() in link.resolve().parents for link in Path("/proc/self/fd").iterdir())
+
+    gc.collect()
+    gc.disable()  # it would end cycles, whenever it comes
+    try:
+        clouds = PackedDataset(folder)
+        assert len(clouds[0].positions)
+        assert is_open()
+        del clouds
+        assert not is_open()
+    finally:
+        gc.enable()
 
 
 def test_damage_is_named(folder: Path, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def vector(text: str) -> tuple[float, float, float]:
         x, y, z = map(float, text.split(","))
     except ValueError:
         x = y = z = math.nan
-    if not math.isfinite(x + y + z):
+    if not all(map(math.isfinite, (x, y, z))):
         raise click.BadParameter(f"must be three finite numbers X,Y,Z; got {text!r}.")
     return x, y, z
 

@@ -45,16 +45,20 @@ class MethodName(Name):
 class MeshPlace(click.Path):
     """Path of a mesh file, a folder or an archive."""
 
+    kind = "a file or folder"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
         name = os.fsdecode(super().convert(value, param, ctx))
         if not name:  # of a variable that is not set: not the current folder
-            self.fail("it must be the name of a file or folder; it is empty. For this folder, write a dot.", param, ctx)
+            self.fail(f"it must be the name of {self.kind}; it is empty. For this folder, write a dot.", param, ctx)
         return Path(name)
 
 
 class OutFolder(MeshPlace):
     """Path of a folder to write into, which need not be there."""
+
+    kind = "a folder"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path."""
@@ -247,9 +251,13 @@ def sample_size(value: str | int) -> int | None:
     """Read a number of points, or ``all``, whose value is None."""
     if value == "all":
         return None
-    if not str(value).isdecimal() or int(value) < 1:
+    try:
+        number = int(value)
+    except ValueError:
+        number = 0
+    if number < 1:
         raise click.BadParameter(f"it must be a number of points, at least 1, or all; got {value!r}.")
-    return int(value)
+    return number
 
 
 def words(text: str) -> list[str]:

@@ -30,6 +30,7 @@ import io
 import json
 import os
 import zipfile
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -276,7 +277,12 @@ class PackedFiles:
         """Unpack a block; the last few are kept."""
         if self._process != os.getpid():  # a file opened before a fork would be read at the other's position
             self._forget()
-        return self._unpacked(index)
+        if index not in self._unpacked:
+            self._unpacked[index] = self._unpack(index)
+            if len(self._unpacked) > KEPT_BLOCKS:
+                self._unpacked.popitem(last=False)
+        self._unpacked.move_to_end(index)
+        return self._unpacked[index]
 
     def place(self, number: int) -> tuple[int, int]:
         """Return the block and the view of a cloud's number."""
@@ -364,7 +370,8 @@ class PackedFiles:
     def _forget(self) -> None:
         self._process = os.getpid()
         self._archive = lru_cache(OPEN_FILES)(zipfile.ZipFile)
-        self._unpacked = lru_cache(KEPT_BLOCKS)(self._unpack)
+        # no lru_cache of a method: in a cycle with this object, files would stay open until garbage is collected
+        self._unpacked: OrderedDict[int, KeptSampling] = OrderedDict()
 
 
 def _everything(block: KeptSampling) -> BoolArray:
