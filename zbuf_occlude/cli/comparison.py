@@ -168,7 +168,7 @@ def run_cases(
 
 
 def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool) -> None:
-    """Refuse options that nothing of what was asked for uses."""
+    """Refuse options that nothing of what was asked for uses, by a UsageError."""
     if alone and (idle := given(context, OF_MESHES)):
         raise click.UsageError(
             f"{', '.join(idle)} must go with MESH_OR_DIR; {', '.join(presets)} alone has methods, points and views of "
@@ -182,7 +182,7 @@ def refuse_idle(context: click.Context, presets: tuple[str, ...], *, alone: bool
 
 
 def parse_subject(text: str) -> Subject:
-    """Read ``NAME[:KEY=VALUE,...]``."""
+    """Read ``NAME[:KEY=VALUE,...]``; OptionError where there is no such method or option."""
     name, colon, settings = text.partition(":")
     if name == AUTO:
         raise OptionError(f"--method: {AUTO_ELSEWHERE}; `zbuf-occlude methods` lists them.")

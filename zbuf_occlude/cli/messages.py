@@ -180,7 +180,7 @@ def human(amount: float, units: Sequence[tuple[float, str]]) -> str:
 
 
 def check_folder(plan: Plan, out: Path, *, overwrite: bool) -> None:
-    """Check that a plan's dataset could be made in a folder, as far as that shows before it is."""
+    """Check that a plan's dataset could be made in a folder: DatasetError or PermissionError where it could not."""
     if overwrite:
         removable(out)
     elif holds(plan, out) and (out / MANIFEST).exists():

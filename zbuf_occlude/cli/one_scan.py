@@ -100,7 +100,10 @@ def scan_once(
     elevation: float,
     seed: int,
 ) -> Any:
-    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene."""
+    """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
+
+    A class without a size, or a range within the object, is an OptionError.
+    """
     first = collection[0]
     with Limits().watch():
         loaded = first.load()

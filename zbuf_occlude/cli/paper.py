@@ -71,6 +71,6 @@ def replaced(old: str, new: str) -> None:
 
 
 def refuse_unused(name: str, options: Collection[str]) -> None:
-    """Refuse options of the running command that were typed and that a table, figure or experiment does not use."""
+    """Refuse typed options that a table, figure or experiment does not use, by a UsageError."""
     if idle := given(click.get_current_context(), options):
         raise click.UsageError(f"{name} does not use {', '.join(idle)}. Leave it out.")

@@ -122,7 +122,7 @@ def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: 
 
 
 def named_caster(context: click.Context) -> str:
-    """Return the method that a person named to cast rays, or the one that casts them here."""
+    """Return the method named to cast rays, or the one that casts them here; one that casts none is an OptionError."""
     name = context.params.get("method")
     if context.get_parameter_source("method") is not ParameterSource.COMMANDLINE or name in (None, AUTO):
         return default_caster()
@@ -131,7 +131,7 @@ def named_caster(context: click.Context) -> str:
 
 
 def parse_sensor(name: str, settings: Settings) -> Sensor:
-    """Return a sensor with the numbers that were set."""
+    """Return a sensor with the numbers that were set; OptionError as `zbuf_occlude.sensors.make`."""
     sensor = sensors.make(name, **dict(settings))
     sensor.rays()  # for its errors
     return sensor
@@ -164,7 +164,7 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
 
 
 def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
-    """Turn the options of `scan_options` into a setup; None without a sensor, beside which they are refused."""
+    """Turn the options of `scan_options` into a setup; None without a sensor, where others are an OptionError."""
     if given["sensor"] == SURFACE:
         for name in SCAN_OPTIONS[1:]:
             if given[name] not in (None, False, "", (), "none", "target"):

@@ -337,7 +337,7 @@ def collect(
 
 
 def parse_settings(method: str, settings: Settings) -> dict[str, Any]:
-    """Turn (("resolution", "512"), ("refine", "none")) into a dict and check it by `Method.check_options`."""
+    """Turn (("resolution", "512"), ("refine", "none")) into a dict that `Method.check_options` accepts."""
     options = {key: literal(text) for key, text in settings}
     find_method(method).check_options(options)
     return options
@@ -392,6 +392,7 @@ engine_options = all_of(
         "--ray-gpus", type=click.FloatRange(0), default=0.0, help="GPUs of each Ray worker; with 0.25 four share one."
     ),
 )
+"""Who makes the work: processes here, or a Ray cluster."""
 
 
 def shard_option(what: str) -> Decorator:
@@ -400,7 +401,10 @@ def shard_option(what: str) -> Decorator:
 
 
 def pop_engine(context: click.Context, options: dict[str, Any], limits: Limits) -> Run:
-    """Take the options of `engine_options` out of a command's, and return the engine that they choose."""
+    """Take the options of `engine_options` out of a command's, and return the engine that they choose.
+
+    Options of an engine that was not chosen are a UsageError.
+    """
     engine, workers, address, gpus = (options.pop(name) for name in ENGINE)
     if engine != "ray" and (idle := given(context, ("ray_address", "ray_gpus"))):
         raise click.UsageError(f"{', '.join(idle)} must go with --engine ray.")

@@ -46,7 +46,7 @@ LEAST_MEMORY = 768 * 2**20
 
 
 def check_surroundings() -> None:
-    """Refuse what numba would end by while it is imported, and a folder to begin paths in that was removed."""
+    """Raise OptionError or OccludeError where numba could not be imported, or the current folder is gone."""
     try:
         Path.cwd()
     except FileNotFoundError:

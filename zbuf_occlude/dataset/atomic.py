@@ -26,7 +26,7 @@ def write(path: Path, fill: Callable[[IO[bytes]], object], *, exclusive: bool = 
 
     Where it is not to be `synced`, it appears when all of it is written; a loss of power may take its last seconds. For
     files of unfinished work that have checksums: nothing waits for the disk. `exclusive`: a file that is there already
-    stays, and is a FileExistsError.
+    stays, and is a FileExistsError. What cannot be written is an OSError.
     """
     # random, not the process's number: machines and containers that share a folder have the same numbers
     temporary = path.with_name(f".zbuf-{secrets.token_hex(8)}.part")

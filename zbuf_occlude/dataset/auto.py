@@ -66,7 +66,7 @@ def resolve(recipe: Recipe, meshes: MeshCollection) -> Recipe:
     """Replace the method `auto` by a choice for this machine; leave any other recipe as it is.
 
     On a GPU one of up to `LOOKED_AT` meshes is tried. On machines that differ, as the nodes of a farm may, the choices
-    may too: name the method there.
+    may too: name the method there. Options for a method that is not yet known are an OptionError.
     """
     if recipe.method != AUTO:
         return recipe

@@ -320,7 +320,7 @@ def worth_another_try(entry: MeshEntry, origin: Origin, given_up: Limits | None,
 
 
 def clouds_of_file(plan: Plan, out: Path, number: int) -> Records:
-    """Return the clouds of a final file, in its order, from the batches of its group."""
+    """Return the clouds of a final file, in its order, from its batches; DatasetError if one is missing or damaged."""
     records = np.empty(plan.clouds_per_file, record_type(plan.recipe))
     is_filled = np.zeros(len(records), bool)
     for batch in plan.batches_of[plan.files[number].group]:

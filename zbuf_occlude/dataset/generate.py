@@ -84,7 +84,7 @@ class Making:
 
 
 def write_file(plan: Plan, number: int, out: Path) -> Named | None:
-    """Write a final file from the batches of its group; nothing where no cloud is for it."""
+    """Write a final file, if it has clouds, from its group's batches; DatasetError where one is missing or damaged."""
     file, module = plan.files[number], find_format(plan.format).load()
     records = clouds_of_file(plan, out, number)
     if not len(records):
@@ -270,7 +270,10 @@ def generate(
 
 
 def merge(plan: Plan, out: Path) -> dict[str, Any]:
-    """Finish a dataset whose groups were made by several machines, as `finish`; another process may do it too."""
+    """Finish a dataset whose groups were made by several machines; DatasetError where a group is not done.
+
+    Another process may do it too.
+    """
     if (finished := read_manifest(out)) is not None:
         return finished
     with locked(out, range(1), wait=True):
@@ -283,7 +286,10 @@ def merge(plan: Plan, out: Path) -> dict[str, Any]:
 
 
 def is_sound(plan: Plan, manifest: Mapping[str, Any], out: Path, limits: Limits) -> bool:
-    """Whether a finished dataset is what its plan would give now, as far as that shows without reading its files."""
+    """Whether a finished dataset is what its plan would give now, as far as that shows without reading its files.
+
+    A mesh that is not what its clouds were made of is a DatasetError.
+    """
     if lost := next((name for name in sorted(manifest["sha256"]) if not (out / name).exists()), None):
         _LOG.warning("%s is missing, and is made again", out / lost)
         return False

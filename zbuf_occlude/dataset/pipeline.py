@@ -220,7 +220,7 @@ def _places(mesh: Mesh, size: float, floor: float, setup: Setup, plan: Plan, key
 
 
 def scanned_scenes(plan: Plan, mesh_id: int, variation: int) -> Iterator[Scene]:
-    """Yield the whole scene that each view of a variation of a mesh scans."""
+    """Yield the whole scene that each view of a variation of a mesh scans; MeshError where its file has changed."""
     entry, setup = plan.meshes[mesh_id], plan.recipe.setup
     assert setup is not None
     mesh = entry.load()

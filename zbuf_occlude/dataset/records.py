@@ -279,7 +279,10 @@ def laid_out(records: Records, recipe: Recipe) -> dict[str, NDArray[Any]]:
 
 
 def taken(arrays: Any, rows: ArrayLike, recipe: Recipe) -> Records:
-    """Return the records of some rows of what `laid_out` returned, in NumPy's arrays or HDF5's."""
+    """Return the records of some rows of what `laid_out` returned, in NumPy's arrays or HDF5's.
+
+    Offsets that do not fit the points are a ValueError.
+    """
     chosen, points = np.asarray(rows), point_fields(recipe)
     ascending, back = np.unique(chosen, return_inverse=True)  # as h5py wants them
     records: Records = np.empty(len(ascending), record_type(recipe))

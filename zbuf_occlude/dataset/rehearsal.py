@@ -49,7 +49,8 @@ def _context_for(recipe: Recipe) -> Iterator[Any]:
 def rehearse(recipe: Recipe, require_gpu: bool) -> None:
     """Ask the method about one triangle, so that a wrong option or a missing driver shows before anything is written.
 
-    With `require_gpu` a software renderer is a GlError.
+    Raises what any mesh would have met: OptionError, UnavailableError, GlError. With `require_gpu` a software renderer
+    is a GlError.
     """
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]), name="rehearsal")
     with _context_for(recipe) as gl:
@@ -114,7 +115,10 @@ class Estimate(NamedTuple):
 
 
 def estimate(plan: Plan) -> Estimate:
-    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay."""
+    """Make a few meshes of a plan, chosen at random by its seed, in a folder that does not stay.
+
+    A method that cannot run here is a GlError or an UnavailableError.
+    """
     chosen = np.random.default_rng(seed_of(plan.recipe.seed, "estimate")).permutation(len(plan.meshes)).tolist()
     made: list[tuple[float, int, bool]] = []
     with tempfile.TemporaryDirectory() as folder, _context_for(plan.recipe) as gl:

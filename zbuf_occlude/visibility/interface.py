@@ -119,11 +119,9 @@ class Occluder(ABC):
         if np.shape(eyes) == (3,):
             return self.visible(points, np.asarray(eyes)[None])[0]
         eyes = as_vectors(eyes, "eyes")
-        lowest, highest = self.mesh.centre.min(), self.mesh.centre.max()
-        extent = self.mesh.diagonal or np.inf  # of a mesh that is but a point everything is as far
+        reach = FARTHEST * (self.mesh.diagonal or np.inf)  # of a mesh that is but a point everything is as far
         for name, positions in (("points", points.positions), ("eyes", eyes)):
-            # all axes at once: as strict where it matters, and four times as fast as distances axis by axis
-            if len(positions) and not max(positions.max() - lowest, highest - positions.min()) <= FARTHEST * extent:
+            if len(positions) and not are_within(self.mesh, positions, reach):
                 raise ArgumentError(
                     f"{name} must lie within {FARTHEST:g} diagonals of the mesh, beyond which float64 cannot tell its "
                     f"faces apart; one is {np.abs(positions).max():.3g} out. Are they in the mesh's unit?"
@@ -303,18 +301,23 @@ def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
     return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
 
 
+def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:
+    """Whether positions (n, 3) are at most `reach` from the mesh's centre along each axis."""
+    lowest, highest = mesh.centre.min(), mesh.centre.max()
+    if max(positions.max() - lowest, highest - positions.min()) <= reach:
+        return True  # nearly always, and told without a copy
+    return bool(np.abs(positions - mesh.centre).max() <= reach)
+
+
 def come_nearer(mesh: Mesh, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray | float]:
     """Let rays that begin far away begin where they come near the mesh; return origins, and how far they moved.
 
     R diagonals away the volumes of `predicates.meeting` cancel to some 1e-15 R^2, as a share of the face's size: more
     than the boundary band from `FAR` on. Moving an origin rounds it by 1e-16 R.
     """
-    far_away = FAR * (mesh.diagonal or np.inf)
-    if max(origins.max() - mesh.centre.min(), mesh.centre.max() - origins.min()) <= far_away:
-        return origins, 0.0  # most rays, told without a copy
-    away = origins - mesh.centre
-    if not np.abs(away).max() > far_away:
+    if are_within(mesh, origins, FAR * (mesh.diagonal or np.inf)):
         return origins, 0.0
+    away = origins - mesh.centre
     directions = of_usual_length(directions)
     directions = directions / np.abs(directions).max(axis=1, keepdims=True)
     units = directions / np.linalg.norm(directions, axis=1, keepdims=True)

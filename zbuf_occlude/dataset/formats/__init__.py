@@ -75,7 +75,7 @@ class Format:
             yield from (module.file_name(file.split, file.number) for file in plan.files)
 
     def select(self, meshes: MeshCollection) -> MeshCollection:
-        """Return the meshes of its classes, one at least; a remark names the classes that are left out."""
+        """Return the meshes of its classes, with a remark on those left out; OptionError where none is of them."""
         outside = self._outside(meshes)
         if not outside:
             return meshes
