@@ -34,8 +34,8 @@ HIDDEN = 0.75**2
 
 def test_a_shadow_is_cut_out() -> None:
     part = visible_mesh(SHADE, EYE[0])
-    assert part.mesh.areas.sum() == pytest.approx(16 - HIDDEN + 0.25, abs=1e-4)
-    in_shadow = np.abs(part.mesh.corners.mean(axis=1)[part.face_ids < 2, :2]).max(axis=1) < 0.375 - part.tolerance
+    assert part.mesh.areas.sum() == pytest.approx(16 - HIDDEN + 0.25, rel=1e-9)
+    in_shadow = np.abs(part.mesh.corners.mean(axis=1)[part.face_ids < 2, :2]).max(axis=1) < 0.375
     assert not in_shadow.any()
 
 
@@ -131,7 +131,7 @@ def test_two_eyes_see_what_either_does() -> None:
 def test_the_part_has_the_area_that_is_sampled_and_is_seen_whole(make: Callable[..., zo.Mesh]) -> None:
     seed, mesh = 1, make(np.random.default_rng(1))
     eye = mesh.centre + mesh.longest_side * np.array([1.9, -1.1, 0.9])
-    part = visible_mesh(mesh, eye, tolerance=mesh.longest_side / 512)
+    part = visible_mesh(mesh, eye)
     points = zo.sample_surface(mesh, n_points=20_000, seed=seed)
     with zo.prepare(mesh, "oracle") as occluder:
         share = occluder.visible(points, eye[None]).mean()
@@ -140,15 +140,53 @@ def test_the_part_has_the_area_that_is_sampled_and_is_seen_whole(make: Callable[
     again = zo.sample_surface(part.mesh, n_points=10_000, seed=seed)
     with zo.prepare(mesh, "oracle") as occluder:
         own = zo.SurfacePoints(again.positions, part.face_ids[again.face_ids], again.normals)
-        assert occluder.visible(own, eye[None]).mean() > 0.99
+        assert occluder.visible(own, eye[None]).mean() > 0.9995
 
 
-def test_hidden_meshes_and_lengths_that_are_none_are_refused() -> None:
+@pytest.mark.parametrize("make", [bodies, soup])
+def test_several_eyes_see_the_union(make: Callable[..., zo.Mesh]) -> None:
+    """What two eyes see has the area of what the first sees, and of what the second alone sees."""
+    mesh = make(np.random.default_rng(3))
+    eyes = mesh.centre + mesh.longest_side * np.array([[1.9, -1.1, 0.9], [-0.3, 1.7, -0.8]])
+    both, each = visible_mesh(mesh, eyes), [visible_mesh(mesh, eye) for eye in eyes]
+    points = zo.sample_surface(each[1].mesh, n_points=20_000, seed=4)
+    own = zo.SurfacePoints(points.positions, each[1].face_ids[points.face_ids], points.normals)
+    with zo.prepare(mesh, "oracle") as occluder:
+        new = 1 - occluder.visible(own, eyes[0]).mean()
+    error = each[1].mesh.areas.sum() * np.sqrt(new * (1 - new) / len(points))
+    expected = each[0].mesh.areas.sum() + new * each[1].mesh.areas.sum()
+    assert both.mesh.areas.sum() == pytest.approx(expected, abs=3.5 * error)
+
+
+def test_a_floor_under_many_faces_is_cut_in_quarters() -> None:
+    """A grid of 1,600 small squares above a floor: the shadows' area is known, and each square is seen."""
+    n, height = 40, 0.5
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(n) - n / 2, np.arange(n) - n / 2))
+    low = np.stack([x, y, np.full(n * n, height)], axis=1)
+    squares = low[:, None] + 0.5 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    floor = 2.0 * n * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    vertices = np.concatenate([squares.reshape(-1, 3), floor])
+    corners = np.arange(len(vertices)).reshape(-1, 4)
+    mesh = zo.Mesh(vertices, corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3))
+    eye = np.array([0.3, 0.2, 40.0])
+    part = visible_mesh(mesh, eye)
+    shadows = n * n * 0.25 * (eye[2] / (eye[2] - height)) ** 2
+    assert part.mesh.areas.sum() == pytest.approx(n * n * 0.25 + (4.0 * n) ** 2 - shadows, rel=1e-9)
+
+
+def test_a_face_seen_edge_on_is_left_out() -> None:
+    mesh = zo.Mesh([*LYING, [0, 0, 1], [1, 0, 1], [0, 0, 2]], APART)
+    assert visible_mesh(mesh, [0.3, -5, 0]).face_ids.tolist() == [1]
+    with pytest.raises(zo.MeshError, match="must be seen"):
+        visible_mesh(zo.Mesh(LYING, [[0, 1, 2]]), [0.3, -5, 0])
+
+
+def test_hidden_meshes_and_fractions_that_are_none_are_refused() -> None:
     inner = box()
     shell = zo.Mesh(
         np.concatenate([inner.vertices, 3 * inner.vertices]), np.concatenate([inner.faces, inner.faces + 8])
     )
-    with pytest.raises(zo.ArgumentError, match="tolerance must be"):
-        visible_mesh(shell, EYE[0] * 9, tolerance=0.0)
+    with pytest.raises(zo.OptionError, match="contact must"):
+        visible_mesh(shell, EYE[0] * 9, contact=-1.0)
     part = visible_mesh(shell, EYE[0] * 9)
     assert (part.face_ids >= 12).all()

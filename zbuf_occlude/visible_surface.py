@@ -1,6 +1,6 @@
 """What eyes see of a surface: the share of each face, the vertices, the visible part as a mesh, what views cover.
 
-All four ask a method of the table about points; what is exact there and what is sampled, each function says.
+The mesh is cut exactly; the others ask a method of the table about points, and say what is sampled.
 """
 
 from typing import Any, NamedTuple
@@ -9,22 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
-from zbuf_occlude.errors import ArgumentError, MeshError, check_int
+from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.uniform_faces import uniform_faces
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import CONTACT, Occluder
-
-COARSEST = 1 / 32
-"""Longest side of the mesh: pieces of `visible_mesh` are never longer before they are asked."""
-FINEST = 1 / 256
-"""Default tolerance of `visible_mesh`, in longest sides of the mesh."""
-_INWARD = 1 / 64
-"""How far towards the centroid a piece's corners are asked: an edge belongs to two faces, a place beside it to one."""
-_HALVINGS = 10
-"""Of an edge that the shadow's edge crosses."""
+from zbuf_occlude.visibility.interface import CONTACT
 
 
 class VisibleFaces(NamedTuple):
@@ -49,13 +40,10 @@ class VisiblePart(NamedTuple):
 
     mesh : Mesh, in the space of the whole one, winding kept; faces that are wholly seen are as they were
     face_ids : (f,) int32, index into the whole mesh's ``faces`` of the face that each piece lies on
-    tolerance : float, world units: how near cuts are to the shadows' edges. Shadows and gaps narrower than a 48th of
-        the mesh's longest side, or than two thirds of a larger tolerance, may be missed
     """
 
     mesh: Mesh
     face_ids: IntArray
-    tolerance: float
 
 
 class Coverage(NamedTuple):
@@ -122,13 +110,14 @@ def visible_faces(
     if not mesh.areas.any():
         raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
-    points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), counts)
+    every = np.arange(len(mesh.faces), dtype=np.int32)
+    points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), np.repeat(every, counts))
     if exactly and not find_method(method).exact:
         raise ArgumentError(f"exactly needs a method without error, exact or oracle; got {method}.")
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
         if exactly:
-            middles = occluder.visible(_on_faces(mesh, mesh.corners.mean(axis=1), np.ones_like(counts)), eyes)
+            middles = occluder.visible(_on_faces(mesh, mesh.corners.mean(axis=1), every), eyes)
     n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
     expected = (n_seen + 1) / (counts + 2)
     fraction, error = n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3))
@@ -186,14 +175,11 @@ def coverage(
     return Coverage(seen.mean(axis=1), together, np.sqrt(together * (1 - together) / n_points))
 
 
-def visible_mesh(
-    mesh: MeshLike, eyes: ArrayLike, *, tolerance: float | None = None, method: str = "exact", **options: Any
-) -> VisiblePart:
-    """Cut the mesh along the edge of what is seen, and keep what one of the eyes sees at least.
+def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -> VisiblePart:
+    """Cut the mesh along the edges of the shadows, and keep what one of the eyes sees at least.
 
-    Faces are quartered until they are shorter than a 32nd of the mesh's longest side, and further where their corners
-    and centroid are not all seen or all hidden, down to `tolerance`. Pieces that are still mixed are cut along the
-    line between two places on their edges, which halving finds.
+    Exact but for rounding: of each face, the cones of the eye and what lies before it are taken away
+    (`shadow_cuts`). A face seen edge-on is left out.
 
     Parameters
     ----------
@@ -201,24 +187,22 @@ def visible_mesh(
         Or anything that is one (`occlude`).
     eyes : (3,) or (k, 3) float
         World space.
-    tolerance : float, optional
-        World units; by default a 256th of the longest side.
-    method : str
-        A name of the table of methods; its answers are taken for true.
-    **options
-        Of the method.
+    contact : float
+        Contact tolerance, diagonals of the mesh's box.
 
     Returns
     -------
     VisiblePart
-        Neighbouring pieces of different size meet in T-junctions, at which the part is not watertight.
+        Neighbouring pieces meet in T-junctions, at which the part is not watertight.
 
     Raises
     ------
     MeshError
         Nothing is seen.
-    ArgumentError, OptionError, UnavailableError, GlError
-        As `prepare` and `Occluder.visible`.
+    ArgumentError
+        Eyes that are no vectors, or not finite.
+    OptionError
+        `contact` out of range.
 
     Examples
     --------
@@ -226,34 +210,18 @@ def visible_mesh(
     >>> len(part.face_ids) == len(part.mesh.faces)
     True
     """
+    from zbuf_occlude.shadow_cuts import cut_by_shadows  # late: it takes numba along
+
     mesh = as_mesh(mesh)
     if not mesh.areas.any():
         raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
-    finest = FINEST * mesh.longest_side if tolerance is None else tolerance
-    if not (isinstance(finest, int | float | np.number) and 0 < finest < np.inf):
-        raise ArgumentError(f"tolerance must be a length above 0, in the mesh's unit; got {tolerance!r}.")
-    eyes = _eyes(eyes)
-    coarsest = max(COARSEST * mesh.longest_side, finest)
-    corners, face_ids = mesh.corners, np.arange(len(mesh.faces), dtype=np.int32)
-    kept, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
-    with prepare(mesh, method, **options) as occluder:
-        while len(corners):
-            asked = np.concatenate([_inward(corners), corners.mean(axis=1, keepdims=True)], axis=1)
-            seen = _seen(occluder, mesh, asked, face_ids, eyes)
-            all_seen, none_seen = seen.all(axis=1), ~seen.any(axis=1)
-            length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-            divided = (length > coarsest) | (~all_seen & ~none_seen & (length > finest))
-            whole, mixed = all_seen & ~divided, ~all_seen & ~none_seen & ~divided
-            cut, rows = _cut(occluder, mesh, corners[mixed], face_ids[mixed], seen[mixed, :3], eyes)
-            kept += [corners[whole], cut]
-            of_face += [face_ids[whole], face_ids[mixed][rows]]
-            corners, face_ids = _quartered(corners[divided]), np.repeat(face_ids[divided], 4)
-    part = _joined(mesh, np.concatenate(kept), np.concatenate(of_face))
+    check_fraction("contact", contact)
+    part = _joined(mesh, *cut_by_shadows(mesh, _eyes(eyes), contact * mesh.diagonal))
     if part is None:
         raise MeshError(
             f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
         )
-    return VisiblePart(*part, float(finest))
+    return VisiblePart(*part)
 
 
 def _eyes(eyes: ArrayLike) -> FloatArray:
@@ -261,60 +229,9 @@ def _eyes(eyes: ArrayLike) -> FloatArray:
     return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
 
 
-def _on_faces(mesh: Mesh, positions: FloatArray, counts: IntArray) -> SurfacePoints:
-    """Positions on faces, `counts` on each in turn, as points."""
-    face_ids = np.repeat(np.arange(len(mesh.faces), dtype=np.int32), counts)
+def _on_faces(mesh: Mesh, positions: FloatArray, face_ids: IntArray) -> SurfacePoints:
+    """Positions (n, 3) on faces (n,), as points."""
     return SurfacePoints.of_checked(positions, face_ids, mesh.face_normals[face_ids])
-
-
-def _seen(occluder: Occluder, mesh: Mesh, positions: FloatArray, face_ids: IntArray, eyes: FloatArray) -> BoolArray:
-    """Whether an eye sees positions (n, m, 3) on faces (n,): (n, m)."""
-    n_each = positions.shape[1]
-    own = np.repeat(face_ids, n_each)
-    points = SurfacePoints.of_checked(positions.reshape(-1, 3).copy(), own, mesh.face_normals[own])
-    return occluder.visible(points, eyes).any(axis=0).reshape(-1, n_each)
-
-
-def _inward(corners: FloatArray) -> FloatArray:
-    """Corners (n, 3, 3), each a little towards its triangle's centroid."""
-    return corners + _INWARD * (corners.mean(axis=1, keepdims=True) - corners)
-
-
-def _quartered(corners: FloatArray) -> FloatArray:
-    """Four triangles for each one, (4 n, 3, 3), wound alike; neighbours get the same midpoints."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)
-
-
-def _cut(
-    occluder: Occluder, mesh: Mesh, corners: FloatArray, face_ids: IntArray, seen: BoolArray, eyes: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Cut triangles (n, 3, 3) by which corners are seen (n, 3): the seen pieces (m, 3, 3), and of which each is (m,).
-
-    One corner differs from the other two: it is turned to be the first. Where none does, only the centroid differed,
-    and the triangle goes as its corners say.
-    """
-    alike = seen.all(axis=1) | ~seen.any(axis=1)
-    n_seen = seen.sum(axis=1)
-    lone = np.where(n_seen == 1, seen.argmax(axis=1), (~seen).argmax(axis=1))
-    turned = np.take_along_axis(corners, ((lone[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
-    rows = np.flatnonzero(~alike)
-    first, others = turned[rows, :1], turned[rows, 1:]
-    near, far = _inward(turned[rows])[:, :1], _inward(turned[rows])[:, 1:]
-    lone_seen = (n_seen == 1)[rows]
-    low, high = np.zeros((len(rows), 2, 1)), np.ones((len(rows), 2, 1))  # along both edges from the first corner
-    for _ in range(_HALVINGS if len(rows) else 0):
-        middle = 0.5 * (low + high)
-        like_first = _seen(occluder, mesh, near + middle * (far - near), face_ids[rows], eyes) == lone_seen[:, None]
-        low, high = np.where(like_first[:, :, None], middle, low), np.where(like_first[:, :, None], high, middle)
-    places = first + 0.5 * (low + high) * (others - first)
-    tips = np.concatenate([first, places], axis=1)
-    stump = np.stack([places[:, 0], others[:, 0], others[:, 1], places[:, 0], others[:, 1], places[:, 1]], axis=1)
-    whole = np.flatnonzero(seen.all(axis=1))
-    pieces = [tips[lone_seen], stump[~lone_seen].reshape(-1, 3, 3), corners[whole]]
-    return np.concatenate(pieces), np.concatenate([rows[lone_seen], np.repeat(rows[~lone_seen], 2), whole])
 
 
 def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, IntArray] | None:

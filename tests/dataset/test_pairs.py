@@ -9,12 +9,13 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.scenes import box, sphere
-from zbuf_occlude import DatasetError, Mesh, OptionError
+from zbuf_occlude import DatasetError, Mesh, OptionError, sensors
 from zbuf_occlude.dataset.export.registration import MATCHED, choose_pairs
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
+from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.shapes import make
 
 SIZE = 2048
@@ -80,6 +81,35 @@ def test_overlaps_are_those_of_nearest_neighbours(made: tuple[Path, dict[str, An
     assert ((rows["match_level"] == 1) == (rows["overlap"] >= MATCHED)).all()
     assert (rows["view_src"] != rows["view_tgt"]).all()
     assert ((rows["overlap"] >= 0.3) & (rows["overlap"] <= 0.7)).all()
+
+
+def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_places_see(tmp_path: Path) -> None:
+    sensor = sensors.make("pinhole", width=160, height=120, fov=40.0, noise=0.002)
+    setup = Setup(sensor.document, range=(3.0, 3.0), size={"thing": 1.0}, method="exact")
+    made = plan(make("bottle", 1), sample_size=1024, scale="mesh", scanning=setup.document)
+    generate(made, tmp_path / "scans")
+    rows = read(tmp_path / "scans" / "MVP_Train_RG.h5")
+    assert len(rows["overlap"]) == 16
+    mesh = make("bottle", 1)
+    standing = Mesh((mesh.vertices - mesh.centre) / mesh.longest_side, mesh.faces)
+    surface = zo.sample_surface(standing, n_points=20_000, seed=5).positions[:, [0, 2, 1]] * [1, 1, -1]  # y is up there
+    eyes = zo.views.fibonacci(16, distance=3.0).eyes
+    off = []
+    for i, transform in enumerate(rows["transforms"]):
+        off.append(distances(rows["src"][i][:100], surface, k=1))
+        moved = rows["rotated_src"][i] @ transform[:3, :3].T + transform[:3, 3]
+        pose = rows["pose_tgt"][i]
+        assert np.abs(moved - (rows["src"][i] @ pose[:3, :3].T + pose[:3, 3])).max() < 1e-6
+        assert len(rows["match_id"][i]) == 0
+    assert 0.0005 < np.mean(off) < 0.008, "beside the surface, by the noise and the spacing of its points"
+    for i in range(0, 16, 4):
+        first, second = eyes[rows["view_src"][i]], eyes[rows["view_tgt"][i]]
+        one, other, both = (
+            zo.visible_mesh(standing, each).mesh.areas.sum() for each in (first, second, [first, second])
+        )
+        assert rows["overlap"][i] == pytest.approx((one + other - both) / one, abs=0.03), "by areas, not by points"
+    with pytest.raises(OptionError, match="object alone"):
+        generate(plan(box(), scanning=setup.document | {"scene": "room"}), tmp_path / "room")
 
 
 def test_overlaps_are_counted_and_even() -> None:

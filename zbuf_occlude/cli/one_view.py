@@ -78,7 +78,7 @@ def visible_command(
 
     PLY holds positions and normals (turned towards the camera); .npy and .csv hold positions. With --method
     hidden_point_removal MESH may be a point cloud (PLY without faces, .npy or .csv); its own points are then asked.
-    OBJ and OFF hold the visible part of the mesh, cut along the edge of what is seen.
+    OBJ and OFF hold the visible part of the mesh, cut exactly along the edges of the shadows.
     `zbuf-occlude scan` has the points of a LiDAR or depth camera.
 
     \b
@@ -93,7 +93,7 @@ def visible_command(
     for name in attributes:
         check_word("attribute", name, ATTRIBUTES)
     if as_mesh:
-        write_part(context, mesh, camera, settings, up, out)
+        write_part(context, mesh, camera, up, out)
         return
     choice = chosen_method(context, method, settings)
     method = choice.method
@@ -133,14 +133,12 @@ def write_part(
     context: click.Context,
     path: Path,
     camera: Callable[[Mesh], Views],
-    settings: Settings,
     up: str | None,
     out: Path,
 ) -> None:
     """Write the part of a mesh that a camera sees, as a mesh."""
-    if idle := given(context, ("points", "seed", "attributes", "fov")):
+    if idle := given(context, ("points", "seed", "attributes", "fov", "method", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
-    method = context.params["method"] if given(context, ("method",)) else "exact"
     with Limits().watch(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
         mesh = load_mesh(path, up=up)
@@ -148,12 +146,12 @@ def write_part(
         eyes = views.eyes
         warn_inside(mesh, eyes)
         warn_of_lenses(views)
-        part = visible_mesh(mesh, eyes, method=method, **parse_settings(method, settings))
+        part = visible_mesh(mesh, eyes)
     digits = {"digits": 17} if out.suffix.lower() in (".obj", ".off") else {}  # small meshes have small numbers
     text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), **digits)
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
-    echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces, by {method}: {out}")
+    echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")
 
 
 def warn_of_lenses(views: Views) -> None:

@@ -15,7 +15,10 @@ from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import draw_visible, fit
 from zbuf_occlude.dataset.source import KeptSampling, Source
 from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.provenance import seed_of
+from zbuf_occlude.sensors.capture import in_metres
+from zbuf_occlude.visibility import prepare
 
 TURN, SHIFT = np.pi / 4, 0.25
 """Most pairs are turned against each other by at most so many radians; all are shifted by at most so many units."""
@@ -48,7 +51,9 @@ def export(source: Source, out: Path) -> Exported:
     mesh_id, variation, view_src, view_tgt        (n,) int32
     =======================  =================================================================================
 
-    Both clouds are drawn from the same points of the surface, each for itself. Each object gives as many pairs as it
+    Both clouds are drawn from the same points of the surface, each for itself; of a sensor each is a scan, with its
+    noise, and `match_id` is empty. Overlaps are counted over points of the surface in either case, without noise: those
+    that the sensor's places see. Each object gives as many pairs as it
     has views. Their overlaps are drawn evenly over the range, by the seed; of its pairs the nearest is taken, each
     once. Objects without one in the range are left out, and counted.
 
@@ -105,10 +110,11 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
     plan, block = source.plan, source.block(mesh_id, variation)
     entry, recipe = plan.meshes[mesh_id], plan.recipe
     rng = np.random.default_rng(seed_of(recipe.seed, entry.key + "/pairs", variation))
+    mask = block.mask if recipe.setup is None else _seen_by_places(entry, block, recipe)
     positions = _placed(plan, block)
     seed = seed_of(recipe.seed, entry.key, variation, 0).generate_state(1, np.uint64)[0]
     clouds = dict[int, IntArray]()
-    for pair in choose_pairs(block.mask, len(plan.views), _range_of(recipe), rng):
+    for pair in choose_pairs(mask, len(plan.views), _range_of(recipe), rng):
         for view in pair[:2]:
             if view not in clouds:
                 clouds[view], _ = draw_visible(block.mask[view], recipe.equal_size, seed, view)
@@ -138,6 +144,19 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
             "view_src": pair.source,
             "view_tgt": pair.target,
         }
+
+
+def _seen_by_places(entry: MeshEntry, block: KeptSampling, recipe: Recipe) -> BoolArray:
+    """Return which points (n,) of an object's whole surface each of k places of the sensor sees; (k, n).
+
+    A place whose scan has no return sees nothing.
+    """
+    assert recipe.setup is not None
+    standing, _ = in_metres(entry.load(), entry.label, recipe.setup)
+    with prepare(standing, "exact") as occluder:
+        seen: BoolArray = occluder.visible(block.whole, block.views.eyes)
+    seen[~block.mask.any(axis=1)] = False
+    return seen
 
 
 def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: np.random.Generator) -> list[Pair]:
@@ -175,7 +194,8 @@ def choose_pairs(mask: BoolArray, n_pairs: int, span: tuple[float, float], rng: 
 
 def _placed(plan: Plan, block: KeptSampling) -> FloatArray:
     """Return the points of an object in the layout's frame."""
-    centre, factor = fit(block.points.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
+    whole = block.points if plan.recipe.setup is None else block.whole
+    centre, factor = fit(whole.positions) if plan.recipe.scale == "object" else (np.zeros(3), 1.0)
     axes = find_format(plan.format).to_frame(plan.recipe).astype(np.float64)
     return np.asarray((block.points.positions - centre) * factor @ axes.T)
 
@@ -203,8 +223,8 @@ def check(plan: Plan) -> None:
         raise OptionError("pairs must have a range of overlaps; got none. Give --overlap A..B.")
     if len(plan.views) < 2:
         raise OptionError(f"pairs must be of 2 views of an object, at least; got {len(plan.views)}. See --views.")
-    if recipe.setup is not None:
-        raise OptionError("pairs must be of points on the surface, which two views can share. Leave --sensor out.")
+    if recipe.setup is not None and recipe.setup.scene != "none":
+        raise OptionError("pairs of scans must be of the object alone, whose overlap is known. Leave --scene out.")
     if recipe.scale == "cloud" or recipe.frame == "camera":
         raise OptionError(
             f"pairs must be in one frame; got --scale {recipe.scale} --frame {recipe.frame}. Give --scale object "
