@@ -76,9 +76,11 @@ class Victim:
         if not (self.out / PLAN).exists():
             return 0.0
         of_groups = read_plan(self.out).batches_of
-        done = {int(path.stem) for path in self.out.rglob(f"{GROUPS}/*.json")}
+        # not rglob, which ends where a folder is removed under it
+        found = [Path(folder, name) for folder, _, names in os.walk(self.out) for name in names]
+        done = {int(path.stem) for path in found if path.suffix == ".json" and path.parent.name == GROUPS}
         n_done = sum(len(batches) for number, batches in enumerate(of_groups) if number in done)
-        return min(1.0, (n_done + len(list(self.out.rglob("*.batch")))) / sum(map(len, of_groups)))
+        return min(1.0, (n_done + sum(path.suffix == ".batch" for path in found)) / sum(map(len, of_groups)))
 
     def _kill(self, kind: str) -> bool:
         """Kill one; False when there is none to kill."""

@@ -176,6 +176,11 @@ LOADERS = (
         "charlesq34/pointnet", "provider", "hdf5", readers.pointnet_provider,
         {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", fitted=True,
     ),
+    Loader(
+        "yewzijian/RPMNet", "ModelNetHdf", "hdf5", readers.rpmnet_modelnet,
+        {"data/modelnet40_ply_hdf5_2048": "."}, "modelnet", "z", options=("--with", "normals"),
+        packages=("h5py", "open3d", "torch"), stubs=("torchvision",), fitted=True,
+    ),
 )  # fmt: skip
 
 

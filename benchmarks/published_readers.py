@@ -315,6 +315,17 @@ def pointnet_provider(checkout: Path, data: Path) -> Iterator[Item]:
                 yield Item(split, names[label[0]], points)
 
 
+def rpmnet_modelnet(checkout: Path, data: Path) -> Iterator[Item]:
+    """RPMNet's ModelNetHdf, whose transforms crop pairs of these clouds."""
+    sys.path.insert(0, str(checkout / "src"))
+    from data_loader.datasets import ModelNetHdf
+
+    for split in ("train", "test"):
+        dataset = ModelNetHdf(str(data), split)
+        for i in range(len(dataset)):
+            yield Item(split, dataset.classes[int(dataset[i]["label"])], dataset[i]["points"][:, :3])
+
+
 def import_file(path: Path) -> Any:
     """Import a module by its place, whatever else has its name."""
     spec = importlib.util.spec_from_file_location(f"published_{path.stem}", path)
