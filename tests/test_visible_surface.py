@@ -155,6 +155,14 @@ def test_a_point_lies_on_the_part_where_the_oracle_sees_it(kind: Callable[..., z
 
 
 @pytest.mark.parametrize("make", [bodies, soup])
+def test_far_eyes_see_what_a_parallel_projection_does(make: Callable[..., zo.Mesh]) -> None:
+    mesh = make(np.random.default_rng(3))
+    way = np.array([1.9, -1.1, 0.9]) * mesh.diagonal
+    areas = [visible_mesh(mesh, mesh.centre + far * way).mesh.areas.sum() for far in (1e5, 1e9, 1e14)]
+    assert areas == pytest.approx([areas[1]] * 3, rel=1e-4)
+
+
+@pytest.mark.parametrize("make", [bodies, soup])
 def test_several_eyes_see_the_union(make: Callable[..., zo.Mesh]) -> None:
     """What two eyes see has the area of what the first sees, and of what the second alone sees."""
     mesh = make(np.random.default_rng(3))
@@ -199,5 +207,7 @@ def test_hidden_meshes_and_fractions_that_are_none_are_refused() -> None:
     )
     with pytest.raises(zo.OptionError, match="contact must"):
         visible_mesh(shell, EYE[0] * 9, contact=-1.0)
+    with pytest.raises(zo.MeshError, match="must be seen"):
+        visible_mesh(shell, np.empty((0, 3)))
     part = visible_mesh(shell, EYE[0] * 9)
     assert (part.face_ids >= 12).all()

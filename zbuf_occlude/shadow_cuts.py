@@ -30,11 +30,11 @@ ROOM = ROUND + 5
 STEEPEST = 1e-12
 """Sine of the angle between line of sight and face: below, the face is seen edge-on, and has no side to see."""
 TOUCHING = 1e-12
-"""Share of a face's distance: what is nearer to its plane lies in it."""
+"""Radii of the mesh's bounding sphere: what is nearer to a face's plane lies in it."""
 DEEP = 300.0
 """Contact tolerances: a face that comes so far before another is cut off where it meets that, a shallower one where
 the tolerance begins. So a silhouette does not leave strips as narrow as the tolerance on the faces behind it."""
-SLIVER = 1e-8
+SLIVER = 1e-11
 """Share of a triangle: smaller polygons are dropped."""
 
 COVERED, TOO_MANY = -1, -2
@@ -49,7 +49,8 @@ def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatA
     bvh = build_bvh(mesh, contact)
     tree = bvh.boxes, bvh.children, bvh.n_children, bvh.face_ids, bvh.vertices, bvh.faces, bvh.depth
     scene = bvh.centre, bvh.scale, bvh.world_contact
-    corners, face_ids = mesh.corners, np.arange(len(mesh.faces), dtype=np.int32)
+    face_ids = np.arange(len(mesh.faces) if len(eyes) else 0, dtype=np.int32)
+    corners = mesh.corners[face_ids]
     parts, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
     with ThreadPoolExecutor(n_threads()) as pool:
         while len(corners):
@@ -83,11 +84,11 @@ def _cut(tree, scene, eyes, corners, own, may_quarter):
     is_quartered = np.zeros(len(corners), np.bool_)
     faces, depth = tree[5], tree[6]
     parts, rows, n_parts = np.empty((1024, 3, 3)), np.empty(1024, np.int32), 0
-    cones, n_sides = np.empty((1024, 4, 3)), np.empty(1024, np.int64)
+    cones, n_sides = np.empty((1024, 4, 4)), np.empty(1024, np.int64)
     firsts, lasts = np.empty(len(eyes), np.int64), np.empty(len(eyes), np.int64)
     polygons, states = np.empty((64, ROOM, 3)), np.empty((64, 3), np.int64)  # how many corners, eye, cone
     polygon, inside, outside = np.empty((ROOM, 3)), np.empty((ROOM, 3)), np.empty((ROOM, 3))
-    stack, planes = np.empty((LEAF - 1) * depth + LEAF, np.int32), np.empty((5, 3))
+    stack, planes = np.empty((LEAF - 1) * depth + LEAF, np.int32), np.empty((5, 4))
     for row in range(len(corners)):
         n_before, n_cones, n_asked, n_waiting = n_parts, 0, 0, 1
         size = _area(corners[row], 3)
@@ -121,7 +122,7 @@ def _cut(tree, scene, eyes, corners, own, may_quarter):
                 n_waiting = _wait(inside, n - half + 1, eye, i, len(eyes), polygons, states, n_waiting)
                 n = half + 1
             i += firsts[eye]
-            while i < lasts[eye] and _is_apart(polygon, n, eyes[eye], cones[i], n_sides[i]):
+            while i < lasts[eye] and _is_apart(polygon, n, corners[row, 0], cones[i], n_sides[i]):
                 i += 1
             if i == lasts[eye]:
                 if n_parts + ROOM > len(parts):
@@ -130,7 +131,7 @@ def _cut(tree, scene, eyes, corners, own, may_quarter):
                 n_parts = _put(polygon, n, SLIVER * size, row, parts, rows, n_parts)
                 continue
             for side in range(n_sides[i]):
-                n, n_outside = _split(polygon, n, eyes[eye], cones[i, side], inside, outside)
+                n, n_outside = _split(polygon, n, corners[row, 0], cones[i, side], inside, outside)
                 _copy(inside, 0, n, polygon, 0)
                 if _area(outside, n_outside) > SLIVER * size:
                     following = i + 1 - firsts[eye]
@@ -154,30 +155,31 @@ def _wait(polygon, n, eye, cone, n_eyes, polygons, states, n_waiting):
 def _cones_before(tree, scene, eye, corners, own, most, cones, n_sides, n_cones, stack, planes, part):
     """Append the cones of the faces before a triangle; return these arrays, and how many, or `COVERED` or `TOO_MANY`.
 
-    `planes` becomes the three through the eye and the triangle's sides, the triangle's own, and one through the eye
-    that is parallel to it.
+    `planes` becomes the three through the eye and the triangle's sides, the triangle's own, and the one through the eye
+    that is parallel to it; what hides something lies on the positive side of all.
     """
     boxes, children, n_children, leaves, vertices, faces, _ = tree
-    a, b, c = minus(corners[0], eye), minus(corners[1], eye), minus(corners[2], eye)
-    normal = cross(minus(b, a), minus(c, a))
-    volume, reach = dot(normal, a), np.sqrt(max(dot(a, a), dot(b, b), dot(c, c)))
-    if abs(volume) <= STEEPEST * np.sqrt(dot(normal, normal)) * reach:
+    # all places count from the triangle's first corner: from a far eye on, they would lose their last digits
+    origin = corners[0]
+    a, b, c, eye = (0.0, 0.0, 0.0), minus(corners[1], origin), minus(corners[2], origin), minus(eye, origin)
+    normal, reach = cross(b, c), np.sqrt(dot(eye, eye))
+    height, size = dot(normal, eye), np.sqrt(dot(normal, normal))
+    if abs(height) <= STEEPEST * size * reach:
         return cones, n_sides, COVERED
-    sign = 1.0 if volume > 0.0 else -1.0
-    near = abs(volume) * max(0.0, 1.0 - max(scene[2] / reach, TOUCHING))
-    deep, plane = abs(volume) - DEEP * (abs(volume) - near), abs(volume)
+    sign, height = (1.0 if height > 0.0 else -1.0), abs(height)
+    touching = TOUCHING * size / scene[1]
+    near = max(height * scene[2] / reach, touching)
     for i, (first, second) in enumerate(((a, b), (b, c), (c, a))):
-        side = cross(first, second)
-        for axis in range(3):
-            planes[i, axis] = sign * side[axis]
+        _through(eye, first, second, -sign, planes[i])
     for axis in range(3):
-        planes[3, axis], planes[4, axis] = -sign * normal[axis], sign * normal[axis]
+        planes[3, axis], planes[4, axis] = sign * normal[axis], -sign * normal[axis]
+    planes[3, 3], planes[4, 3] = -near, height
     stack[0], n_stack, n_found = 0, 1, 0
     while n_stack > 0:
         n_stack -= 1
         node = stack[n_stack]
         for child in range(n_children[node]):
-            if _box_is_out(boxes, node, child, scene, eye, planes, near):
+            if _box_is_out(boxes, node, child, scene, origin, planes):
                 continue
             below = children[LEAF * node + child]
             if below >= 0:
@@ -188,17 +190,16 @@ def _cones_before(tree, scene, eye, corners, own, most, cones, n_sides, n_cones,
                 face = leaves[~below, lane]
                 if face < 0 or face == own:
                     continue
-                p = minus(vertices[faces[face, 0]], eye)
-                q = minus(vertices[faces[face, 1]], eye)
-                r = minus(vertices[faces[face, 2]], eye)
-                heights = dot(planes[4], p), dot(planes[4], q), dot(planes[4], r)
-                least = min(heights[0], heights[1], heights[2])
-                if least >= near:
+                p = minus(vertices[faces[face, 0]], origin)
+                q = minus(vertices[faces[face, 1]], origin)
+                r = minus(vertices[faces[face, 2]], origin)
+                heights = dot(planes[3], p), dot(planes[3], q), dot(planes[3], r)
+                highest = max(heights[0], heights[1], heights[2])
+                if highest <= near:
                     continue
-                end = plane if least < deep else near
-                before = _before(
-                    p, q, r, a, b, c, planes, max(heights[0], heights[1], heights[2]) <= end * (1.0 + TOUCHING)
-                )
+                end = 0.0 if highest > DEEP * near else near
+                is_nearer = min(heights[0], heights[1], heights[2]) >= end - touching
+                before = _before(p, q, r, b, c, eye, planes, is_nearer)
                 if before == 0:
                     continue
                 if before == 2:
@@ -209,7 +210,7 @@ def _cones_before(tree, scene, eye, corners, own, most, cones, n_sides, n_cones,
                     cones = np.concatenate((cones, np.empty_like(cones)))
                     n_sides = np.concatenate((n_sides, np.empty_like(n_sides)))
                 at = n_cones + n_found
-                n_sides[at] = _cone(p, q, r, heights, end, part, cones[at])
+                n_sides[at] = _cone(p, q, r, eye, heights, end, touching, part, cones[at])
                 n_found += 1
     return cones, n_sides, n_found
 
@@ -223,33 +224,46 @@ def _copy(polygon, first, last, target, at):
 
 
 @inner
-def _box_is_out(boxes, node, child, scene, eye, planes, near):
+def _through(eye, first, second, sign, plane):
+    """Write the plane through the eye and two places: its normal, and the constant that is added."""
+    normal = cross(minus(first, eye), minus(second, first))
+    for axis in range(3):
+        plane[axis] = sign * normal[axis]
+    plane[3] = -sign * dot(normal, first)
+
+
+@inner
+def _side(plane, place):
+    """On which side of a plane a place lies, and how far, in lengths of the plane's normal."""
+    return dot(plane, place) + plane[3]
+
+
+@inner
+def _box_is_out(boxes, node, child, scene, origin, planes):
     """Whether a node's child lies wholly outside one of the planes around what hides a triangle."""
     centre, scale = scene[0], scene[1]
     for i in range(5):
-        highest = 0.0
+        highest = planes[i, 3]
         for axis in range(3):
             end = boxes[6 * node + axis + (UPPER if planes[i, axis] > 0.0 else 0), child]
-            highest += planes[i, axis] * (end / scale + centre[axis] - eye[axis])
-        if highest < (-near if i == 3 else 0.0):
+            highest += planes[i, axis] * (end / scale + centre[axis] - origin[axis])
+        if highest < 0.0:
             return True
     return False
 
 
 @inner
-def _before(p, q, r, a, b, c, planes, is_nearer):
+def _before(p, q, r, b, c, eye, planes, is_nearer):
     """Whether a face that is nearer, wholly or in part, may hide something of a triangle: 0 no, 1 perhaps, 2 all."""
-    for i in range(4):
-        plane = planes[i if i < 3 else 4]
-        if max(dot(plane, p), dot(plane, q), dot(plane, r)) <= 0.0:
+    for i in range(5):
+        if i != 3 and max(_side(planes[i], p), _side(planes[i], q), _side(planes[i], r)) <= 0.0:
             return 0
-    volume = dot(cross(p, q), r)
-    if volume == 0.0:
-        return 0
-    sign, covers = (1.0 if volume > 0.0 else -1.0), is_nearer
+    sign = _winding(p, q, r, eye)
+    covers = is_nearer and sign != 0.0
     for first, second in ((p, q), (q, r), (r, p)):
-        side = cross(first, second)
-        one, two, three = sign * dot(side, a), sign * dot(side, b), sign * dot(side, c)
+        normal = cross(minus(first, eye), minus(second, first))
+        constant = dot(normal, first)
+        one, two, three = -sign * constant, sign * (dot(normal, b) - constant), sign * (dot(normal, c) - constant)
         if max(one, two, three) <= 0.0:
             return 0
         covers &= min(one, two, three) >= 0.0
@@ -257,55 +271,56 @@ def _before(p, q, r, a, b, c, planes, is_nearer):
 
 
 @inner
-def _beyond(height, end):
-    """How far beyond the end a corner lies; 0 where it touches: a cut right beside it would have no direction."""
-    return 0.0 if abs(height - end) <= TOUCHING * end else height - end
+def _winding(p, q, r, eye):
+    """1 where the eye sees a face wound with the clock, -1 where against it, 0 where edge-on."""
+    volume = dot(cross(minus(q, p), minus(r, p)), minus(p, eye))
+    return 1.0 if volume > 0.0 else (-1.0 if volume < 0.0 else 0.0)
 
 
 @inner
-def _cone(p, q, r, heights, end, part, cone):
-    """Write the planes through the eye and the sides of what of a face is nearer than `end`; return how many."""
-    corners, n = (p, q, r), 0
-    sign = 1.0 if dot(cross(p, q), r) > 0.0 else -1.0
+def _cone(p, q, r, eye, heights, end, touching, part, cone):
+    """Write the planes through the eye and the sides of what of a face is nearer than `end`; return how many.
+
+    A corner that touches the end stays: a cut right beside it would have no direction.
+    """
+    corners, n, sign = (p, q, r), 0, _winding(p, q, r, eye)
     for i in range(3):
         first, second = corners[i], corners[(i + 1) % 3]
-        one, two = _beyond(heights[i], end), _beyond(heights[(i + 1) % 3], end)
-        if one <= 0.0:
+        one, two = heights[i] - end, heights[(i + 1) % 3] - end
+        if one >= -touching:
             part[n, 0], part[n, 1], part[n, 2] = first
             n += 1
-        if (one < 0.0 < two) or (two < 0.0 < one):
+        if (one < -touching and two > touching) or (two < -touching and one > touching):
             share = one / (one - two)
             for axis in range(3):
                 part[n, axis] = first[axis] + share * (second[axis] - first[axis])
             n += 1
     for i in range(n):
-        side = cross(part[i], part[(i + 1) % n])
-        for axis in range(3):
-            cone[i, axis] = sign * side[axis]
+        _through(eye, part[i], part[(i + 1) % n], sign, cone[i])
     return n
 
 
 @inner
-def _is_apart(polygon, n, eye, cone, n_sides):
+def _is_apart(polygon, n, origin, cone, n_sides):
     """Whether a polygon lies outside one of a cone's sides."""
     if n_sides < 3:
         return True
     for side in range(n_sides):
         highest = -np.inf
         for i in range(n):
-            highest = max(highest, dot(cone[side], minus(polygon[i], eye)))
+            highest = max(highest, _side(cone[side], minus(polygon[i], origin)))
         if highest <= 0.0:
             return True
     return False
 
 
 @inner
-def _split(polygon, n, eye, plane, inside, outside):
-    """Split a convex polygon by a plane through the eye; return how many corners each part has."""
+def _split(polygon, n, origin, plane, inside, outside):
+    """Split a convex polygon by a plane; return how many corners each part has."""
     n_inside = n_outside = 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
-        one, two = dot(plane, minus(polygon[i], eye)), dot(plane, minus(polygon[j], eye))
+        one, two = _side(plane, minus(polygon[i], origin)), _side(plane, minus(polygon[j], origin))
         if one >= 0.0:
             _copy(polygon, i, i + 1, inside, n_inside)
             n_inside += 1
