@@ -21,4 +21,5 @@ def test_the_part_is_written_as_a_mesh(run: Run, tmp_path: Path, suffix: str) ->
     done = run(*line, "--points", "9")
     assert done.code == 2
     assert "--points" in done.err
-    assert "--method" in run(*line, "--method", "oracle").err
+    assert "--method must be exact" in run(*line, "--method", "oracle").err
+    assert run(*line, "--method", "exact").code == 0

@@ -137,8 +137,10 @@ def write_part(
     out: Path,
 ) -> None:
     """Write the part of a mesh that a camera sees, as a mesh."""
-    if idle := given(context, ("points", "seed", "attributes", "fov", "method", "settings")):
+    if idle := given(context, ("points", "seed", "attributes", "fov", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
+    if given(context, ("method",)) and context.params["method"] != "exact":
+        raise click.UsageError(f"--method must be exact, by which a mesh is cut; got {context.params['method']}.")
     with Limits().watch(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
         mesh = load_mesh(path, up=up)
