@@ -1,5 +1,6 @@
 """Pairs for registration: overlaps against nearest neighbours, motions against the points that both clouds have."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import zbuf_occlude as zo
 from tests.scenes import box, sphere
 from zbuf_occlude import DatasetError, Mesh, OptionError, sensors
+from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.export.registration import MATCHED, choose_pairs
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.generate import generate
@@ -108,6 +110,10 @@ def test_pairs_of_scans_have_the_sensors_noise_and_the_overlap_of_what_its_place
             zo.visible_mesh(standing, each).mesh.areas.sum() for each in (first, second, [first, second])
         )
         assert rows["overlap"][i] == pytest.approx((one + other - both) / one, abs=0.03), "by areas, not by points"
+    packed = Plan(made.meshes, replace(made.recipe, overlap=None), "packed")
+    generate(packed, tmp_path / "packed")
+    with pytest.raises(DatasetError, match="generate --format"):
+        convert(tmp_path / "packed", tmp_path / "converted", "pairs")
     with pytest.raises(OptionError, match="object alone"):
         generate(plan(box(), scanning=setup.document | {"scene": "room"}), tmp_path / "room")
 

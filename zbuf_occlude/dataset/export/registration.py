@@ -14,7 +14,7 @@ from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import draw_visible, fit
 from zbuf_occlude.dataset.source import KeptSampling, Source
-from zbuf_occlude.errors import DatasetError, OptionError
+from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.meshes.collection import MeshEntry
 from zbuf_occlude.provenance import seed_of
 from zbuf_occlude.sensors.capture import in_metres
@@ -149,10 +149,17 @@ def _rows_of(source: Source, mesh_id: int, variation: int) -> Iterator[dict[str,
 def _seen_by_places(entry: MeshEntry, block: KeptSampling, recipe: Recipe) -> BoolArray:
     """Return which points (n,) of an object's whole surface each of k places of the sensor sees; (k, n).
 
-    A place whose scan has no return sees nothing.
+    A place whose scan has no return sees nothing. A mesh that is not at hand is a DatasetError.
     """
     assert recipe.setup is not None
-    standing, _ = in_metres(entry.load(), entry.label, recipe.setup)
+    try:
+        mesh = entry.load()
+    except MeshError as error:
+        raise DatasetError(
+            f"pairs of scans must be made from the meshes too. {error} Make them with `zbuf-occlude generate --format "
+            "pairs`."
+        ) from error
+    standing, _ = in_metres(mesh, entry.label, recipe.setup)
     with prepare(standing, "exact") as occluder:
         seen: BoolArray = occluder.visible(block.whole, block.views.eyes)
     seen[~block.mask.any(axis=1)] = False
