@@ -23,6 +23,7 @@ EXTRAS = {
     "pyarrow": "parquet",
     "pyrender": "pyrender",
     "ray": "ray",
+    "scipy": "bop",
     "torch": "learn",
     "warp": "warp",
 }

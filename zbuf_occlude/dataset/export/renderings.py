@@ -15,7 +15,8 @@ from zbuf_occlude.dataset.export import Exported, Layout, check_as_they_are, nam
 from zbuf_occlude.dataset.pipeline import scanned_scenes
 from zbuf_occlude.dataset.plan import Numbers, Plan
 from zbuf_occlude.dataset.source import Source
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, UnavailableError
+from zbuf_occlude.extras import missing
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.sensors.bop import BopWriter
 from zbuf_occlude.sensors.frames import Frame, depth_unit, frame_at, write_frames
@@ -75,8 +76,13 @@ def frame_of(plan: Plan, record: Any) -> Frame:
 
 
 def check_frames(plan: Plan) -> None:
-    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, with normals, as they are."""
+    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, with normals, as they are.
+
+    UnavailableError where pictures cannot be written.
+    """
     recipe = plan.recipe
+    if lacking := missing("PIL"):
+        raise UnavailableError(f"--format {plan.format} {lacking}")
     if recipe.setup is None or recipe.setup.made_sensor.kind != "pinhole":
         named = "surface" if recipe.setup is None else recipe.setup.made_sensor.name
         raise OptionError(
@@ -125,8 +131,13 @@ def _images(source: Source, of_views: Numbers, method: str) -> Iterator[tuple[Sc
 
 
 def check_bop(plan: Plan) -> None:
-    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, in metres, of all objects."""
+    """Raise OptionError unless the clouds are all that a pinhole camera's rays meet, in metres, of all objects.
+
+    UnavailableError where pictures cannot be written, or models measured.
+    """
     check_frames(plan)
+    if lacking := missing("scipy"):
+        raise UnavailableError(f"--format bop {lacking}")
     setup = plan.recipe.setup
     assert setup is not None
     if setup.keep != "all":
