@@ -179,7 +179,8 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
     """Cut the mesh along the edges of the shadows, and keep what one of the eyes sees at least.
 
     Exact but for rounding: of each face, the cones of the eye and what lies before it are taken away
-    (`shadow_cuts`). A face seen edge-on is left out.
+    (`shadow_cuts`). A face seen edge-on is left out. Faces that an eye lies on hide nothing from it. What comes more
+    than 300 contact tolerances before a face hides it up to where both meet; other faces hide from the tolerance on.
 
     Parameters
     ----------

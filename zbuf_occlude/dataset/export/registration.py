@@ -51,11 +51,11 @@ def export(source: Source, out: Path) -> Exported:
     mesh_id, variation, view_src, view_tgt        (n,) int32
     =======================  =================================================================================
 
-    Both clouds are drawn from the same points of the surface, each for itself; of a sensor each is a scan, with its
-    noise, and `match_id` is empty. Overlaps are counted over points of the surface in either case, without noise: those
-    that the sensor's places see. Each object gives as many pairs as it
-    has views. Their overlaps are drawn evenly over the range, by the seed; of its pairs the nearest is taken, each
-    once. Objects without one in the range are left out, and counted.
+    Both clouds are drawn from the same points of the surface, each for itself. With a sensor each is a scan, with its
+    noise, and `match_id` is empty. Overlaps are always of points of the surface: for scans, those that the first eye of
+    the sensor sees from its places. Each object gives as many pairs as it has views. Their overlaps are drawn evenly
+    over the range, by the seed; of its pairs the nearest is taken, each once. Objects without one in the range are left
+    out, and counted.
 
     References
     ----------
