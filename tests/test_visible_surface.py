@@ -58,14 +58,14 @@ def test_of_a_box_three_faces_and_seven_vertices_are_seen() -> None:
     assert len(part.mesh.faces) == 6, "faces wholly seen stay whole"
 
 
-def test_what_is_proved_of_a_box_and_of_a_shadow() -> None:
-    """No edge lies before a box's sides; the edges of the small square cross both faces of the large one."""
+def test_exact_shares_of_a_box_and_of_a_shadow() -> None:
     found = visible_faces(box(), np.array([[9.0, 7.0, 5.0]]), exactly=True)
     assert found.proved.all()
     assert not found.standard_error.any()
     assert set(found.fraction[0]) == {0.0, 1.0}
     found = visible_faces(SHADE, EYE, exactly=True)
     assert found.proved.tolist() == [[False, False, True, True]]
+    assert found.fraction[0] == pytest.approx([1 - HIDDEN / 16, 1 - HIDDEN / 16, 1, 1], rel=1e-9)
     assert not visible_faces(SHADE, EYE).proved.any()
     with pytest.raises(zo.ArgumentError, match="exactly needs"):
         visible_faces(SHADE, EYE, exactly=True, method="depth_buffer")
@@ -100,7 +100,7 @@ def test_proved_faces_are_all_seen_or_all_hidden(kind: Callable[..., zo.Mesh]) -
     ids=["eye on a face", "folded along an edge", "folded at a corner", "contact tolerance"],
 )
 def test_what_is_not_proved(corners: list[list[float]], faces: list[list[int]], eye: object, contact: float) -> None:
-    """Faces that are partly seen, though no edge passes before them; the second face may be proved."""
+    """Faces that are partly seen within contact tolerances of another; or any face, where the eye lies on one."""
     mesh = zo.Mesh(corners, faces)
     place = np.mean(mesh.corners[0], axis=0) if isinstance(eye, float) else np.asarray(eye, dtype=float)
     found = visible_faces(mesh, place, exactly=True, contact=contact)

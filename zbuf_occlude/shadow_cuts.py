@@ -9,8 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from zbuf_occlude.arrays import FloatArray, IntArray
-from zbuf_occlude.exact.bvh import build_bvh
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
+from zbuf_occlude.exact.bvh import Bvh, build_bvh
 from zbuf_occlude.exact.layout import LEAF, UPPER
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inner, njit
@@ -27,26 +27,55 @@ ROUND = 8
 """Corners of a polygon: with more it is halved."""
 ROOM = ROUND + 5
 """Corners of a polygon that the four sides of a cone have cut."""
-STEEPEST = 1e-12
+EDGE_ON = 1e-12
 """Sine of the angle between line of sight and face: below, the face is seen edge-on, and has no side to see."""
 TOUCHING = 1e-12
 """Radii of the mesh's bounding sphere: what is nearer to a face's plane lies in it."""
 DEEP = 300.0
 """Contact tolerances: a face that comes so far before another is cut off where it meets that, a shallower one where
 the tolerance begins. So a silhouette does not leave strips as narrow as the tolerance on the faces behind it."""
+FLAT = 1e-3
+"""Contact tolerances: an eye so near to a face's plane lies in it."""
 SLIVER = 1e-11
 """Share of a triangle: smaller polygons are dropped."""
 
 COVERED, TOO_MANY = -1, -2
 
 
-def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatArray, IntArray]:
-    """Return what one of the eyes (k, 3) sees at least: triangles (n, 3, 3), and of which face each is, (n,) int32.
+def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return what one of the eyes (k, 3) sees at least: triangles (n, 3, 3), of which face each is, their areas (n,).
 
     Exact but for rounding: cuts lie where the shadows' edges do. Of a face seen edge-on nothing is seen. `contact` is
     the contact tolerance, world units.
     """
-    bvh = build_bvh(mesh, contact)
+    return _cut_faces(mesh, build_bvh(mesh, contact), eyes)
+
+
+def seen_shares(mesh: Mesh, eyes: FloatArray, contact: float) -> FloatArray:
+    """Return the share of each face's area that each eye (k, 3) sees, (k, f), exact but for rounding.
+
+    NaN for a face without area or seen edge-on, and for all faces where the eye lies on one.
+    """
+    bvh, shares = build_bvh(mesh, contact), np.empty((len(eyes), len(mesh.faces)))
+    for eye, share in zip(eyes, shares, strict=True):
+        _, face_ids, areas = _cut_faces(mesh, bvh, eye[None])
+        seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
+        share[:] = np.where(_has_a_side(mesh, eye, contact), seen / np.where(mesh.areas > 0, mesh.areas, 1), np.nan)
+    return shares
+
+
+def _has_a_side(mesh: Mesh, eye: FloatArray, contact: float) -> BoolArray:
+    """Which faces (f,) an eye sees from one side; none where it lies on a face: in its plane, and in its box."""
+    corners = mesh.corners - eye
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes, reach = np.linalg.norm(normals, axis=1), np.linalg.norm(corners[:, 0], axis=1)
+    heights = np.abs(np.einsum("fi,fi->f", normals, corners[:, 0]))
+    within = (corners.min(axis=1) <= contact) & (corners.max(axis=1) >= -contact)
+    lies_on = (heights <= FLAT * contact * sizes) & within.all(axis=1)
+    return (heights > EDGE_ON * sizes * reach) & ~lies_on.any()
+
+
+def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     tree = bvh.boxes, bvh.children, bvh.n_children, bvh.face_ids, bvh.vertices, bvh.faces, bvh.depth
     scene = bvh.centre, bvh.scale, bvh.world_contact
     face_ids = np.arange(len(mesh.faces) if len(eyes) else 0, dtype=np.int32)
@@ -60,11 +89,13 @@ def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatA
             cut = [pool.submit(_cut, tree, scene, eyes, corners[i], face_ids[i], may_quarter[i]) for i in blocks]
             rest = np.zeros(len(corners), dtype=bool)
             for block, each in zip(blocks, cut, strict=True):
-                found, rows, rest[block] = each.result()
-                parts.append(found)
+                seen, rows, rest[block] = each.result()
+                parts.append(seen)
                 of_face.append(face_ids[block][rows])
             corners, face_ids = _quartered(corners[rest]), np.repeat(face_ids[rest], 4)
-    return np.concatenate(parts), np.concatenate(of_face)
+    found = np.concatenate(parts)
+    areas = 0.5 * np.linalg.norm(np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]), axis=1)
+    return found, np.concatenate(of_face), areas
 
 
 def _quartered(corners: FloatArray) -> FloatArray:
@@ -164,7 +195,7 @@ def _cones_before(tree, scene, eye, corners, own, most, cones, n_sides, n_cones,
     a, b, c, eye = (0.0, 0.0, 0.0), minus(corners[1], origin), minus(corners[2], origin), minus(eye, origin)
     normal, reach = cross(b, c), np.sqrt(dot(eye, eye))
     height, size = dot(normal, eye), np.sqrt(dot(normal, normal))
-    if abs(height) <= STEEPEST * size * reach:
+    if abs(height) <= EDGE_ON * size * reach:
         return cones, n_sides, COVERED
     sign, height = (1.0 if height > 0.0 else -1.0), abs(height)
     touching = TOUCHING * size / scene[1]

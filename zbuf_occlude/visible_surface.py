@@ -13,9 +13,11 @@ from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction, check_
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
 from zbuf_occlude.provenance import generator
-from zbuf_occlude.uniform_faces import uniform_faces
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import CONTACT
+
+WHOLE = 1e-9
+"""Share of a face: with less missing it is seen wholly, with less seen it is hidden."""
 
 
 class VisibleFaces(NamedTuple):
@@ -23,10 +25,10 @@ class VisibleFaces(NamedTuple):
 
     fraction : (k, f) float64, share of the face's area
     standard_error : (k, f) float64, of `fraction`: the standard deviation of the share after what was sampled, from a
-        uniform prior; never 0 where it is sampled
+        uniform prior; 0 where it is cut, and nowhere else
     n_points : (f,) int64, points that the face was asked at
-    proved : (k, f) bool, where the eye sees all of the face or nothing of it and that is proved; `standard_error` is 0
-        there. False everywhere unless asked for.
+    proved : (k, f) bool, where the face is cut and the eye sees all of it, `fraction` 1, or nothing, 0. False
+        everywhere unless asked for.
     """
 
     fraction: FloatArray
@@ -70,7 +72,7 @@ def visible_faces(
     method: str = "exact",
     **options: Any,
 ) -> VisibleFaces:
-    """Estimate the share of each face's area that each eye sees, from random points on it.
+    """Return the share of each face's area that each eye sees: estimated from random points on it, or cut exactly.
 
     Parameters
     ----------
@@ -84,7 +86,9 @@ def visible_faces(
         Points shared out by area on top of these, so that large faces are known better.
     seed : int
     exactly : bool
-        Prove which faces each eye sees wholly or not at all (`uniform_faces`); the others' shares are still sampled.
+        Cut the faces along the edges of the shadows, as `visible_mesh` does: exact but for rounding, and where another
+        face is nearer than the contact tolerance. Within 1e-9 of all or nothing is all or nothing. Still sampled are
+        faces seen edge-on, and all faces for an eye that lies on one.
     method : str
         A name of the table of methods. Answers of an exact method have the sampling's error alone.
     **options
@@ -116,15 +120,18 @@ def visible_faces(
         raise ArgumentError(f"exactly needs a method without error, exact or oracle; got {method}.")
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
-        if exactly:
-            middles = occluder.visible(_on_faces(mesh, mesh.corners.mean(axis=1), every), eyes)
     n_seen = np.add.reduceat(seen, np.cumsum(counts) - counts, axis=1, dtype=np.int64)
     expected = (n_seen + 1) / (counts + 2)
     fraction, error = n_seen / counts, np.sqrt(expected * (1 - expected) / (counts + 3))
     proved = np.zeros(fraction.shape, dtype=bool)
     if exactly:
-        proved = uniform_faces(mesh, eyes, float(options.get("contact", CONTACT)))
-        fraction[proved], error[proved] = middles[proved], 0.0
+        from zbuf_occlude.shadow_cuts import seen_shares  # late: it takes numba along
+
+        shares = seen_shares(mesh, eyes, float(options.get("contact", CONTACT)) * mesh.diagonal)
+        cut, nothing, all_of_it = np.isfinite(shares), shares < WHOLE, shares > 1 - WHOLE
+        proved = nothing | all_of_it
+        fraction[cut], error[cut] = shares[cut], 0.0
+        fraction[nothing], fraction[all_of_it] = 0.0, 1.0
     return VisibleFaces(fraction, error, counts, proved)
 
 
@@ -235,11 +242,10 @@ def _on_faces(mesh: Mesh, positions: FloatArray, face_ids: IntArray) -> SurfaceP
     return SurfacePoints.of_checked(positions, face_ids, mesh.face_normals[face_ids])
 
 
-def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray) -> tuple[Mesh, IntArray] | None:
-    """A mesh of the pieces (n, 3, 3) of faces (n,); a face of which all pieces are there is one again."""
-    areas = 0.5 * np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
+def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray, areas: FloatArray) -> tuple[Mesh, IntArray] | None:
+    """A mesh of pieces (n, 3, 3) of faces (n,), with their areas (n,); a face of which all is there is one again."""
     seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
-    whole = np.flatnonzero((mesh.areas > 0) & (seen >= (1 - 1e-9) * mesh.areas)).astype(np.int32)
+    whole = np.flatnonzero((mesh.areas > 0) & (seen >= (1 - WHOLE) * mesh.areas)).astype(np.int32)
     rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
     corners = np.concatenate([mesh.corners[whole], pieces[rest]])
     if len(corners) == 0:
