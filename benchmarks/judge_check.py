@@ -8,11 +8,12 @@ which two of them differ, whom rational arithmetic proves right. Exits with 1 wh
 the band, when exact_hsr differs from it there, or when Embree agrees on less than 99.99 %.
 """
 
-import argparse
-import sys
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+from common import run
 
 import zbuf_occlude as zo
 from tests.rational import sees
@@ -23,19 +24,12 @@ MOST_DISPUTES = 300
 """This many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("meshes", nargs="+")
-    parser.add_argument("--points", type=int, default=5000)
-    parser.add_argument("--views", default="paper100")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+def main(meshes: Sequence[Path], *, points: int = 5000, views: str = "paper100", seed: int = 0) -> int:
     failed = False
-    for path in arguments.meshes:
+    for path in meshes:
         mesh = load_mesh(path).normalized()
-        points = zo.sample_surface(mesh, n_points=arguments.points, seed=arguments.seed)
-        eyes = zo.views.parse(arguments.views).eyes
-        failed |= check(mesh, points, eyes)
+        sampled = zo.sample_surface(mesh, n_points=points, seed=seed)
+        failed |= check(mesh, sampled, zo.views.parse(views).eyes)
     return int(failed)
 
 
@@ -92,4 +86,4 @@ def decide(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, __doc__)

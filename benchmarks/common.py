@@ -1,0 +1,100 @@
+"""What the benchmarks share: their command line, tables of Markdown, times in turns, and Open3D as a peer."""
+
+import argparse
+import inspect
+import os
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import numpy as np
+
+import zbuf_occlude as zo
+from zbuf_occlude.arrays import FloatArray
+
+DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+SHORT_OF = 1.0 - 1e-4
+"""Of the way from an eye to a point, what peers look at."""
+
+
+def run(main: Callable[..., int | None], description: str | None, **choices: Iterable[str]) -> None:
+    """Call `main` with what the command line gives, and exit with what it returns.
+
+    Parameters after `*` are options: a `Sequence` takes several values, a `bool` is a flag, and what is not given has
+    the default of `main`. The others are arguments. `choices` are all that a parameter of that name may be.
+    """
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parameters = inspect.signature(main).parameters
+    for name, parameter in parameters.items():
+        kind, needed = parameter.annotation, parameter.default is parameter.empty
+        flag, several = f"--{name.replace('_', '-')}", get_origin(kind) is Sequence
+        allowed = [*choices[name], []] if name in choices else None  # argparse asks whether no value, [], is allowed
+        value: dict[str, Any] = {"type": (get_args(kind) or (kind,))[0], "choices": allowed, "metavar": name.upper()}
+        if kind is bool:
+            parser.add_argument(flag, action="store_true")
+        elif parameter.kind is not parameter.KEYWORD_ONLY:
+            many = "*" if parameter.kind is parameter.VAR_POSITIONAL else "+" if several else None if needed else "?"
+            parser.add_argument(name, nargs=many, **value)
+        elif several:
+            parser.add_argument(flag, action="extend", nargs="+", **value)
+        else:
+            parser.add_argument(flag, required=needed, **value)
+    arguments: list[Any] = []
+    options = {name: value for name, value in vars(parser.parse_args()).items() if value is not None}
+    for name, parameter in parameters.items():
+        if parameter.kind is parameter.VAR_POSITIONAL:
+            arguments += options.pop(name)
+        elif parameter.kind is not parameter.KEYWORD_ONLY and name in options:
+            arguments.append(options.pop(name))
+    raise SystemExit(main(*arguments, **options))
+
+
+def row(*cells: object) -> None:
+    """Print a row of a table of Markdown."""
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def heads(*names: str, words: int = 1) -> None:
+    """Print the head of a table of Markdown: first columns of words, then of numbers."""
+    row(*names)
+    row(*["---"] * words, *["---:"] * (len(names) - words))
+
+
+def in_turns(
+    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, list[float]]:
+    """Return the seconds of each job in each round; in a round all jobs take their turn."""
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            began = clock()
+            job()
+            seconds[name].append(clock() - began)
+    return seconds
+
+
+class Open3D:
+    """Open3D's caster of rays, built from a mesh."""
+
+    def __init__(self, mesh: zo.Mesh) -> None:
+        import open3d
+
+        self.tensor = open3d.core.Tensor
+        self.scene = open3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(
+            self.tensor(mesh.vertices.astype(np.float32)), self.tensor(mesh.faces.astype(np.uint32))
+        )
+        self.first(self.rays(np.zeros((1, 3)), np.ones((1, 3))))  # builds
+
+    def rays(self, origins: FloatArray, directions: FloatArray) -> Any:
+        """Return rays as it takes them."""
+        return self.tensor(np.concatenate([np.broadcast_to(origins, directions.shape), directions], axis=1, dtype="f4"))
+
+    def occluded(self, rays: Any) -> np.ndarray:
+        """Say which rays are met before they come to their ends."""
+        return self.scene.test_occlusions(rays, 0.0, SHORT_OF).numpy()
+
+    def first(self, rays: Any) -> np.ndarray:
+        """Return the faces that rays meet first, -1 where none."""
+        return self.scene.cast_rays(rays)["primitive_ids"].numpy().view(np.int32)
