@@ -1,19 +1,24 @@
-"""What the benchmarks share: their command line, tables of Markdown, times in turns, and Open3D as a peer."""
+"""What the benchmarks share: command line, tables of Markdown, times in turns, costs of processes, Open3D as a peer."""
 
 import argparse
+import ctypes
 import inspect
 import os
+import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
 import zbuf_occlude as zo
 from zbuf_occlude.arrays import FloatArray
 
-DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("ZBUF_OCCLUDE_DATA", ROOT.parent / "shared" / "data"))
+PR_SET_CHILD_SUBREAPER = 36
 SHORT_OF = 1.0 - 1e-4
 """Of the way from an eye to a point, what peers look at."""
 
@@ -71,6 +76,42 @@ def in_turns(
             began = clock()
             job()
             seconds[name].append(clock() - began)
+    return seconds
+
+
+class Cost(NamedTuple):
+    """Seconds of a whole process, and the greatest memory of one of those that come from it."""
+
+    clock: float
+    processors: float
+    megabytes: float
+
+
+def cost_of(command: list[str], out: Path, checkout: Path = ROOT, **environment: str) -> Cost:
+    """Run a command in the folder of `out`, with the package of a checkout; what it says is kept for errors."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans come to this process, to be counted
+    variables = {**os.environ, "PYTHONPATH": str(checkout), **environment}
+    variables.pop("PYTHONDONTWRITEBYTECODE", None)  # what is installed has its bytecode
+    with open(out.with_suffix(".log"), "w+") as log:
+        began = time.perf_counter()
+        process = subprocess.Popen(command, cwd=out.parent, env=variables, stdout=log, stderr=log)
+        _, status, usage = os.wait4(process.pid, 0)  # with those that it waited for
+        clock = time.perf_counter() - began
+        processors = usage.ru_utime + usage.ru_stime + _of_orphans()
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode not in (0, 3):  # 3: done, some meshes failed
+            log.seek(0)
+            raise SystemExit(f"error: {' '.join(command)[:300]} ended with {process.returncode}:\n{log.read()[-2000:]}")
+    return Cost(clock, processors, usage.ru_maxrss / 1e3)
+
+
+def _of_orphans() -> float:
+    """Wait for those that a process has left behind, which are this one's now; return their seconds of processors."""
+    seconds = 0.0
+    with suppress(ChildProcessError):  # none is left
+        while True:
+            usage = os.wait4(-1, 0)[2]
+            seconds += usage.ru_utime + usage.ru_stime
     return seconds
 
 

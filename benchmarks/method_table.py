@@ -10,6 +10,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from common import row
+
 from zbuf_occlude.cli.shell import SOME_FAILED
 from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.compare.metrics import Standing, standings
@@ -61,11 +63,12 @@ def main() -> None:
         if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
             raise SystemExit(code)
         known = {standing.subject: standing for standing in standings(ComparisonFolder(out).rows().values())}
-    print("| method | wrong answers | ms per view | take it |\n| --- | ---: | ---: | --- |")
+    row("method", "wrong answers", "ms per view", "take it")
+    row("---", "---:", "---:", "---")
     for name, subjects, when in ROWS:
         found = [known.get(subject.label) for subject in subjects]
         if any(found):
-            print(f"| {name} | {wrong(found)} | {' / '.join(milliseconds(one) for one in found)} | {when} |")
+            row(name, wrong(found), " / ".join(milliseconds(one) for one in found), when)
 
 
 def wrong(found: list[Standing | None]) -> str:
