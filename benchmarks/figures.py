@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from parts import ROOT
+from common import ROOT
 
 FIGURES = ROOT / "docs" / "figures.json"
 END = "<!-- end of figure -->"

@@ -1,6 +1,6 @@
 """Give mutated files to the readers: each must be read or refused in one line, soon, whatever was done to it.
 
-    python benchmarks/mutated_files.py meshes [--files 20000] [--random 0] [--keep FOLDER] [--only .glb --only .gltf]
+    python benchmarks/mutated_files.py meshes [--files 20000] [--random SEED] [--keep FOLDER] [--only .glb --only .gltf]
     python benchmarks/mutated_files.py documents
 
 Small sound files, meshes of all formats or sensors, scenes, poses and labels, are cut, doubled, spliced, peppered with
@@ -12,26 +12,25 @@ camera sees, and no warning may come but of eyes inside a box. Exit status 1 aft
 any crash, any file that took longer than 10 s or a process to more than 1 GB.
 """
 
-import argparse
 import base64
 import copy
 import json
 import logging
 import multiprocessing
 import os
-import random
 import re
 import struct
-import sys
 import tempfile
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
+from common import run
 
 SLOW, START = 10.0, 120.0
 """Seconds of processor time that a file of some kilobytes may take, and that a child may take to its first."""
@@ -261,9 +260,9 @@ def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
 # ---- mutations -------------------------------------------------------------------------------------------------------
 
 
-def mutated(data: bytes, kind: str, rng: random.Random) -> bytes:
+def mutated(data: bytes, kind: str, rng: Random) -> bytes:
     """Return a file after one to four changes."""
-    ways: list[Callable[[bytes, random.Random], bytes]] = [
+    ways: list[Callable[[bytes, Random], bytes]] = [
         *(flipped, cut, spliced, peppered, renumbered, reworded, relined),
         *[revalued_text] * (0 if kind.startswith("mesh") else 4),
     ]
@@ -279,7 +278,7 @@ def mutated(data: bytes, kind: str, rng: random.Random) -> bytes:
     return data
 
 
-def flipped(data: bytes, rng: random.Random) -> bytes:
+def flipped(data: bytes, rng: Random) -> bytes:
     """Change single bits."""
     changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 3, 20))):
@@ -288,13 +287,13 @@ def flipped(data: bytes, rng: random.Random) -> bytes:
     return bytes(changed)
 
 
-def cut(data: bytes, rng: random.Random) -> bytes:
+def cut(data: bytes, rng: Random) -> bytes:
     """Cut off the end, mostly little of it, or the beginning."""
     place = rng.choice((rng.randrange(len(data) + 1), max(0, len(data) - rng.randrange(30))))
     return data[:place] if rng.random() < 0.8 else data[place:]
 
 
-def spliced(data: bytes, rng: random.Random) -> bytes:
+def spliced(data: bytes, rng: Random) -> bytes:
     """Take a piece out, put it in twice, or put it elsewhere."""
     begin = rng.randrange(len(data) + 1)
     piece = data[begin : begin + rng.choice((1, 4, 20, 200))]
@@ -303,13 +302,13 @@ def spliced(data: bytes, rng: random.Random) -> bytes:
     return rng.choice((rest, data[:begin] + piece + data[begin:], rest[:place] + piece + rest[place:]))
 
 
-def peppered(data: bytes, rng: random.Random) -> bytes:
+def peppered(data: bytes, rng: Random) -> bytes:
     """Put odd bytes in."""
     place = rng.randrange(len(data) + 1)
     return data[:place] + rng.choice(ODD_BYTES) + data[place:]
 
 
-def renumbered(data: bytes, rng: random.Random) -> bytes:
+def renumbered(data: bytes, rng: Random) -> bytes:
     """Put an odd number in place of a word of text; in binary data, a large or small number of four bytes."""
     words = data.split(b" ") if b" " in data[:2000] else []
     if len(words) > 3 and rng.random() < 0.8:
@@ -320,21 +319,21 @@ def renumbered(data: bytes, rng: random.Random) -> bytes:
     return data[:place] + struct.pack("<I", value) + data[place + 4 :]
 
 
-def reworded(data: bytes, rng: random.Random) -> bytes:
+def reworded(data: bytes, rng: Random) -> bytes:
     """Put a word of a text in place of another."""
     words = data.split(b" ")
     words[rng.randrange(len(words))] = rng.choice(words)
     return b" ".join(words)
 
 
-def revalued_text(data: bytes, rng: random.Random) -> bytes:
+def revalued_text(data: bytes, rng: Random) -> bytes:
     """Put something odd in place of a word or number of YAML or CSV, or of what stands between two commas."""
     words = re.split(rb"([,:\n\[\] ])", data)
     words[rng.randrange(0, len(words), 2)] = rng.choice((*ODD_NUMBERS, *ODD_WORDS))
     return b"".join(words)
 
 
-def relined(data: bytes, rng: random.Random) -> bytes:
+def relined(data: bytes, rng: Random) -> bytes:
     """Double, move, join, break or comment lines of a text, or end them otherwise."""
     lines = data.split(b"\n")
     place, other = rng.randrange(len(lines)), rng.randrange(len(lines))
@@ -354,7 +353,7 @@ def relined(data: bytes, rng: random.Random) -> bytes:
     return b"\n".join(lines)
 
 
-def revalued(document: dict[str, Any], rng: random.Random) -> None:
+def revalued(document: dict[str, Any], rng: Random) -> None:
     """Change, remove or double a value somewhere in JSON."""
     holder: Any = document
     while holder:
@@ -516,27 +515,20 @@ def processor_seconds(pid: int | None) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("meshes", "documents"))
-    parser.add_argument("--files", type=int, default=20_000)
-    parser.add_argument("--random", type=int, default=0, help="seed of the mutations")
-    parser.add_argument("--only", action="append", metavar="ENDING")
-    parser.add_argument(
-        "--keep", type=Path, help="folder for files that are faults, and those that trimesh reads otherwise"
-    )
-    options = parser.parse_args()
-    rng = random.Random(options.random)
-    meshes = {f"mesh{suffix}": files for suffix, files in sound_files().items()}
-    sound = meshes if options.what == "meshes" else sound_documents()
-    sound = {kind: files for kind, files in sound.items() if kind.endswith(tuple(options.only or [""]))}
+def main(
+    what: str, *, files: int = 20_000, random: int = 0, keep: Path | None = None, only: Sequence[str] = ("",)
+) -> int:
+    rng = Random(random)  # the seed of the mutations
+    meshes = {f"mesh{suffix}": examples for suffix, examples in sound_files().items()}
+    sound = meshes if what == "meshes" else sound_documents()
+    sound = {kind: examples for kind, examples in sound.items() if kind.endswith(tuple(only))}
     kinds = list(sound)
     counts: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
     faults: list[str] = []
-    for first in range(0, options.files, BATCH):
+    for first in range(0, files, BATCH):
         with tempfile.TemporaryDirectory() as name:
             paths = []
-            for number in range(first, min(first + BATCH, options.files)):
+            for number in range(first, min(first + BATCH, files)):
                 kind = kinds[number % len(kinds)]
                 data = mutated(rng.choice(sound[kind]), kind, rng)
                 paths.append(written(Path(name, f"{number:06d}"), kind, data))
@@ -544,16 +536,16 @@ def main() -> int:
                 counts[path.name][outcome.split(": ")[0]] += 1
                 number = path.parent.name
                 if outcome not in ("refused", "read", "read, and as trimesh has it", "read, trimesh does not"):
-                    if options.keep:
-                        options.keep.mkdir(parents=True, exist_ok=True)
-                        (options.keep / f"{number}.{path.name}").write_bytes(path.read_bytes())
+                    if keep:
+                        keep.mkdir(parents=True, exist_ok=True)
+                        (keep / f"{number}.{path.name}").write_bytes(path.read_bytes())
                     if not outcome.startswith("read"):
                         faults.append(f"{number}.{path.name}: {outcome}")
     for kind, of_kind in counts.items():
         print(f"{kind}: " + ", ".join(f"{n} {what}" for what, n in sorted(of_kind.items())))
-    print("\n".join(faults) or f"no traceback, crash or hang in {options.files} files (seed {options.random})")
+    print("\n".join(faults) or f"no traceback, crash or hang in {files} files (seed {random})")
     return int(bool(faults))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, __doc__, what=("meshes", "documents"))

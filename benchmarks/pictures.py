@@ -17,11 +17,10 @@ from typing import Any
 import figures
 import matplotlib.image
 import numpy as np
-from common import run
+from common import ROOT, run
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgb
-from parts import ROOT
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
