@@ -79,6 +79,11 @@ def in_turns(
     return seconds
 
 
+def rates(answer: np.ndarray, truth: np.ndarray) -> list[float]:
+    """Return which shares of the answers are right, show what is hidden, and hide what is visible."""
+    return [float(each.mean()) for each in (answer == truth, answer & ~truth, ~answer & truth)]
+
+
 class Cost(NamedTuple):
     """Seconds of a whole process, and the greatest memory of one of those that come from it."""
 

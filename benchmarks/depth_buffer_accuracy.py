@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from common import DATA, heads, in_turns, row, run
+from common import DATA, heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, shapes
@@ -38,16 +38,13 @@ def measure(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, rep
         truth = exact.visible(points, judged)
     with zo.prepare(mesh, "oracle") as oracle:
         disputed = (truth[::20] != oracle.visible(points, judged[::20])).mean()
-    cells = []
     with (
         zo.prepare(mesh, "depth_buffer", gl=gl, refine="none") as plain,
         zo.prepare(mesh, "depth_buffer", gl=gl) as refined,
     ):
         both = {"none": plain, "witness": refined}
-        for occluder in both.values():
-            answer = occluder.visible(points, judged)
-            cells.append(f"{(answer == truth).mean():.4f}")
-        cells += [f"{(answer & ~truth).mean():.4f}", f"{(~answer & truth).mean():.4f}"]
+        shares = [rates(occluder.visible(points, judged), truth) for occluder in both.values()]
+        cells = [f"{share:.4f}" for share in (shares[0][0], *shares[1])]
         jobs = {refine: partial(occluder.visible, points, eyes) for refine, occluder in both.items()}
         seconds = in_turns(jobs, repeats)
     none, witness = (np.median(seconds[refine]) for refine in ("none", "witness"))

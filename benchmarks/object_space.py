@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from common import heads, in_turns, row, run
+from common import heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude.jit.threads import use_threads
@@ -119,12 +119,11 @@ def errors(meshes: list[zo.Mesh]) -> None:
         print(f"\n## {heading}\n")
         heads("", "agreement", "false visible", "false hidden")
         for label, method, options in rows:
-            rates = []
+            shares = []
             for mesh, points, truth in zip(meshes, samples, truths, strict=True):
                 with zo.prepare(mesh, method, **options) as occluder:
-                    answer = occluder.visible(points, EYES)
-                rates.append([(answer == truth).mean(), (answer & ~truth).mean(), (~answer & truth).mean()])
-            row(label, *(f"{rate:.3f}" for rate in np.mean(rates, axis=0)))
+                    shares.append(rates(occluder.visible(points, EYES), truth))
+            row(label, *(f"{share:.3f}" for share in np.mean(shares, axis=0)))
 
 
 def growth() -> None:

@@ -8,7 +8,7 @@ plane.
 from pathlib import Path
 
 import numpy as np
-from common import heads, row, run
+from common import heads, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -41,13 +41,10 @@ def main(*files: Path) -> None:
     for name, touching, length in VARIANTS:
         for n in SIZES:
             pairs = [answers(mesh, n, touching, length) for mesh in meshes]
-            right, shown, lost = (
-                np.mean([f(a, t).mean() for a, t, _ in pairs])
-                for f in (np.equal, lambda a, t: a & ~t, lambda a, t: ~a & t)
-            )
+            shares = np.mean([rates(answer, truth) for answer, truth, _ in pairs], axis=0)
             seen = [(a, t & (sine > np.sin(STEEP))) for a, t, sine in (answers(m, n, touching, length) for m in fronts)]
             front = sum((~a & t).sum() for a, t in seen) / sum(t.sum() for _, t in seen)
-            row(name, n, *(f"{share:.3f}" for share in (right, shown, lost)), f"{front:.1%}")
+            row(name, n, *(f"{share:.3f}" for share in shares), f"{front:.1%}")
 
 
 if __name__ == "__main__":
