@@ -18,7 +18,6 @@ import sys
 import time
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 import figures
 from common import ROOT, run
@@ -62,7 +61,8 @@ def measured(part: Part, *, cheap: bool) -> bool:
         print("\n".join(lines))
         return True
     known = figures.read()  # anew: another run may have written
-    known[part.name] = entry_of(part, lines, seconds)
+    entry = {"command": part.command, "date": date.today().isoformat(), "machine": machine(), "seconds": seconds}
+    known[part.name] = {**entry, "text": part.text, "value": lines}
     figures.write(known)
     return True
 
@@ -77,12 +77,6 @@ def words_of(command: str, out: Path) -> list[str]:
 def local(word: str) -> str:
     """Return a word with the data's folder where it is on this machine."""
     return re.sub(f"^{DATA}", os.environ.get("ZBUF_OCCLUDE_DATA", DATA), word)
-
-
-def entry_of(part: Part, lines: list[str], seconds: int) -> dict[str, Any]:
-    """Return what figures.json keeps of a run."""
-    entry = {"command": part.command, "date": date.today().isoformat(), "machine": machine(), "seconds": seconds}
-    return {**entry, "text": part.text, "value": lines}
 
 
 def make_pages() -> None:

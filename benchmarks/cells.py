@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import trimesh
 from common import DATA, SHORT_OF, Open3D, heads, row, run
 from matplotlib.colors import TwoSlopeNorm
 
@@ -69,16 +70,10 @@ class Question(NamedTuple):
 
 def subdivided(mesh: zo.Mesh, n_faces: int) -> zo.Mesh:
     """Divide each face into four, until there are this many or almost."""
-    vertices, faces = mesh.vertices, mesh.faces.astype(np.int64)
+    vertices, faces = mesh.vertices, mesh.faces
     while len(faces) * 2 < n_faces:
-        edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        keys, which = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_inverse=True)
-        low, high = np.divmod(keys, len(vertices))
-        ab, bc, ca = (which.reshape(-1, 3) + len(vertices)).T
-        vertices = np.concatenate([vertices, 0.5 * (vertices[low] + vertices[high])])
-        a, b, c = faces.T
-        faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
-    return zo.Mesh(vertices, faces.astype(np.int32))
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    return zo.Mesh(vertices, faces)
 
 
 def terrain(n_faces: int) -> zo.Mesh:
