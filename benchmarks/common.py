@@ -128,9 +128,7 @@ class Open3D:
 
         self.tensor = open3d.core.Tensor
         self.scene = open3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(
-            self.tensor(mesh.vertices.astype(np.float32)), self.tensor(mesh.faces.astype(np.uint32))
-        )
+        self.scene.add_triangles(self.tensor(np.float32(mesh.vertices)), self.tensor(np.uint32(mesh.faces)))
         self.first(self.rays(np.zeros((1, 3)), np.ones((1, 3))))  # builds
 
     def rays(self, origins: FloatArray, directions: FloatArray) -> Any:

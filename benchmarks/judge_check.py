@@ -46,15 +46,11 @@ def check(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> bool:
             differs = occluder.visible(points, eyes) != truth
         outside = int((differs & decided).sum())
         agreement = 1.0 - differs.mean()
-        print(
-            f"  {rival}: agrees on {100 * agreement:.5f} %; "
-            f"differs on {differs.sum()} pairs, {outside} of them outside the band"
-        )
+        differing = f"{differs.sum()} pairs, {outside} of them outside the band"
+        print(f"  {rival}: agrees on {100 * agreement:.5f} %; differs on {differing}")
         judge_right, judge_wrong, wrong_outside = decide(mesh, points, eyes, truth, differs, decided, judge.contact)
-        print(
-            f"    rational arithmetic: oracle right {judge_right}, {rival} right {judge_wrong}"
-            f" ({wrong_outside} of these outside the band)"
-        )
+        lost = f"{rival} right {judge_wrong} ({wrong_outside} of these outside the band)"
+        print(f"    rational arithmetic: oracle right {judge_right}, {lost}")
         failed |= wrong_outside > 0 or (outside > 0 if rival == "exact_hsr" else agreement < 0.9999)
     print(f"  {time.perf_counter() - start:.0f} s{'; FAILED' if failed else ''}")
     return failed
@@ -74,13 +70,8 @@ def decide(
     if len(disputes) > MOST_DISPUTES:
         print(f"    (deciding {MOST_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
         disputes = disputes[np.linspace(0, len(disputes) - 1, MOST_DISPUTES).astype(int)]
-    right = np.array(
-        [
-            sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) == truth[j, i]
-            for j, i in disputes
-        ],
-        dtype=bool,
-    )
+    proved = [sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) for j, i in disputes]
+    right = np.array(proved, dtype=bool) == truth[tuple(disputes.T)]
     outside = decided[tuple(disputes.T)] & ~right
     return int(right.sum()), int((~right).sum()), int(outside.sum())
 

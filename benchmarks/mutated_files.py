@@ -121,8 +121,8 @@ def sound_files() -> dict[str, list[bytes]]:
     prism = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 0.5, 0), (0, 2, 0), (1, 1, 3)]
     polygons = [[0, 1, 2, 3, 4], [0, 1, 5], [1, 2, 5], [2, 3, 4, 5]]
     rows = "".join(f"{x} {y} {z}\n" for x, y, z in prism)
-    files[".off"].append(f"OFF{len(prism)} {len(polygons)} 0\n{rows}".encode() + _faces(polygons, counted=True))
-    files[".off"].append(f"COFF\n# red\n{len(prism)} {len(polygons)}\n{rows}".encode() + _faces(polygons, counted=True))
+    files[".off"].append(f"OFF{len(prism)} {len(polygons)} 0\n{rows}".encode() + _faces(polygons))
+    files[".off"].append(f"COFF\n# red\n{len(prism)} {len(polygons)}\n{rows}".encode() + _faces(polygons))
     files[".obj"].append(
         "".join(f"v {row}\n" for row in rows.splitlines()).encode()
         + b"vt 0 0\nvn 0 0 1\nusemtl a\n"
@@ -130,9 +130,7 @@ def sound_files() -> dict[str, list[bytes]]:
     )
     head = "ply\nformat {} 1.0\nelement vertex 6\n" + "property double {}\n" * 3 + "element face 4\n"
     head += "property list uchar int vertex_indices\nproperty uchar red\nend_header\n"
-    files[".ply"].append(
-        head.format("ascii", "x", "y", "z").encode() + rows.encode() + _faces(polygons, counted=True, after=b" 7")
-    )
+    files[".ply"].append(head.format("ascii", "x", "y", "z").encode() + rows.encode() + _faces(polygons, b" 7"))
     for name, order in (("binary_little_endian", "<"), ("binary_big_endian", ">")):
         body = np.array(prism, f"{order}f8").tobytes()
         body += b"".join(bytes([len(f)]) + np.array(f, f"{order}i4").tobytes() + b"\7" for f in polygons)
@@ -234,11 +232,8 @@ def rich_document() -> dict[str, Any]:
     }
 
 
-def _faces(polygons: list[list[int]], *, counted: bool, after: bytes = b"") -> bytes:
-    return b"".join(
-        (b"%d " % len(each) if counted else b"") + b" ".join(b"%d" % i for i in each) + after + b"\n"
-        for each in polygons
-    )
+def _faces(polygons: list[list[int]], after: bytes = b"") -> bytes:
+    return b"".join(b" ".join(b"%d" % i for i in (len(each), *each)) + after + b"\n" for each in polygons)
 
 
 def packed(document: dict[str, Any], blob: bytes) -> bytes:

@@ -63,9 +63,8 @@ class Loader:
     name: str  # the class or function of it that reads
     layout: str  # `--format`
     read: Any  # yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`
-    links: dict[str, str] = field(
-        default_factory=dict
-    )  # names as the loader's configuration has them, to the dataset's
+    # names as the loader's configuration has them, to the dataset's
+    links: dict[str, str] = field(default_factory=dict)
     meshes: str = "shapenet"  # in whose folders the meshes lie
     up: str = "y"  # the layout's up axis
     n_views: int = 8

@@ -37,21 +37,19 @@ def main(*, method: str = "exact", scenes: int = 1000, first: int = 0, seed: int
         totals[turn] += counts
         if counts[0]:
             kind = scene(seed, index)[3]
-            print(
-                f"scene {index} ({kind}, contact {CONTACTS[turn]:g}): "
-                f"{counts[0]} of {counts[2]} {things} differ outside the boundary band"
-            )
+            place = f"scene {index} ({kind}, contact {CONTACTS[turn]:g})"
+            print(f"{place}: {counts[0]} of {counts[2]} {things} differ outside the boundary band")
     if question == "points":
-        for contact, (outside, inside, pairs) in zip(CONTACTS, totals, strict=True):
-            print(
-                f"contact {contact:g}: {pairs} pairs, {outside} disagreements outside the boundary band, {inside} in it"
-            )
-    outside, inside, pairs = totals.sum(axis=0)
-    print(
-        f"{method}: {scenes} scenes, {pairs} {things}, {outside} disagreements outside the boundary "
-        f"band, {inside} in it, {time.perf_counter() - start:.0f} s"
-    )
-    return 1 if outside else 0
+        for contact, counts in zip(CONTACTS, totals, strict=True):
+            print(f"contact {contact:g}: {told(counts, things)}")
+    whole = totals.sum(axis=0)
+    print(f"{method}: {scenes} scenes, {told(whole, things)}, {time.perf_counter() - start:.0f} s")
+    return 1 if whole[0] else 0
+
+
+def told(counts: np.ndarray, things: str) -> str:
+    outside, inside, n_asked = counts
+    return f"{n_asked} {things}, {outside} disagreements outside the boundary band, {inside} in it"
 
 
 if __name__ == "__main__":
