@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
-import zbuf_occlude as zo
 from zbuf_occlude.arrays import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -121,9 +120,9 @@ def _of_orphans() -> float:
 
 
 class Open3D:
-    """Open3D's caster of rays, built from a mesh."""
+    """Open3D's caster of rays, built from a mesh, this package's or trimesh's."""
 
-    def __init__(self, mesh: zo.Mesh) -> None:
+    def __init__(self, mesh: Any) -> None:
         import open3d
 
         self.tensor = open3d.core.Tensor

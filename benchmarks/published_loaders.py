@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import published_readers as readers
 import trimesh
-from common import heads, row, run
+from common import Open3D, heads, row, run
 from numpy.typing import NDArray
 from published_readers import Item
 
@@ -251,23 +251,16 @@ def write_views(path: Path, n_views: int) -> None:
             rows.writerow([np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z)), DISTANCE])
 
 
-class Surface:
+class Surface(Open3D):
     """A mesh for Open3D: distances to it, and what can be seen of it."""
 
     def __init__(self, made: Object) -> None:
-        import open3d
-
-        self._tensor = open3d.core.Tensor
-        self._scene = open3d.t.geometry.RaycastingScene()
-        mesh = open3d.t.geometry.TriangleMesh(
-            self._tensor(made.mesh.vertices.astype(np.float32)), self._tensor(made.mesh.faces.astype(np.uint32))
-        )
-        self._scene.add_triangles(mesh)
+        super().__init__(made.mesh)
         self.made = made
         self.samples = np.asarray(trimesh.sample.sample_surface(made.mesh, 20_000, seed=0)[0])
 
     def closest(self, points: Array) -> Array:
-        return self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))["points"].numpy()
+        return self.scene.compute_closest_points(self.tensor(points.astype(np.float32)))["points"].numpy()
 
     def distance(self, points: Array) -> float:
         """Return the largest distance of points from the mesh, in longest sides."""
@@ -281,8 +274,7 @@ class Surface:
     def seen(self, points: Array, eye: Array, tolerance: float) -> Array:
         """Say which points are not behind the plane of the first face that their ray from the eye meets."""
         away = points - eye
-        rays = np.concatenate([np.broadcast_to(eye, away.shape), away], axis=1).astype(np.float32)
-        first = self._scene.cast_rays(self._tensor(rays))
+        first = self.scene.cast_rays(self.rays(eye, away))
         left = np.maximum(1 - first["t_hit"].numpy(), 0)  # of the ray, behind the face
         behind = left * np.abs((first["primitive_normals"].numpy() * away).sum(axis=1))
         return np.asarray(behind <= tolerance * self.made.longest)
