@@ -1,15 +1,14 @@
 """Every measurement that the pages quote: run, written to docs/figures.json, and from there into the pages.
 
-    python benchmarks/all.py [NAME ...] [--cheap] [--timings | --no-timings] [--list] [--pages]
+    python benchmarks/all.py [NAME ...] [--cheap] [--pages]
 
 Parts run in the order of the names, or all, one after the other, unattended; one that fails or whose files are not
 here leaves the pages as they were, is named in the end, and the exit code is 1. Parts about time want an idle machine.
---cheap: each with less to do, for a look at whether it works; the pages are not touched then. --list: names, minutes,
-when last run. --pages: only make the blocks of the pages anew, as docs/figures.json has them; tests/test_figures.py
-holds them to it. What a part that was stopped has made lies in build/figures/NAME, and `experiment` goes on with it.
+--cheap: each with less to do, for a look at whether it works; the pages are not touched then.
+--pages: only make the blocks of the pages anew, as docs/figures.json has them; tests/test_figures.py holds them to it.
+What a part that was stopped has made lies in build/figures/NAME, and `experiment` goes on with it.
 """
 
-import argparse
 import glob
 import os
 import re
@@ -17,46 +16,25 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 import figures
-from parts import COMMAND, DATA, OUT, PARTS, PYTHON, ROOT, Part
+from common import ROOT, run
+from parts import COMMAND, DATA, OUT, PARTS, PYTHON, Part
 
 from zbuf_occlude.compare.run import machine
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[*(part.name for part in PARTS), []], metavar="NAME")
-    parser.add_argument("--cheap", action="store_true")
-    parser.add_argument("--timings", action=argparse.BooleanOptionalAction)
-    parser.add_argument("--list", action="store_true")
-    parser.add_argument("--pages", action="store_true")
-    options = parser.parse_args(arguments)
+def main(*names: str, cheap: bool = False, pages: bool = False) -> int:
     by_name = {part.name: part for part in PARTS}
-    chosen = [by_name[name] for name in options.names] if options.names else list(PARTS)
-    chosen = [part for part in chosen if options.timings in (None, part.times)]
-    if options.list:
-        return listed(chosen)
-    failed = [] if options.pages else [part.name for part in chosen if not measured(part, cheap=options.cheap)]
-    if not options.cheap:
+    chosen = [by_name[name] for name in names] if names else list(PARTS)
+    failed = [] if pages else [part.name for part in chosen if not measured(part, cheap=cheap)]
+    if not cheap:
         make_pages()
     if failed:
         print(f"failed: {', '.join(failed)}")
     return bool(failed)
-
-
-def listed(parts: Sequence[Part]) -> int:
-    """Print what parts there are."""
-    known = figures.read()
-    for part in parts:
-        when = known[part.name]["date"] if part.name in known else "never"
-        print(f"{part.name:<24}{part.minutes:>6} min  {when:<12}{part.command}")
-    print(f"{'all':<24}{sum(part.minutes for part in parts):>6} min")
-    return 0
 
 
 def measured(part: Part, *, cheap: bool) -> bool:
@@ -70,12 +48,12 @@ def measured(part: Part, *, cheap: bool) -> bool:
     out = ROOT / "build" / "figures" / (f"{part.name}-cheap" if cheap else part.name)
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
-    run = subprocess.run(words_of(command, out), cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(words_of(command, out), cwd=ROOT, capture_output=True, text=True, check=False)
     seconds = round(time.perf_counter() - began)
-    if run.returncode:
-        print(f"  exit code {run.returncode}: {(run.stderr or run.stdout).strip()[-2000:]}")
+    if done.returncode:
+        print(f"  exit code {done.returncode}: {(done.stderr or done.stdout).strip()[-2000:]}")
         return False
-    text = (out / part.reads).read_text(encoding="utf-8") if part.reads else run.stdout
+    text = (out / part.reads).read_text(encoding="utf-8") if part.reads else done.stdout
     shutil.rmtree(out)
     lines = [line.rstrip() for line in text.strip("\n").splitlines()]
     print(f"  {seconds} s, {len(lines)} lines", flush=True)
@@ -83,7 +61,8 @@ def measured(part: Part, *, cheap: bool) -> bool:
         print("\n".join(lines))
         return True
     known = figures.read()  # anew: another run may have written
-    known[part.name] = entry_of(part, lines, seconds)
+    entry = {"command": part.command, "date": date.today().isoformat(), "machine": machine(), "seconds": seconds}
+    known[part.name] = {**entry, "text": part.text, "value": lines}
     figures.write(known)
     return True
 
@@ -100,12 +79,6 @@ def local(word: str) -> str:
     return re.sub(f"^{DATA}", os.environ.get("ZBUF_OCCLUDE_DATA", DATA), word)
 
 
-def entry_of(part: Part, lines: list[str], seconds: int) -> dict[str, Any]:
-    """Return what figures.json keeps of a run."""
-    entry = {"command": part.command, "date": date.today().isoformat(), "machine": machine(), "seconds": seconds}
-    return {**entry, "text": part.text, "value": lines}
-
-
 def make_pages() -> None:
     """Make the blocks of all pages anew."""
     known = figures.read()
@@ -117,4 +90,4 @@ def make_pages() -> None:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run(main, __doc__, names=[part.name for part in PARTS])

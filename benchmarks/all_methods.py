@@ -1,7 +1,7 @@
 """Every method of the table against Embree, over numbers of faces and points: milliseconds per view, errors, growth.
 
     python benchmarks/all_methods.py [--faces 340 2600 19000 31000 1000000] [--points 2000 10000 50000 500000 1000000]
-                                     [--seconds 1.5] [--rounds 3] [--json FILE]
+                                     [--seconds 1.5] [--rounds 3]
 
 100 eyes (`paper100`); meshes of tiny faces (`shapes.benchmark_mesh`), below 1,500 faces a bookshelf of 346. In a cell
 all methods answer in turn, `--rounds` times, and the medians of the ratios to Open3D's `test_occlusions` count: its
@@ -13,24 +13,24 @@ points and faces (least squares of logarithms, over the cells of at least 10,000
 peak memory of each method, measured in a process of its own on the largest cell in which it answered for all eyes.
 """
 
-import argparse
-import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import open3d
 import trimesh
+from common import Open3D, heads, in_turns, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, SurfacePoints, shapes
 from zbuf_occlude.arrays import BoolArray, FloatArray
 from zbuf_occlude.gl.context import GlContext
+from zbuf_occlude.visibility import find_method
 
 Ask = Callable[[FloatArray], BoolArray]
 PEER = "open3d"
@@ -43,20 +43,14 @@ def mesh_of(n_faces: int) -> Mesh:
 
 
 def open3d_peer(mesh: Mesh, points: SurfacePoints) -> Ask:
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
-    )
-    made: dict[bytes, Any] = {}
+    caster, made = Open3D(mesh), dict[bytes, Any]()
 
     def ask(eyes: FloatArray) -> BoolArray:
         answers = []
         for eye in eyes:
             if eye.tobytes() not in made:
-                rays = np.empty((len(points), 6), dtype=np.float32)
-                rays[:, :3], rays[:, 3:] = eye, points.positions - eye
-                made[eye.tobytes()] = open3d.core.Tensor(rays)
-            answers.append(~scene.test_occlusions(made[eye.tobytes()], 0.0, 1.0 - 1e-4).numpy())
+                made[eye.tobytes()] = caster.rays(eye, points.positions - eye)
+            answers.append(~caster.occluded(made[eye.tobytes()]))
         return np.stack(answers)
 
     return ask
@@ -99,7 +93,7 @@ def cell(mesh: Mesh, n_points: int, gl: GlContext, seconds: float, rounds: int, 
         elif slow(name, len(mesh.faces), n_points, seconds):
             continue
         else:
-            needs_gl = zo.METHODS[row_of(name)].needs_gl
+            needs_gl = find_method(name).needs_gl
             occluder = stack.enter_context(zo.prepare(mesh, name, **({"gl": gl} if needs_gl else {})))
 
             def ask(eyes: FloatArray, occluder: Any = occluder) -> BoolArray:
@@ -115,10 +109,8 @@ def cell(mesh: Mesh, n_points: int, gl: GlContext, seconds: float, rounds: int, 
         # what is done once a call, such as sorting points, must not be counted for a few eyes
         another = max((seconds_of(ask, eyes[:5]) - one) / 4, 1e-6)
         asked[name] = ask, int(np.clip(seconds / another, 1, len(eyes)))
-    times: dict[str, list[float]] = {name: [] for name in asked}
-    for _ in range(rounds):
-        for name, (ask, n_eyes) in asked.items():
-            times[name].append(seconds_of(ask, eyes[:n_eyes]) / n_eyes)
+    spent = in_turns({name: partial(ask, eyes[:n_eyes]) for name, (ask, n_eyes) in asked.items()}, rounds)
+    times = {name: np.divide(spent[name], n_eyes) for name, (_, n_eyes) in asked.items()}
     for name, (ask, n_eyes) in asked.items():
         found[name] |= {
             "ms": 1e3 * float(np.median(times[name])),
@@ -128,10 +120,6 @@ def cell(mesh: Mesh, n_points: int, gl: GlContext, seconds: float, rounds: int, 
         if n_eyes == len(eyes):
             found[name]["eyes_exponent"] = float(np.log10(np.median(times[name]) * 10 / seconds_of(ask, eyes[:10])) + 1)
     return found
-
-
-def row_of(name: str) -> int:
-    return [method.name for method in zo.METHODS].index(name)
 
 
 def slow(name: str, n_faces: int, n_points: int, seconds: float) -> bool:
@@ -160,27 +148,25 @@ def status(field: str) -> float:
     return next(int(line.split()[1]) for line in lines if line.startswith(field)) / 1024
 
 
-def exponents(cells: dict[tuple[int, int], dict[str, Any]], name: str) -> str:
+def exponents(cells: dict[tuple[int, int], dict[str, Any]], name: str) -> tuple[str, str]:
     """Growth in points and faces: log ms = a log points + b log faces + c."""
     rows = [(n, f, found[name]["ms"]) for (f, n), found in cells.items() if "ms" in found.get(name, {}) and n >= 10_000]
     if len({n for n, _, _ in rows}) < 2 or len({f for _, f, _ in rows}) < 2:
-        return "- | -"
+        return "-", "-"
     n, f, ms = np.log(np.array(rows, dtype=float)).T
     a, b, _ = np.linalg.lstsq(np.stack([n, f, np.ones_like(n)], axis=1), ms, rcond=None)[0]
-    return f"{a:.2f} | {b:.2f}"
+    return f"{a:.2f}", f"{b:.2f}"
 
 
-def table(cells: dict[tuple[int, int], dict[str, Any]]) -> list[str]:
-    """Lines of Markdown: milliseconds per view, a row for each cell, a column for each method."""
+def print_times(cells: dict[tuple[int, int], dict[str, Any]]) -> None:
+    """Print milliseconds per view, a row for each cell, a column for each method."""
     known = {method.name for method in zo.METHODS}
     names = list(dict.fromkeys(name for found in cells.values() for name in found))
     names.sort(key=lambda name: name in known)  # peers first
-    heads = [f"`{name}`" if name in known else name for name in names]
-    lines = [f"| faces, points | {' | '.join(heads)} |", "| --- |" + " ---: |" * len(names)]
+    heads("faces, points", *(f"`{name}`" if name in known else name for name in names))
     for (n_faces, n_points), found in cells.items():
-        times = [rounded(found[name]["ms"]) if name in found else "-" for name in names]
-        lines.append(f"| {n_faces:,}, {n_points:,} | {' | '.join(times)} |")
-    return lines
+        times = (rounded(found[name]["ms"]) if name in found else "-" for name in names)
+        row(f"{n_faces:,}, {n_points:,}", *times)
 
 
 def rounded(ms: float) -> str:
@@ -188,30 +174,31 @@ def rounded(ms: float) -> str:
     return f"{ms:,.{0 if ms >= 100 else 1 if ms >= 10 else 2}f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faces", type=int, nargs="+", default=[340, 2_600, 19_000, 31_000, 1_000_000])
-    parser.add_argument("--points", type=int, nargs="+", default=[2_000, 10_000, 50_000, 500_000, 1_000_000])
-    parser.add_argument("--seconds", type=float, default=1.5)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+def main(
+    *,
+    faces: Sequence[int] = (340, 2_600, 19_000, 31_000, 1_000_000),
+    points: Sequence[int] = (2_000, 10_000, 50_000, 500_000, 1_000_000),
+    seconds: float = 1.5,
+    rounds: int = 3,
+) -> None:
     cells: dict[tuple[int, int], dict[str, Any]] = {}
     with GlContext.open() as gl:
         renderer = gl.renderer
-        for n_faces in options.faces:
+        for n_faces in faces:
             mesh = mesh_of(n_faces)
-            for n_points in options.points:
+            for n_points in points:
                 with ExitStack() as stack:
-                    found = cell(mesh, n_points, gl, options.seconds, options.rounds, stack)
+                    found = cell(mesh, n_points, gl, seconds, rounds, stack)
                 cells[len(mesh.faces), n_points] = found
-                for name, row in found.items():
-                    ratio = f"{row['ratio']:.2f} x {PEER}" if "ratio" in row else "-"
+                for name, one in found.items():
+                    ratio = f"{one['ratio']:.2f} x {PEER}" if "ratio" in one else "-"
                     place = f"{len(mesh.faces):,} faces, {n_points:,} points, {name}"
-                    told = f"{place}: {row['ms']:.2f} ms, {ratio}, {row['wrong']:.3f} wrong, {row['eyes']} eyes"
+                    told = f"{place}: {one['ms']:.2f} ms, {ratio}, {one['wrong']:.3f} wrong, {one['eyes']} eyes"
                     print(told, file=sys.stderr, flush=True)
-    print("\n".join([renderer, "", *table(cells)]))
-    print("\n| method | points^ | faces^ | eyes^ | peak MB | at faces, points |\n|" + " --- |" * 6)
+    print(f"{renderer}\n")
+    print_times(cells)
+    print()
+    heads("method", "points^", "faces^", "eyes^", "peak MB", "at faces, points", words=6)
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         for method in zo.METHODS:
             reached = [key for key, found in cells.items() if found.get(method.name, {}).get("eyes") == 100]
@@ -221,11 +208,8 @@ def main() -> None:
                 largest = max(reached, key=lambda key: key[0] * key[1])
                 memory, at = f"{pool.apply(peak, ((method.name, *largest),)):.0f}", f"{largest[0]:,}, {largest[1]:,}"
             growth = f"{np.median(eyes):.2f}" if eyes else "-"
-            print(f"| {method.name} | {exponents(cells, method.name)} | {growth} | {memory} | {at} |", flush=True)
-    if options.json:
-        rows = [{"faces": f, "points": n, **found} for (f, n), found in cells.items()]
-        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+            row(method.name, *exponents(cells, method.name), growth, memory, at)
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

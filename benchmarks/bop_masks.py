@@ -7,15 +7,14 @@ Read are the files alone: models, poses, intrinsics, pictures. Open3D casts a ra
 object differs, the reference decides. BOP has no walls and no ground: pixels that these hide count against the masks.
 """
 
-import argparse
 import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 import trimesh
+from common import Open3D, run
 from PIL import Image
 
 import zbuf_occlude as zo
@@ -29,13 +28,9 @@ def frame(folder: Path, image: int, models: dict[int, Any]) -> Counter[str]:
     """Compare one frame; return counts of pixels."""
     documents = {name: json.loads((folder / f"scene_{name}.json").read_text()) for name in ("camera", "gt")}
     placed, count = documents["gt"][str(image)], Counter[str]()
+    names = [OBJECT.format(image, number) for number in range(len(placed))]
     visible, alone = (
-        np.stack(
-            [
-                np.asarray(Image.open(folder / kind / OBJECT.format(image, number))) >= MASK
-                for number in range(len(placed))
-            ]
-        )
+        np.stack([np.asarray(Image.open(folder / kind / name)) >= MASK for name in names])
         for kind in ("mask_visib", "mask")
     )
     vertices, faces, instances, n = list[Any](), list[Any](), list[Any](), 0
@@ -51,12 +46,8 @@ def frame(folder: Path, image: int, models: dict[int, Any]) -> Counter[str]:
     columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
     pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1).reshape(-1, 3)
     rays = pixels @ np.linalg.inv(np.reshape(documents["camera"][str(image)]["cam_K"], (3, 3))).T
-    caster = o3d.t.geometry.RaycastingScene()
-    caster.add_triangles(scene.vertices.astype(np.float32), scene.faces.astype(np.uint32))
-    met = caster.cast_rays(np.concatenate([np.zeros_like(rays), rays], axis=1).astype(np.float32))[
-        "primitive_ids"
-    ].numpy()
-    theirs = instance_of[np.where(met == caster.INVALID_ID, -1, met.astype(np.int64))]
+    caster = Open3D(scene)
+    theirs = instance_of[caster.first(caster.rays(np.zeros((1, 3)), rays))]
     ours = np.where(visible.any(axis=0), visible.argmax(axis=0), -1).ravel()
     differ = np.flatnonzero(ours != theirs)
     if len(differ):
@@ -73,22 +64,18 @@ def frame(folder: Path, image: int, models: dict[int, Any]) -> Counter[str]:
     return count
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--frames", type=int, default=200)
-    arguments, count = parser.parse_args(), Counter[str]()
+def main(folder: Path, *, frames: int = 200) -> None:
+    count = Counter[str]()
     models = {
-        int(path.stem[4:]): trimesh.load(path, process=False)
-        for path in sorted((arguments.folder / "models").glob("obj_*.ply"))
+        int(path.stem[4:]): trimesh.load(path, process=False) for path in sorted((folder / "models").glob("obj_*.ply"))
     }
-    for path in sorted(arguments.folder.glob("*/*/scene_gt.json")):
+    for path in sorted(folder.glob("*/*/scene_gt.json")):
         for image in map(int, json.loads(path.read_text())):
-            if count["frames"] < arguments.frames:
+            if count["frames"] < frames:
                 count += frame(path.parent, image, models)
     for name in COUNTS:
         print(f"{count[name]:>12,} {name}")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

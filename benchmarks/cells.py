@@ -20,12 +20,11 @@ and tinybvh by a library that exports C functions, rays being (n, 7) float32 of 
     void release(void *bvh);
 """
 
-import argparse
 import ctypes
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatch
 from functools import partial
@@ -33,16 +32,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+import trimesh
+from common import DATA, SHORT_OF, Open3D, heads, row, run
 from matplotlib.colors import TwoSlopeNorm
-from matplotlib.figure import Figure
 
 import zbuf_occlude as zo
 from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.drawing.pictures import canvas
 
 MOST_PAIRS = 2_000_000
-SHORT_OF = 1.0 - 1e-4
-"""Of the way from an eye to a point, what peers look at."""
 EYES_AWAY = 2.0
 """Distance of eyes from the middle, in longest sides."""
 QUICK = (
@@ -72,16 +70,10 @@ class Question(NamedTuple):
 
 def subdivided(mesh: zo.Mesh, n_faces: int) -> zo.Mesh:
     """Divide each face into four, until there are this many or almost."""
-    vertices, faces = mesh.vertices, mesh.faces.astype(np.int64)
+    vertices, faces = mesh.vertices, mesh.faces
     while len(faces) * 2 < n_faces:
-        edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        keys, which = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_inverse=True)
-        low, high = np.divmod(keys, len(vertices))
-        ab, bc, ca = (which.reshape(-1, 3) + len(vertices)).T
-        vertices = np.concatenate([vertices, 0.5 * (vertices[low] + vertices[high])])
-        a, b, c = faces.T
-        faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
-    return zo.Mesh(vertices, faces.astype(np.int32))
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    return zo.Mesh(vertices, faces)
 
 
 def terrain(n_faces: int) -> zo.Mesh:
@@ -159,27 +151,6 @@ QUESTIONS = (
 
 
 # Sides: each is built from a mesh, turns rays into what it takes, and says what they meet
-
-
-class Open3D:
-    def __init__(self, mesh: zo.Mesh) -> None:
-        import open3d
-
-        self.tensor = open3d.core.Tensor
-        self.scene = open3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(
-            self.tensor(mesh.vertices.astype(np.float32)), self.tensor(mesh.faces.astype(np.uint32))
-        )
-        self.first(self.rays(np.zeros((1, 3)), np.ones((1, 3))))  # builds
-
-    def rays(self, origins: FloatArray, directions: FloatArray) -> Any:
-        return self.tensor(np.concatenate([np.broadcast_to(origins, directions.shape), directions], axis=1, dtype="f4"))
-
-    def occluded(self, rays: Any) -> np.ndarray:
-        return self.scene.test_occlusions(rays, 0.0, SHORT_OF).numpy()
-
-    def first(self, rays: Any) -> np.ndarray:
-        return self.scene.cast_rays(rays)["primitive_ids"].numpy().view(np.int32)
 
 
 class Embreex:
@@ -270,7 +241,7 @@ def _at(array: np.ndarray) -> ctypes.c_void_p:
 PEERS: dict[str, Any] = {"open3d": Open3D, "embreex": Embreex, "mitsuba": Mitsuba, "tinybvh": TinyBvh}
 
 
-def present(names: list[str], library: Path | None) -> dict[str, Any]:
+def present(names: Sequence[str], library: Path | None) -> dict[str, Any]:
     """Return the peers that are here, and say which are not and why."""
     found = {}
     if library:
@@ -349,26 +320,25 @@ def cells_of(
                     agree[name] = min(agree[name], float((theirs != ours[k]).mean()))
                 times.setdefault((name, side), []).append(spent * len(eyes) / len(some))
         occluder.close()
-    for kind, prepares in (("fresh", True), ("again", False)):
+
+    def medians(name: str, builds: float) -> dict[str, float]:
+        spent = {side: builds * np.array(times["build", side]) for side in ("exact", *peers)}
+        return {side: float(np.median(spent[side] + times.get((name, side), 0.0))) for side in spent}
+
+    for kind, builds in (("fresh", 1.0), ("again", 0.0)):
         for question in questions:
-            if prepares or question.rays:
+            if builds or question.rays:
                 name = f"{question.name}, {kind}" if question.rays else question.name
-                seconds = {
-                    side: float(
-                        np.median(np.add(times[question.name, side], prepares * np.array(times["build", side])))
-                    )
-                    for side in ("exact", *peers)
-                }
-                yield Cell(scene.name, name, seconds, agree[question.name])
-    yield Cell(scene.name, "prepare", {side: float(np.median(times["build", side])) for side in ("exact", *peers)}, 1.0)
+                yield Cell(scene.name, name, medians(question.name, builds), agree[question.name])
+    yield Cell(scene.name, "prepare", medians("", 1.0), 1.0)
 
 
 def draw(cells: list[Cell], path: Path) -> None:
     """Draw the ratios as a heat map: blue where `exact` is ahead."""
     rows, columns = (list(dict.fromkeys(cell[i] for cell in cells)) for i in (0, 1))
-    figure = Figure(figsize=(3.0 + 0.75 * len(columns), 1.8 + 0.42 * len(rows)), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes, grid = figure.subplots(), np.full((len(rows), len(columns)), np.nan)
+    figure, (axes,) = canvas(3.0 + 0.75 * len(columns), 1.8 + 0.42 * len(rows))
+    axes.grid(visible=False)
+    grid = np.full((len(rows), len(columns)), np.nan)
     for cell in cells:
         at = rows.index(cell.scene), columns.index(cell.question)
         grid[at] = np.log2(cell.ratio)
@@ -383,14 +353,10 @@ def draw(cells: list[Cell], path: Path) -> None:
 def report(cells: list[Cell], sides: list[str]) -> None:
     """Print a table of Markdown, the worst cell first, and what the cells come to."""
     print()
-    print(
-        "| scene, faces | points x eyes, or rays | ratio | " + " | ".join(f"{side} ms" for side in sides),
-        end=" | agree |\n",
-    )
-    print("| --- | --- |" + " ---: |" * (len(sides) + 2))
+    heads("scene, faces", "points x eyes, or rays", "ratio", *(f"{side} ms" for side in sides), "agree", words=2)
     for cell in sorted(cells, key=lambda cell: cell.ratio):
-        seconds = " | ".join(f"{1e3 * cell.seconds[side]:.4g}" for side in sides)
-        print(f"| {cell.scene} | {cell.question} | **{cell.ratio:.2f}** | {seconds} | {cell.agree:.4f} |")
+        times = (f"{1e3 * cell.seconds[side]:.4g}" for side in sides)
+        row(cell.scene, cell.question, f"**{cell.ratio:.2f}**", *times, f"{cell.agree:.4f}")
     for kind in dict.fromkeys(cell.question.partition(",")[0] if cell.question[0].isalpha() else "x" for cell in cells):
         ratios = [cell.ratio for cell in cells if (f" {kind} " in cell.question) or cell.question.startswith(kind)]
         name = "points x eyes" if kind == "x" else kind
@@ -398,38 +364,37 @@ def report(cells: list[Cell], sides: list[str]) -> None:
     print()
 
 
-def chosen(things: list[Any], patterns: list[str] | tuple[str, ...]) -> list[Any]:
+def chosen(things: Sequence[Any], patterns: Sequence[str]) -> list[Any]:
     return [thing for thing in things if not patterns or any(fnmatch(thing.name, pattern) for pattern in patterns)]
 
 
-def main() -> None:
-    data = Path(os.environ.get("ZBUF_OCCLUDE_DATA", "../shared/data"))
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path, default=data / "furniture")
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--scene", action="append", default=[])
-    parser.add_argument("--question", action="append", default=[])
-    parser.add_argument("--peer", action="append", choices=list(PEERS), default=[])
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--processors", action="store_true")
-    parser.add_argument("--tinybvh", type=Path, metavar="LIBRARY")
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
-    peers = present(options.peer or list(PEERS), options.tinybvh)
-    quick = QUICK if options.quick else ((), ())
-    questions = chosen(list(QUESTIONS), options.question or quick[1])
+def main(
+    folder: Path = DATA / "furniture",
+    *,
+    quick: bool = False,
+    scene: Sequence[str] = (),
+    question: Sequence[str] = (),
+    peer: Sequence[str] = tuple(PEERS),
+    repeats: int = 3,
+    processors: bool = False,
+    tinybvh: Path | None = None,
+    out: Path | None = None,
+) -> None:
+    peers = present(peer, tinybvh)
+    usual = QUICK if quick else ((), ())
+    questions = chosen(QUESTIONS, question or usual[1])
     warm_up = Scene("", partial(terrain, 100_000), (0.0, 0.0, 0.1))
     some = [question._replace(n_points=min(question.n_points, 5000)) for question in questions]
     list(cells_of(warm_up, [*some, QUESTIONS[0]._replace(name="", n_points=9)], {}, 1, time.perf_counter))  # compiles
-    clock = time.process_time if options.processors else time.perf_counter
+    clock = time.process_time if processors else time.perf_counter
     cells: list[Cell] = []
-    for scene in chosen(scenes(options.folder), options.scene or quick[0]):
-        cells += cells_of(scene, questions, peers, options.repeats, clock)
-        print(f"{scene.name}: {min(cell.ratio for cell in cells if cell.scene == scene.name):.2f}", file=sys.stderr)
+    for each in chosen(scenes(folder), scene or usual[0]):
+        cells += cells_of(each, questions, peers, repeats, clock)
+        print(f"{each.name}: {min(cell.ratio for cell in cells if cell.scene == each.name):.2f}", file=sys.stderr)
     report(cells, ["exact", *peers])
-    if options.out:
-        draw(cells, options.out)
+    if out:
+        draw(cells, out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__, peer=PEERS)

@@ -8,16 +8,13 @@ command and all processes that come from it, which other programs on the machine
 takes is reckoned from that and from the same with one object, so that starting does not count.
 """
 
-import argparse
-import ctypes
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from whole_job import HERE, PR_SET_CHILD_SUBREAPER, run
+from common import cost_of, heads, row, run
 
 GRID_32, GRID_64 = (f"--method occupancy_grid --set n={n}" for n in (32, 64))
 SCANS = "--sensor hdl-64e --range 5..50 --size airplane=6"
@@ -45,37 +42,30 @@ ROWS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=ROWS)
-    parser.add_argument("--limit", type=int, default=16, help="this many objects")
-    options = parser.parse_args(arguments)
-    limit = str(options.limit)
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans come to this process, to be counted
-    print("| | clouds | processors | per further cloud | on disk | clouds per MB | wrong |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
+def main(what: str, *, limit: int = 16) -> None:
+    heads("", "clouds", "processors", "per further cloud", "on disk", "clouds per MB", "wrong")
     with tempfile.TemporaryDirectory() as place:
-        for number, row in enumerate(ROWS[options.what]):
+        for number, dataset in enumerate(ROWS[what]):
             out = Path(place, str(number))
-            generate = ["generate", *row.arguments.split(), "--out", str(out)]
+            generate = ["generate", *dataset.arguments.split(), "--out", str(out)]
             starts = [cost([*generate, "--limit", "1", "--overwrite"], out) for _ in range(2)]  # the first compiles
             n_first = contents(out)[0]
-            seconds = cost([*generate, "--limit", limit, "--overwrite"], out)
+            seconds = cost([*generate, "--limit", str(limit), "--overwrite"], out)
             n_clouds, megabytes, wrong = contents(out)
             each = (seconds - starts[1]) / (n_clouds - n_first)
-            print(
-                f"| {row.name} | {n_clouds:,} | {seconds:.1f} s | {1e3 * each:.2g} ms | "
-                f"{megabytes:.0f} MB | {n_clouds / megabytes:,.0f} | {100 * wrong:.2g} % |",
-                flush=True,
+            disk = f"{megabytes:.0f} MB", f"{n_clouds / megabytes:,.0f}"
+            row(
+                dataset.name, f"{n_clouds:,}", f"{seconds:.1f} s", f"{1e3 * each:.2g} ms", *disk, f"{100 * wrong:.2g} %"
             )
-            if row.verified:
+            if dataset.verified:
                 seconds = cost(["verify", str(out)], out)
-                print(f"| `verify` of it | {n_clouds:,} | {seconds:.1f} s | {1e3 * seconds / n_clouds:.2g} ms | | | |")
+                each = seconds / n_clouds
+                row("`verify` of it", f"{n_clouds:,}", f"{seconds:.1f} s", f"{1e3 * each:.2g} ms", "", "", "")
 
 
 def cost(arguments: list[str], out: Path) -> float:
     """Return the processor seconds of a command."""
-    return run([sys.executable, "-m", "zbuf_occlude", *arguments], HERE.parent, out).processors
+    return cost_of([sys.executable, "-m", "zbuf_occlude", *arguments], out).processors
 
 
 def contents(out: Path) -> tuple[int, float, float]:
@@ -87,4 +77,4 @@ def contents(out: Path) -> tuple[int, float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__, what=ROWS)

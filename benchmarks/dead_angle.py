@@ -8,10 +8,10 @@ object's own largest over all elevations, means over the objects (`areas_seen` o
 `zbuf_occlude.paper.experiments`).
 """
 
-import argparse
 from collections.abc import Sequence
 
 import numpy as np
+from common import heads, row, run
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.presets import two_hundred
@@ -21,30 +21,24 @@ from zbuf_occlude.paper.experiments import areas_seen, as_voxels
 NEAR = np.sin(np.radians(10.0))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folders", nargs="*")
-    parser.add_argument("--objects", type=int, default=40, help="of each collection, at most")
-    parser.add_argument("--voxels", type=int, default=30)
-    options = parser.parse_args()
+def main(*folders: str, objects: int = 40, voxels: int = 30) -> None:
     collections = {"built-in shapes": two_hundred(shapes.collection())}
-    for folder in options.folders:
+    for folder in folders:
         collections[folder.rstrip("/").rpartition("/")[2]] = MeshCollection.from_paths(folder)
-    print("| shapes | objects | level | upright | onto x-y at 0 | at ±10 | onto y-z at 0 | onto x-z at 0 |")
-    print("| --- |" + " ---: |" * 7)
+    heads("shapes", "objects", "level", "upright", "onto x-y at 0", "at ±10", "onto y-z at 0", "onto x-z at 0")
     for name, meshes in collections.items():
-        chosen = meshes[:: max(1, len(meshes) // options.objects)][: options.objects]
-        print(row(name, chosen), flush=True)
-        print(row(f"the same, {options.voxels}³ voxels", as_voxels(MeshCollection(chosen), options.voxels)), flush=True)
+        chosen = meshes[:: max(1, len(meshes) // objects)][:objects]
+        measure(name, chosen)
+        measure(f"the same, {voxels}³ voxels", as_voxels(MeshCollection(chosen), voxels))
 
 
-def row(name: str, meshes: Sequence[MeshEntry]) -> str:
-    """Return a row of the table."""
+def measure(name: str, meshes: Sequence[MeshEntry]) -> None:
+    """Print a row of the table."""
     level, upright = np.mean([leaning(entry) for entry in meshes], axis=0)
     elevations, shares = areas_seen(meshes)
     mean = dict(zip(elevations.tolist(), shares.mean(axis=0), strict=True))
     cells = [level, upright, mean[0][2], (mean[-10][2] + mean[10][2]) / 2, mean[0][0], mean[0][1]]
-    return f"| {name} | {len(meshes)} | " + " | ".join(f"{100 * cell:.0f} %" for cell in cells) + " |"
+    row(name, len(meshes), *(f"{100 * cell:.0f} %" for cell in cells))
 
 
 def leaning(entry: MeshEntry) -> tuple[float, float]:
@@ -56,4 +50,4 @@ def leaning(entry: MeshEntry) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

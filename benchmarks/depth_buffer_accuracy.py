@@ -7,12 +7,11 @@ itself held to the oracle on every 20th view here. Time: both in turn, --repeats
 ratio is of the medians. Prints the Markdown table of docs/methods.md.
 """
 
-import argparse
-import os
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from common import DATA, heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude import Mesh, shapes
@@ -31,58 +30,37 @@ def meshes(data: Path) -> dict[str, Mesh]:
     return found | {"airplane of tiny faces": shapes.benchmark_mesh(TINY).normalized()}
 
 
-def row(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats: int) -> tuple[str, float]:
-    """Return a line of the table, and the share of `exact`'s answers that the oracle disputes."""
+def measure(name: str, mesh: Mesh, gl: GlContext, n_points: int, every: int, repeats: int) -> float:
+    """Print a row of the table; return the share of `exact`'s answers that the oracle disputes."""
     points, eyes = zo.sample_surface(mesh, n_points=n_points, seed=0), zo.views.paper100().eyes
     judged = eyes[::every]
     with zo.prepare(mesh, "exact") as exact:
         truth = exact.visible(points, judged)
     with zo.prepare(mesh, "oracle") as oracle:
         disputed = (truth[::20] != oracle.visible(points, judged[::20])).mean()
-    cells, seconds = [], {"none": [], "witness": []}
     with (
         zo.prepare(mesh, "depth_buffer", gl=gl, refine="none") as plain,
         zo.prepare(mesh, "depth_buffer", gl=gl) as refined,
     ):
         both = {"none": plain, "witness": refined}
-        for occluder in both.values():
-            answer = occluder.visible(points, judged)
-            cells.append(f"{(answer == truth).mean():.4f}")
-        cells += [f"{(answer & ~truth).mean():.4f}", f"{(~answer & truth).mean():.4f}"]
-        for _ in range(repeats):
-            for refine, occluder in both.items():
-                began = time.perf_counter()
-                occluder.visible(points, eyes)
-                seconds[refine].append(time.perf_counter() - began)
+        shares = [rates(occluder.visible(points, judged), truth) for occluder in both.values()]
+        cells = [f"{share:.4f}" for share in (shares[0][0], *shares[1])]
+        jobs = {refine: partial(occluder.visible, points, eyes) for refine, occluder in both.items()}
+        seconds = in_turns(jobs, repeats)
     none, witness = (np.median(seconds[refine]) for refine in ("none", "witness"))
     cells += [f"{10 * none:.1f}", f"{10 * witness:.1f}", f"{witness / none:.2f}"]
-    return f"| {name} | {len(mesh.faces):,} | " + " | ".join(cells) + " |", disputed
+    row(name, f"{len(mesh.faces):,}", *cells)
+    return float(disputed)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=50_000)
-    parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--repeats", type=int, default=3)
-    default = Path(os.environ.get("ZBUF_OCCLUDE_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    parser.add_argument("--data", type=Path, default=default)
-    options = parser.parse_args()
+def main(*, points: int = 50_000, every: int = 1, repeats: int = 3, data: Path = DATA) -> None:
     with GlContext.open() as gl:
-        print(f"{gl.renderer}, {options.points:,} points\n")
-        print(
-            "| mesh | faces | `none` agrees | `witness` agrees | false visible | hidden "
-            "| ms per view, none | witness | ratio |"
-        )
-        print("| --- |" + " ---: |" * 8)
-        disputes = []
-        for name, mesh in meshes(options.data).items():
-            line, disputed = row(name, mesh, gl, options.points, options.every, options.repeats)
-            disputes.append(disputed)
-            print(line, flush=True)
-    print(
-        f"\nAnswers are held against those of `exact`, with which the oracle disagrees in {max(disputes):.1e} at most."
-    )
+        print(f"{gl.renderer}, {points:,} points\n")
+        agreements = "`none` agrees", "`witness` agrees", "false visible", "hidden"
+        heads("mesh", "faces", *agreements, "ms per view, none", "witness", "ratio")
+        most = max(measure(name, mesh, gl, points, every, repeats) for name, mesh in meshes(data).items())
+    print(f"\nAnswers are held against those of `exact`, with which the oracle disagrees in {most:.1e} at most.")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

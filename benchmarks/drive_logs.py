@@ -37,8 +37,8 @@ from zbuf_occlude.errors import OccludeError
 from zbuf_occlude.sensors import SENSORS, make
 from zbuf_occlude.sensors.sensor import Sensor
 
-ARGOVERSE_MOUNTS = ((1.35, 0.0, 1.64, (0.0, 0.0, 0.0, 1.0)), (1.35, 0.0, 1.53, (1.0, 0.0, 0.0, 0.0)))
-"""x, y, z and quaternion of its two VLP-32C, one upside down; where a log has no calibration of its own."""
+ARGOVERSE_MOUNTS = ((1.35, 0.0, 1.64, (1.0, 0.0, 0.0, 0.0)), (1.35, 0.0, 1.53, (0.0, 1.0, 0.0, 0.0)))
+"""x, y, z and quaternion (w first) of its two VLP-32C, one upside down; where a log has no calibration of its own."""
 COLUMNS = ("category", "length", "width", "height", "x", "y", "z", "yaw_deg", "n_points")
 KITTI_CATEGORIES = ("Pedestrian", "Cyclist", "Car")
 CLOUDS = 4
@@ -225,7 +225,7 @@ def of_argoverse(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
             import pandas
 
             rows, calibration = pandas.read_feather(file), file.parent / "calibration" / "egovehicle_SE3_sensor.feather"
-            mounts = [pose_from(Rotation.from_quat(q).as_matrix(), (x, y, z)) for x, y, z, q in ARGOVERSE_MOUNTS]
+            mounts = [pose_from(rotation_from(*q), at) for *at, q in ARGOVERSE_MOUNTS]
             if calibration.exists():
                 table = pandas.read_feather(calibration)
                 mounts = [
@@ -266,12 +266,13 @@ def of_table(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
             length, width, height, x, y, z, yaw, n_points = (float(row[name]) for name in COLUMNS[1:])
             if sweeps[-1] and row["category"] < sweeps[-1][-1].category:
                 sweeps.append([])
-            sides, centre, name = np.array([length, width, height]), np.array([x, y, z]), [length, width, height]
-            sweeps[-1].append(Box(row["category"], sides, centre, np.radians(yaw), int(n_points), number_of(name)))
+            sides = [length, width, height]
+            place = np.array(sides), np.array([x, y, z]), np.radians(yaw)
+            sweeps[-1].append(Box(row["category"], *place, int(n_points), number_of(sides)))
             feet.append(z - height / 2)
         if not feet:
             raise ValueError("it must have boxes; it has none")
-    mounts = [pose_from(Rotation.from_quat(q).as_matrix(), at) for *at, q in ARGOVERSE_MOUNTS]
+    mounts = [pose_from(rotation_from(*q), at) for *at, q in ARGOVERSE_MOUNTS]
     yield from (DriveSweep(boxes, mounts if np.median(feet) > -1.0 else [np.eye(4)]) for boxes in completed(sweeps))
 
 
@@ -428,10 +429,8 @@ def of_pickles(path: Path, skipped: list[str]) -> Iterator[DriveSweep]:
                     lidar, boxes = frame["lidar_points"], []
                     for number, row in enumerate(frame["instances"]):
                         label, seen = row["bbox_label_3d"], int(row["num_lidar_pts"])
-                        category, identity = (
-                            names[label] if label >= 0 else "other",
-                            number_of((lidar["lidar_path"], number)),
-                        )
+                        category = names[label] if label >= 0 else "other"
+                        identity = number_of((lidar["lidar_path"], number))
                         x, y, z, *sides, turn = row["bbox_3d"]
                         if min(sides) == max(sides) == -1.0:  # KITTI's DontCare
                             continue

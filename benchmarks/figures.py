@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from parts import ROOT
+from common import ROOT
 
 FIGURES = ROOT / "docs" / "figures.json"
 END = "<!-- end of figure -->"
@@ -67,9 +67,8 @@ def block(mark: str, figure: Mapping[str, Any], section: str) -> str:
 
 def origin(figure: Mapping[str, Any]) -> str:
     """Return the line that says by which command, when, where and how long it was measured."""
-    took = f", {figure['seconds']:,} s" if figure.get("seconds") else ""
     remark = f"; {figure['remark']}" if figure.get("remark") else ""
-    return f"(`{figure['command']}`, {figure['date']}{took}, {figure['machine']}{remark})"
+    return f"(`{figure['command']}`, {figure['date']}, {figure['seconds']:,} s, {figure['machine']}{remark})"
 
 
 def section_of(lines: list[str], heading: str) -> list[str]:

@@ -6,13 +6,14 @@ pyrender renders each view in three passes: flat with depth, segments, and one f
 flat one stands in. Preparing is counted on both sides, reading is not. Prints ratios of medians of seven rounds.
 """
 
-import argparse
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import run
 
 import zbuf_occlude as zo
 
@@ -37,27 +38,24 @@ def theirs(renderer: Any, mesh: zo.Mesh, frames: list[Any]) -> list[Any]:
     return depths
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("meshes", nargs="+", type=Path)
-    parser.add_argument("--views", default="fibonacci:24")
-    arguments, ratios = parser.parse_args(), []
+def main(meshes: Sequence[Path], *, views: str = "fibonacci:24") -> None:
+    ratios = []
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     import pyrender
 
     renderer = pyrender.OffscreenRenderer(*SIZE)
-    for path in arguments.meshes:
+    for path in meshes:
         mesh = zo.load_mesh(path)
-        views = zo.views.for_mesh(mesh, arguments.views)
+        chosen = zo.views.for_mesh(mesh, views)
         frames, seconds, agree = list[Any](), np.empty((ROUNDS, 2)), list[float]()
         for turn in range(ROUNDS):
             begin = time.perf_counter()
-            frames = list(zo.frames(mesh, views, width=SIZE[0], height=SIZE[1]))
+            frames = list(zo.frames(mesh, chosen, width=SIZE[0], height=SIZE[1]))
             middle = time.perf_counter()
             depths = theirs(renderer, mesh, frames)
             seconds[turn] = middle - begin, time.perf_counter() - middle
             agree = [(frame.mask == (depth > 0)).mean() for frame, depth in zip(frames, depths, strict=True)]
-        mine, other = np.median(seconds, axis=0) / len(views) * 1e3
+        mine, other = np.median(seconds, axis=0) / len(chosen) * 1e3
         ratios.append(other / mine)
         print(
             f"{path.stem} ({len(mesh.faces):,} faces): exact {mine:.2f} ms, pyrender {other:.2f} ms, "
@@ -68,4 +66,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

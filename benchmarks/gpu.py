@@ -8,14 +8,15 @@ All start from float64 tensors on the device; the median of the repeats counts, 
 tensors to a BVH. `--device cpu` is for a look at whether it works.
 """
 
-import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import warp as wp
+from common import run
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -55,47 +56,40 @@ def wait_for(device: torch.device) -> None:
         torch.cuda.synchronize(device)
 
 
-def meshes_of(paths: list[str]) -> list[zo.Mesh]:
+def meshes_of(paths: Sequence[Path]) -> list[zo.Mesh]:
     if paths:
         return [zo.load_mesh(path) for path in paths]
     return [shapes.make(name, 0) for name in ("chair", "car")] + [solids.icosphere(level) for level in (5, 8)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("meshes", nargs="*", metavar="MESH")
-    parser.add_argument("--warp", action="store_true", help="measure Warp's own float32 rays too")
-    parser.add_argument("--device", default="cuda")
-    parser.add_argument("--points", type=int, default=100_000)
-    parser.add_argument("--eyes", type=int, default=25)
-    parser.add_argument("--repeats", type=int, default=9)
-    options = parser.parse_args()
-    device = torch.empty(0, device=options.device).device
-    name = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU, one core"
-    print(f"{name}: {options.points:,} points, {options.eyes} eyes; million lines of sight per second")
+def main(
+    *meshes: Path, warp: bool = False, device: str = "cuda", points: int = 100_000, eyes: int = 25, repeats: int = 9
+) -> None:
+    place = torch.empty(0, device=device).device
+    name = torch.cuda.get_device_name(place) if place.type == "cuda" else "CPU, one core"
+    print(f"{name}: {points:,} points, {eyes} eyes; million lines of sight per second")
     print(f"{'mesh':20} {'faces':>9} {'prepare ms':>11} {'exact':>9}", end="")
-    print(f" {'float32':>9} {'differ':>9}" if options.warp else "")
-    for mesh in meshes_of(options.meshes):
-        drawn = zo.sample_surface(mesh, n_points=options.points, seed=0)
-        eyes = zo.views.for_mesh(mesh, f"fibonacci:{options.eyes}").eyes
-        given = (mesh.vertices, mesh.faces, drawn.positions, drawn.face_ids, eyes)
-        vertices, faces, points, face_ids, eyes = (torch.tensor(each, device=device) for each in given)
-        prepare, _ = seconds_of(lambda: TensorMesh(vertices, faces), device, options.repeats)  # noqa: B023
-        asked = vertices, faces, points, face_ids, eyes
-        ours, mask = seconds_of(lambda: zo.torch.visible(*asked), device, options.repeats)  # noqa: B023
+    print(f" {'float32':>9} {'differ':>9}" if warp else "")
+    for mesh in meshes_of(meshes):
+        drawn = zo.sample_surface(mesh, n_points=points, seed=0)
+        stands = zo.views.for_mesh(mesh, f"fibonacci:{eyes}").eyes
+        given = (mesh.vertices, mesh.faces, drawn.positions, drawn.face_ids, stands)
+        vertices, faces, *asked = (torch.tensor(each, device=place) for each in given)
+        prepare, _ = seconds_of(lambda: TensorMesh(vertices, faces), place, repeats)  # noqa: B023
+        ours, mask = seconds_of(lambda: zo.torch.visible(vertices, faces, *asked), place, repeats)  # noqa: B023
         print(f"{mesh.name:20} {len(faces):9,} {1e3 * prepare:11.2f} {mask.numel() / ours / 1e6:9.2f}", end="")
-        if options.warp:
-            corners, *shared = (wp.from_torch(each.float(), wp.vec3) for each in (vertices, points, eyes))
-            wait_for(device)  # Warp's stream is another
+        if warp:
+            corners, *shared = (wp.from_torch(each.float(), wp.vec3) for each in (vertices, asked[0], asked[2]))
+            wait_for(place)  # Warp's stream is another
             scene = wp.Mesh(corners, wp.from_torch(faces.reshape(-1)))
             theirs = torch.empty_like(mask)
             inputs = [scene.id, CONTACT * mesh.diagonal, *shared, wp.from_torch(theirs)]
             launch = {"kernel": fill_by_warp, "dim": theirs.shape, "inputs": inputs, "device": scene.device}
-            seconds, _ = seconds_of(lambda: wp.launch(**launch), device, options.repeats)  # noqa: B023
+            seconds, _ = seconds_of(lambda: wp.launch(**launch), place, repeats)  # noqa: B023
             differ = float((theirs != mask).double().mean())
             print(f" {mask.numel() / seconds / 1e6:9.2f} {differ:9.5f}", end="")
         print(flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

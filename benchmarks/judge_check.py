@@ -8,11 +8,12 @@ which two of them differ, whom rational arithmetic proves right. Exits with 1 wh
 the band, when exact_hsr differs from it there, or when Embree agrees on less than 99.99 %.
 """
 
-import argparse
-import sys
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+from common import run
 
 import zbuf_occlude as zo
 from tests.rational import sees
@@ -23,19 +24,12 @@ MOST_DISPUTES = 300
 """This many disputes are decided at most, on one mesh and with one rival; a few seconds each on large meshes."""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("meshes", nargs="+")
-    parser.add_argument("--points", type=int, default=5000)
-    parser.add_argument("--views", default="paper100")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+def main(meshes: Sequence[Path], *, points: int = 5000, views: str = "paper100", seed: int = 0) -> int:
     failed = False
-    for path in arguments.meshes:
+    for path in meshes:
         mesh = load_mesh(path).normalized()
-        points = zo.sample_surface(mesh, n_points=arguments.points, seed=arguments.seed)
-        eyes = zo.views.parse(arguments.views).eyes
-        failed |= check(mesh, points, eyes)
+        sampled = zo.sample_surface(mesh, n_points=points, seed=seed)
+        failed |= check(mesh, sampled, zo.views.parse(views).eyes)
     return int(failed)
 
 
@@ -52,15 +46,11 @@ def check(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> bool:
             differs = occluder.visible(points, eyes) != truth
         outside = int((differs & decided).sum())
         agreement = 1.0 - differs.mean()
-        print(
-            f"  {rival}: agrees on {100 * agreement:.5f} %; "
-            f"differs on {differs.sum()} pairs, {outside} of them outside the band"
-        )
+        differing = f"{differs.sum()} pairs, {outside} of them outside the band"
+        print(f"  {rival}: agrees on {100 * agreement:.5f} %; differs on {differing}")
         judge_right, judge_wrong, wrong_outside = decide(mesh, points, eyes, truth, differs, decided, judge.contact)
-        print(
-            f"    rational arithmetic: oracle right {judge_right}, {rival} right {judge_wrong}"
-            f" ({wrong_outside} of these outside the band)"
-        )
+        lost = f"{rival} right {judge_wrong} ({wrong_outside} of these outside the band)"
+        print(f"    rational arithmetic: oracle right {judge_right}, {lost}")
         failed |= wrong_outside > 0 or (outside > 0 if rival == "exact_hsr" else agreement < 0.9999)
     print(f"  {time.perf_counter() - start:.0f} s{'; FAILED' if failed else ''}")
     return failed
@@ -80,16 +70,11 @@ def decide(
     if len(disputes) > MOST_DISPUTES:
         print(f"    (deciding {MOST_DISPUTES} of {len(disputes)} disputes, evenly chosen)")
         disputes = disputes[np.linspace(0, len(disputes) - 1, MOST_DISPUTES).astype(int)]
-    right = np.array(
-        [
-            sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) == truth[j, i]
-            for j, i in disputes
-        ],
-        dtype=bool,
-    )
+    proved = [sees(mesh, eyes[j], points.positions[i], int(points.face_ids[i]), contact) for j, i in disputes]
+    right = np.array(proved, dtype=bool) == truth[tuple(disputes.T)]
     outside = decided[tuple(disputes.T)] & ~right
     return int(right.sum()), int((~right).sum()), int(outside.sum())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, __doc__)

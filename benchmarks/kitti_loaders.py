@@ -15,7 +15,6 @@ counts         boxes whose `num_points_in_gt` is the count here, in world space 
 Exit status 1 if a point lies outside, corners or windows are 0.1 pixels off, or a count differs.
 """
 
-import argparse
 import pickle
 import subprocess
 import sys
@@ -29,6 +28,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from common import heads, row, run
 from numpy.typing import NDArray
 from published_loaders import Stub, find_checkout
 
@@ -60,12 +60,12 @@ class StubOthers(MetaPathFinder, Loader):
 
 def points_in_boxes(boxes: Any, points: Any, found: Any) -> None:
     """Fill in which points lie in which boxes (x, y, z, length, width, height, heading), as OpenPCDet's C++ does."""
-    for row, (x, y, z, length, width, height, heading) in enumerate(boxes.numpy().astype(float)):
+    for number, (x, y, z, length, width, height, heading) in enumerate(boxes.numpy().astype(float)):
         local = points.numpy().astype(float) - [x, y, z]
         along = local[:, 0] * np.cos(heading) + local[:, 1] * np.sin(heading)
         across = local[:, 1] * np.cos(heading) - local[:, 0] * np.sin(heading)
         inside = (abs(along) < length / 2 + MARGIN) & (abs(across) < width / 2 + MARGIN)
-        found[row] = found.new_tensor(inside & (abs(local[:, 2]) <= height / 2))
+        found[number] = found.new_tensor(inside & (abs(local[:, 2]) <= height / 2))
 
 
 def read_kitti_object_vis(checkout: Path, data: Path) -> list[dict[str, Any]]:
@@ -150,7 +150,7 @@ def check(found: list[dict[str, Any]], truth: list[dict[str, Array]]) -> tuple[s
         instances = instances_of(points, frame["corners"], true)
         pixels = projected(points)
         seen = (points[:, 2] >= 0) & (pixels >= 0).all(axis=1) & (pixels < [1242, 375]).all(axis=1)
-        for row, (corners, instance) in enumerate(zip(frame["corners"], instances, strict=True)):
+        for number, (corners, instance) in enumerate(zip(frame["corners"], instances, strict=True)):
             n_boxes += 1
             edges = corners[[1, 3, 4]] - corners[0]
             lengths = np.linalg.norm(edges, axis=1)
@@ -160,10 +160,10 @@ def check(found: list[dict[str, Any]], truth: list[dict[str, Array]]) -> tuple[s
             if "counts" in frame:
                 outside = outside_in_world(true["data"], true["boxes"][instance])
                 least, most = (((outside <= slack).all(axis=1) & seen).sum() for slack in (-ROUNDED, ROUNDED))
-                n_counted, n_equal = n_counted + 1, n_equal + int(least <= frame["counts"][row] <= most)
-            if "projected" in frame and frame["projected"][row] is not None:
-                places, window = projected(corners), frame["windows"][row]
-                apart = max(apart, float(np.abs(places - frame["projected"][row]).max()))
+                n_counted, n_equal = n_counted + 1, n_equal + int(least <= frame["counts"][number] <= most)
+            if "projected" in frame and frame["projected"][number] is not None:
+                places, window = projected(corners), frame["windows"][number]
+                apart = max(apart, float(np.abs(places - frame["projected"][number]).max()))
                 low, high = (np.clip(end(axis=0), 0, [1241, 374]) for end in (places.min, places.max))
                 beyond = max(beyond, float(np.max([low - window[:2], window[2:] - high])))
     text = f"{n_boxes} boxes; {n_outside} of {n_points} points outside"
@@ -206,22 +206,17 @@ def make(root: Path, n_meshes: int) -> None:
         subprocess.run([sys.executable, "-m", "zbuf_occlude", *words.split()], check=True, capture_output=True)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", type=Path, help="of checkouts")
-    parser.add_argument("--meshes", type=int, default=12, help="built-in cars and chairs, four frames of each")
-    parser.add_argument("--keep", type=Path, help="make the datasets here, and leave them")
-    arguments = parser.parse_args()
-    checkouts = {repository: find_checkout(arguments.folder, repository) for repository in READERS}
+def main(folder: Path, *, meshes: int = 12, keep: Path | None = None) -> int:
+    checkouts = {repository: find_checkout(folder, repository) for repository in READERS}
     right = True
     with tempfile.TemporaryDirectory() as place:
-        root = (arguments.keep or Path(place)).resolve()
+        root = (keep or Path(place)).resolve()
         if any(checkouts.values()):
-            make(root, arguments.meshes)
-        print("| repository | commit | frames | checks |\n|" + " --- |" * 4)
+            make(root, meshes)
+        heads("repository", "commit", "frames", "checks", words=4)
         for repository, checkout in checkouts.items():
             if checkout is None:
-                print(f"| {repository} | | | skipped: no checkout |")
+                row(repository, "", "", "skipped: no checkout")
                 continue
             truth, out = truth_of(root / "stored"), root / f"{repository.split('/')[1]}.pickle"
             command = [sys.executable, __file__, "--child", repository, checkout[0], root / "kitti", out]
@@ -231,7 +226,7 @@ def main() -> int:
             else:
                 text, fine = check(pickle.loads(out.read_bytes()), truth)
             right = right and fine
-            print(f"| {repository} | {checkout[1]} | {len(truth)} | {text} |", flush=True)
+            row(repository, checkout[1], len(truth), text)
     return 0 if right else 1
 
 
@@ -242,4 +237,4 @@ if __name__ == "__main__":
         sys.path.insert(0, str(place))
         out.write_bytes(pickle.dumps(READERS[sys.argv[2]](place, data)))
     else:
-        sys.exit(main())
+        run(main, __doc__)

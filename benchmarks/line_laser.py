@@ -8,12 +8,11 @@ from (x, 0.178, 1.3) in the scan's frame, below some incidence; one of two mirro
 some angles, sees it too, below another incidence. What agrees best on the first five scans is taken.
 """
 
-import os
-import sys
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+from common import DATA, heads, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude.compare.scan_comparison import compare_scans
@@ -26,9 +25,7 @@ SIDES, HEIGHTS = (20, 30, 40), (0, 10, 20)  # degrees
 OWN_LIMITS, MIRROR_LIMITS = (76, 78, 80, 82, 84, 86, 90), (65, 70, 75, 80, 85)  # degrees of incidence
 
 
-def main() -> None:
-    data = Path(os.environ.get("ZBUF_OCCLUDE_DATA", "../shared/data"), "scans/bunny")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else data
+def main(folder: Path = DATA / "scans" / "bunny") -> None:
     mesh = zo.load_mesh(folder / "bun_zipper.ply")
     names = [*CHOSEN_ON, *TOLD_ON]
     mounted = look_at([0, 0.178, 1.3], [0, 0.178, 0], [0, 1, 0])
@@ -41,8 +38,7 @@ def main() -> None:
         cases = np.stack([each.cases for each in found])
         return cases <= 1, cases % 2 == 0
 
-    print("| vertices predicted rightly | on the five chosen on | on the other five | on all |")
-    print("| --- | ---: | ---: | ---: |")
+    heads("vertices predicted rightly", "on the five chosen on", "on the other five", "on all")
     none = {"incidence_max": 90, "baseline": 0, "baseline_incidence_max": 90}
     first, scanned = seen(**none)
     say("one eye", first == scanned)
@@ -68,9 +64,8 @@ def share(agreed: np.ndarray) -> float:
 
 
 def say(model: str, agreed: np.ndarray) -> None:
-    told, whole = float(agreed[len(CHOSEN_ON) :].mean()), float(agreed.mean())
-    print(f"| {model} | {share(agreed):.2%} | {told:.2%} | {whole:.2%} |")
+    row(model, *(f"{part:.2%}" for part in (share(agreed), agreed[len(CHOSEN_ON) :].mean(), agreed.mean())))
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

@@ -10,48 +10,43 @@ import sys
 import tempfile
 from pathlib import Path
 
+from common import row
+
 from zbuf_occlude.cli.shell import SOME_FAILED
-from zbuf_occlude.compare.cases import Subject
 from zbuf_occlude.compare.metrics import Standing, standings
 from zbuf_occlude.compare.run import ComparisonFolder
 
 RESOLUTIONS = (256, 512, 1024)
-ROWS: tuple[tuple[str, tuple[Subject, ...], str], ...] = (
-    ("`exact`", (Subject("exact"),), "when the answer must be right; needs no GPU"),
-    ("`exact_gl`", (Subject("exact_gl"),), "the same on a GPU (not measured on one yet)"),
+PLAIN, WITNESS = "depth_buffer:resolution={},refine=none", "depth_buffer:resolution={}"
+ROWS = (
+    ("`exact`", ["exact"], "when the answer must be right; needs no GPU"),
+    ("`exact_gl`", ["exact_gl"], "the same on a GPU (not measured on one yet)"),
     (
         "`depth_buffer` 256 / 512 / 1024",
-        tuple(Subject("depth_buffer", {"resolution": n}) for n in RESOLUTIONS),
+        [WITNESS.format(n) for n in RESOLUTIONS],
         "for the paper's image-space idea: a small error that every dataset states",
     ),
     (
         "`depth_buffer` with `refine=none`",
-        tuple(Subject("depth_buffer", {"resolution": n, "refine": "none"}) for n in RESOLUTIONS),
+        [PLAIN.format(n) for n in RESOLUTIONS],
         "to see what a textbook depth buffer costs",
     ),
-    (
-        "`pyrender` 512 / 1024",
-        tuple(Subject("pyrender", {"resolution": n}) for n in RESOLUTIONS[1:]),
-        "the image-space peer",
-    ),
+    ("`pyrender` 512 / 1024", [f"pyrender:resolution={n}" for n in RESOLUTIONS[1:]], "the image-space peer"),
     (
         "`hidden_point_removal`",
-        (Subject("hidden_point_removal"),),
+        ["hidden_point_removal"],
         "when there is no mesh: `visible scan.ply` takes a point cloud",
     ),
-    ("`vertex_hsr` (paper 3.3)", (Subject("vertex_hsr"),), "to repeat the paper"),
+    ("`vertex_hsr` (paper 3.3)", ["vertex_hsr"], "to repeat the paper"),
     (
         "`occupancy_grid` 32 / 64 (paper 3.6)",
-        tuple(Subject("occupancy_grid", {"n": n}) for n in (32, 64)),
+        [f"occupancy_grid:n={n}" for n in (32, 64)],
         "to repeat the paper's data",
     ),
-    ("`embree`", (Subject("embree"),), "an independent check"),
-    (
-        "`oracle`, `exact_hsr` (paper 3.5)",
-        (Subject("oracle"), Subject("exact_hsr")),
-        "the reference, and the paper's own exact method",
-    ),
+    ("`embree`", ["embree"], "an independent check"),
+    ("`oracle`, `exact_hsr` (paper 3.5)", ["oracle", "exact_hsr"], "the reference, and the paper's own exact method"),
 )
+"""Of each row the methods and options, as `compare` takes them."""
 
 
 def main() -> None:
@@ -61,11 +56,12 @@ def main() -> None:
         if (code := subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode) not in (0, SOME_FAILED):
             raise SystemExit(code)
         known = {standing.subject: standing for standing in standings(ComparisonFolder(out).rows().values())}
-    print("| method | wrong answers | ms per view | take it |\n| --- | ---: | ---: | --- |")
-    for name, subjects, when in ROWS:
-        found = [known.get(subject.label) for subject in subjects]
+    row("method", "wrong answers", "ms per view", "take it")
+    row("---", "---:", "---:", "---")
+    for name, labels, when in ROWS:
+        found = [known.get(label) for label in labels]
         if any(found):
-            print(f"| {name} | {wrong(found)} | {' / '.join(milliseconds(one) for one in found)} | {when} |")
+            row(name, wrong(found), " / ".join(milliseconds(one) for one in found), when)
 
 
 def wrong(found: list[Standing | None]) -> str:

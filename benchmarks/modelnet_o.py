@@ -4,11 +4,12 @@ python benchmarks/modelnet_o.py [SHAPES] [WORKERS]      1,000 shapes in as many 
 """
 
 import os
-import sys
 import tempfile
 import time
 from functools import partial
 from pathlib import Path
+
+from common import run
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.generate import generate
@@ -19,15 +20,13 @@ from zbuf_occlude.workers import local
 WHOLE = 246_220
 
 
-def main() -> None:
-    n_shapes = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000
-    n_workers = int(sys.argv[2]) if len(sys.argv) > 2 else os.cpu_count() or 1
+def main(n_shapes: int = 1_000, n_workers: int = os.cpu_count() or 1) -> None:
     collection = shapes.collection(n_members=-(-n_shapes // 8)).interleaved().limit(n_shapes)
     recipe = Recipe(method="exact", views="fibonacci:20", subset="fps")
-    run = partial(local.run_local, n_workers=n_workers, limits=Limits())
+    local_run = partial(local.run_local, n_workers=n_workers, limits=Limits())
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        manifest = generate(Plan(collection, recipe, "modelnet-o"), Path(folder) / "out", run=run)
+        manifest = generate(Plan(collection, recipe, "modelnet-o"), Path(folder) / "out", run=local_run)
         seconds = time.perf_counter() - began
     n_clouds = manifest["counts"]["clouds"]
     print(f"{n_shapes:,} shapes, {n_clouds:,} clouds, {n_workers} workers")
@@ -37,4 +36,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

@@ -10,12 +10,14 @@ Without a mesh and --faces, built-in cars of the paper's 13,164 and 18,014 faces
 which the methods take turns; the first, which compiles, is thrown away. Ratios are what counts.
 """
 
-import argparse
 import statistics
 import time
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+from common import heads, in_turns, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude.jit.threads import use_threads
@@ -28,37 +30,25 @@ ROUNDS = 3
 Question = tuple[Occluder, zo.SurfacePoints]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["culling", "grid", "errors", "growth"])
-    parser.add_argument("meshes", nargs="*")
-    parser.add_argument("--faces", nargs="+", type=int, help="of built-in cars, as well as the meshes")
-    arguments = parser.parse_args()
+def main(what: str, *meshes: Path, faces: Sequence[int] = ()) -> None:
     use_threads(1)
-    if arguments.what == "growth":
+    if what == "growth":
         return growth()
-    meshes = [load_mesh(path).normalized() for path in arguments.meshes]
-    faces = arguments.faces or ([] if meshes else [13_164, 18_014])
-    meshes += [benchmark_mesh(n, "car").normalized() for n in faces]
-    return {"culling": culling, "grid": grid, "errors": errors}[arguments.what](meshes)
+    some = [load_mesh(path).normalized() for path in meshes]
+    cars = faces or (() if meshes else (13_164, 18_014))
+    return ON_MESHES[what]([*some, *(benchmark_mesh(n, "car").normalized() for n in cars)])
 
 
 def seconds_per_view(questions: Sequence[Question], rounds: int = ROUNDS) -> list[float]:
     """Median seconds per view of each question, asked in turns."""
-    times: list[list[float]] = [[] for _ in questions]
-    for turn in range(rounds + 1):
-        for (occluder, points), taken in zip(questions, times, strict=True):
-            start = time.process_time()
-            occluder.visible(points, EYES)
-            if turn:
-                taken.append((time.process_time() - start) / len(EYES))
-    return [statistics.median(taken) for taken in times]
+    jobs = {f"{i}": partial(occluder.visible, points, EYES) for i, (occluder, points) in enumerate(questions)}
+    times = in_turns(jobs, rounds + 1, time.process_time)
+    return [statistics.median(taken[1:]) / len(EYES) for taken in times.values()]
 
 
 def culling(meshes: list[zo.Mesh]) -> None:
     """Time, tests and answers changed of both suggestions, by vertices and by points."""
-    print("| mesh, what is tested | suggestion, samples | time saved | tests saved | answers changed |")
-    print("| --- | --- | ---: | ---: | ---: |")
+    heads("mesh, what is tested", "suggestion, samples", "time saved", "tests saved", "answers changed", words=2)
     samples = (1_000, 10_000, 100_000)
     for mesh in meshes:
         points = zo.sample_surface(mesh, n_points=min(5_000, 2 * len(mesh.faces)), seed=0)
@@ -82,18 +72,15 @@ def culling(meshes: list[zo.Mesh]) -> None:
             first = f"{mesh.name}, {len(mesh.faces):,} faces, {what}"
             labels = ["first", *(f"second, {n:,}" for n in samples)]
             for label, taken, n_tests, answer in zip(labels, times[1:], tests[1:], answers[1:], strict=True):
-                print(
-                    f"| {first} | {label} | {100 * (1 - taken / times[0]):.0f} % | "
-                    f"{100 * (1 - n_tests / tests[0]):.1f} % | {(answer != answers[0]).mean():.1e} |",
-                    flush=True,
-                )
+                saved = f"{100 * (1 - taken / times[0]):.0f} %", f"{100 * (1 - n_tests / tests[0]):.1f} %"
+                row(first, label, *saved, f"{(answer != answers[0]).mean():.1e}")
                 first = ""
 
 
 def grid(meshes: list[zo.Mesh]) -> None:
     """Time of exact HSR and of grids for the paper's numbers of points, and the grids' error."""
-    print("| mesh | points | exact HSR, ms per view | n | grid, ms per view | reduction | with preparing | error |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    times = "grid, ms per view", "reduction", "with preparing"
+    heads("mesh", "points", "exact HSR, ms per view", "n", *times, "error")
     for mesh in meshes:
         for n_points in (1_000, 10_000, 50_000):
             points = zo.sample_surface(mesh, n_points=n_points, seed=0)
@@ -109,11 +96,8 @@ def grid(meshes: list[zo.Mesh]) -> None:
             truth = exact.visible(points, EYES)
             for n, occluder, taken, made in zip((32, 64), grids, fast, preparing, strict=True):
                 error = (occluder.visible(points, EYES) != truth).mean()
-                print(
-                    f"| {mesh.name} | {n_points:,} | {1e3 * slow:.1f} | {n} | {1e3 * taken:.2f} | "
-                    f"{100 * (1 - taken / slow):.2f} % | {100 * (1 - (taken + made) / slow):.1f} % | {error:.3f} |",
-                    flush=True,
-                )
+                saved = f"{100 * (1 - taken / slow):.2f} %", f"{100 * (1 - (taken + made) / slow):.1f} %"
+                row(mesh.name, f"{n_points:,}", f"{1e3 * slow:.1f}", n, f"{1e3 * taken:.2f}", *saved, f"{error:.3f}")
 
 
 def errors(meshes: list[zo.Mesh]) -> None:
@@ -132,20 +116,19 @@ def errors(meshes: list[zo.Mesh]) -> None:
     samples = [zo.sample_surface(mesh, n_points=5_000, seed=0) for mesh in meshes]
     truths = [zo.prepare(mesh, "exact").visible(points, EYES) for mesh, points in zip(meshes, samples, strict=True)]
     for heading, rows in tables.items():
-        print(f"\n## {heading}\n\n| | agreement | false visible | false hidden |\n| --- | ---: | ---: | ---: |")
+        print(f"\n## {heading}\n")
+        heads("", "agreement", "false visible", "false hidden")
         for label, method, options in rows:
-            rates = []
+            shares = []
             for mesh, points, truth in zip(meshes, samples, truths, strict=True):
                 with zo.prepare(mesh, method, **options) as occluder:
-                    answer = occluder.visible(points, EYES)
-                rates.append([(answer == truth).mean(), (answer & ~truth).mean(), (~answer & truth).mean()])
-            print(f"| {label} | " + " | ".join(f"{rate:.3f}" for rate in np.mean(rates, axis=0)) + " |", flush=True)
+                    shares.append(rates(occluder.visible(points, EYES), truth))
+            row(label, *(f"{share:.3f}" for share in np.mean(shares, axis=0)))
 
 
 def growth() -> None:
     """Fit exponents: time over one number while the others stay."""
-    print("| method | over | numbers | ms per view | exponent |")
-    print("| --- | --- | --- | --- | ---: |")
+    heads("method", "over", "numbers", "ms per view", "exponent", words=4)
     mesh = benchmark_mesh(4_000, "chair").normalized()
     counts = (2_000, 4_000, 8_000, 16_000)
     samples = [zo.sample_surface(mesh, n_points=n, seed=0) for n in counts]
@@ -178,9 +161,17 @@ def growth() -> None:
 
 def fit(method: str, over: str, numbers: Sequence[int], seconds: Sequence[float]) -> None:
     exponent = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
-    times = ", ".join(f"{1e3 * s:.2f}" for s in seconds)
-    print(f"| {method} | {over} | {', '.join(f'{n:,}' for n in numbers)} | {times} | {exponent:.2f} |")
+    row(
+        method,
+        over,
+        ", ".join(f"{n:,}" for n in numbers),
+        ", ".join(f"{1e3 * s:.2f}" for s in seconds),
+        f"{exponent:.2f}",
+    )
+
+
+ON_MESHES = {"culling": culling, "grid": grid, "errors": errors}
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__, what=["growth", *ON_MESHES])

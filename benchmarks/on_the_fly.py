@@ -5,11 +5,11 @@ Built-in shapes of 2,000 to 5,000 faces, one thread; per second of wall clock an
 worker, in batches of 32, everything included but its start.
 """
 
-import argparse
 import time
 
 import numpy as np
 import torch
+from common import run
 
 from zbuf_occlude import shapes
 from zbuf_occlude.dataset.torch import OnTheFlyOcclusion
@@ -42,39 +42,34 @@ def choose(n_meshes: int) -> list[Mesh]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--points", type=int, default=1024)
-    parser.add_argument("--meshes", type=int, default=16)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    arguments = parser.parse_args()
-    meshes = choose(arguments.meshes)
-    print(f"{len(meshes)} meshes, {np.median([len(mesh.faces) for mesh in meshes]):.0f} faces in the median")
+def main(*, points: int = 1024, meshes: int = 16, seconds: float = 5.0) -> None:
+    some = choose(meshes)
+    print(f"{len(some)} meshes, {np.median([len(mesh.faces) for mesh in some]):.0f} faces in the median")
     use_threads(1)
     torch.set_num_threads(1)
     for eyes in (1, 8):
-        occlude = OnTheFlyOcclusion(arguments.points, eyes_per_sampling=eyes)
+        occlude = OnTheFlyOcclusion(points, eyes_per_sampling=eyes)
         occlude(shapes.make("chair", 900))  # compiles
-        for name, seconds in (("first", 0.0), ("again", arguments.seconds)):
+        for name, least in (("first", 0.0), ("again", seconds)):
             n_clouds, wall, cpu = 0, time.perf_counter(), time.process_time()
-            while n_clouds == 0 or time.perf_counter() - wall < seconds:
-                for mesh in meshes:
+            while n_clouds == 0 or time.perf_counter() - wall < least:
+                for mesh in some:
                     occlude(mesh)
-                n_clouds += len(meshes)
+                n_clouds += len(some)
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
             print(
                 f"eyes_per_sampling {eyes}, {name}: {n_clouds / wall:.0f} clouds/s, {n_clouds / cpu:.0f} a CPU second"
             )
-    data = Occluded(meshes, OnTheFlyOcclusion(arguments.points), 20_000)
+    data = Occluded(some, OnTheFlyOcclusion(points), 20_000)
     loader = torch.utils.data.DataLoader(data, batch_size=32, num_workers=1, multiprocessing_context="spawn")
     batches = iter(loader)
     for _ in range(20):
         next(batches)
     n_clouds, began = 0, time.perf_counter()
-    while time.perf_counter() - began < arguments.seconds:
+    while time.perf_counter() - began < seconds:
         n_clouds += len(next(batches))
     print(f"worker: {n_clouds / (time.perf_counter() - began):.0f} clouds/s")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

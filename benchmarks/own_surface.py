@@ -5,9 +5,10 @@ many visible points are lost on the fronts of a sphere, a box and a cylinder, se
 plane.
 """
 
-import sys
+from pathlib import Path
 
 import numpy as np
+from common import heads, rates, row, run
 
 import zbuf_occlude as zo
 from zbuf_occlude import shapes
@@ -33,23 +34,18 @@ def answers(mesh: zo.Mesh, n: int, touching: int, run: int) -> tuple[np.ndarray,
     return answer, truth, sine
 
 
-def main() -> None:
-    meshes = [zo.load_mesh(path) for path in sys.argv[1:]] or [shapes.make(label, 0) for label in shapes.CLASSES]
+def main(*files: Path) -> None:
+    meshes = [zo.load_mesh(path) for path in files] or [shapes.make(label, 0) for label in shapes.CLASSES]
     fronts = [shapes.solids.icosphere(4), shapes.solids.box(), shapes.formulas.make("cylinder")]
-    print(
-        "| own surface | n | agreement | false visible | false hidden | front |\n| --- | --- | --- | --- | --- | --- |"
-    )
-    for name, touching, run in VARIANTS:
+    heads("own surface", "n", "agreement", "false visible", "false hidden", "front", words=6)
+    for name, touching, length in VARIANTS:
         for n in SIZES:
-            pairs = [answers(mesh, n, touching, run) for mesh in meshes]
-            right, shown, lost = (
-                np.mean([f(a, t).mean() for a, t, _ in pairs])
-                for f in (np.equal, lambda a, t: a & ~t, lambda a, t: ~a & t)
-            )
-            seen = [(a, t & (sine > np.sin(STEEP))) for a, t, sine in (answers(m, n, touching, run) for m in fronts)]
+            pairs = [answers(mesh, n, touching, length) for mesh in meshes]
+            shares = np.mean([rates(answer, truth) for answer, truth, _ in pairs], axis=0)
+            seen = [(a, t & (sine > np.sin(STEEP))) for a, t, sine in (answers(m, n, touching, length) for m in fronts)]
             front = sum((~a & t).sum() for a, t in seen) / sum(t.sum() for _, t in seen)
-            print(f"| {name} | {n} | {right:.3f} | {shown:.3f} | {lost:.3f} | {front:.1%} |", flush=True)
+            row(name, n, *(f"{share:.3f}" for share in shares), f"{front:.1%}")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

@@ -1,9 +1,7 @@
 """The measurements behind the numbers of the pages: one row each, which `benchmarks/all.py` runs."""
 
-from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
 DATA = "../shared/data"
 """In a command as a page shows it; it is run with ZBUF_OCCLUDE_DATA in its place."""
 PYTHON, COMMAND = "python", "zbuf-occlude"
@@ -19,7 +17,6 @@ class Part(NamedTuple):
     command: str  # as a page shows it, words apart by spaces, `*` for any name; `OUT` is a folder of the run's own
     minutes: float  # on two idle cores, about
     cheaper: str = ""  # options added to it for less to do, on a busy machine
-    times: bool = True  # whether it is about time: then it wants an idle machine
     reads: str = ""  # file under `OUT` that holds the result, in Markdown; by default what the command prints
     text: bool = False  # what is printed is columns of text, not Markdown
 
@@ -35,16 +32,9 @@ PARTS = (
         "cells",
         f"python benchmarks/cells.py {FURNITURE} --quick --processors",
         5,
-        "--repeats 1 --scene 'furniture 10,000'",
+        "--repeats 1 --scene furniture?10,000",
     ),
-    Part(
-        "random-scenes",
-        "python benchmarks/random_scenes.py --scenes 6000 --seed 22",
-        10,
-        "--scenes 200",
-        times=False,
-        text=True,
-    ),
+    Part("random-scenes", "python benchmarks/random_scenes.py --scenes 6000 --seed 22", 10, "--scenes 200", text=True),
     Part(
         "depth-buffer-accuracy", "python benchmarks/depth_buffer_accuracy.py --repeats 3", 3, "--repeats 1 --every 10"
     ),
@@ -61,32 +51,26 @@ PARTS = (
         10,
         "--seconds 0.2 --rounds 1 --faces 340 2600 --points 2000",
     ),
-    Part("own-surface", f"python benchmarks/own_surface.py {MODELNET}/*/train/*.off", 2, times=False),
+    Part("own-surface", f"python benchmarks/own_surface.py {MODELNET}/*/train/*.off", 2),
     Part(
-        "judge",
-        f"python benchmarks/judge_check.py {MODELNET}/chair/train/chair_0003.off",
-        2,
-        "--points 100",
-        times=False,
-        text=True,
+        "judge", f"python benchmarks/judge_check.py {MODELNET}/chair/train/chair_0003.off", 2, "--points 100", text=True
     ),
-    Part("grid-errors", f"python benchmarks/object_space.py errors {MODELNET}/*/train/*.off", 2, times=False),
+    Part("grid-errors", f"python benchmarks/object_space.py errors {MODELNET}/*/train/*.off", 2),
     Part("culling", f"python benchmarks/object_space.py culling {MODELNET}/chair/train/chair_0003.off", 1),
-    Part("grid-time", "python benchmarks/object_space.py grid", 3, "--faces 2000"),
+    Part("grid-time", "python benchmarks/object_space.py grid", 3, "--faces 4000"),
     Part("object-space-growth", "python benchmarks/object_space.py growth", 3),
     Part("modelnet-o", "python benchmarks/modelnet_o.py", 2, text=True),
     Part("preset-costs", "python benchmarks/dataset_costs.py presets", 2, "--limit 2"),
     Part("scan-costs", "python benchmarks/dataset_costs.py scans", 1, "--limit 2"),
-    Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4, times=False),
+    Part("line-laser", f"python benchmarks/line_laser.py {BUNNY}", 4),
     Part("on-the-fly", "python benchmarks/on_the_fly.py", 1, "--seconds 1 --meshes 4", text=True),
-    Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8", times=False),
-    Part("areas", f"python benchmarks/dead_angle.py {MODELNET} {FURNITURE} --objects 8", 3, times=False),
+    Part("shape-distances", "python benchmarks/shape_distances.py", 5, "--members 8"),
+    Part("areas", f"python benchmarks/dead_angle.py {MODELNET} {FURNITURE} --objects 8", 3),
     Part(
         "study",
         "zbuf-occlude paper table3 --quick --budget clouds --budget epochs --out OUT/study",
         45,
         "--models voxnet --seeds 2 --objects 8 --points 128",
-        times=False,
         reads="study/study.md",
     ),
     Part(
@@ -94,7 +78,6 @@ PARTS = (
         "zbuf-occlude paper elevation --quick --models voxnet --seeds 11 --voxels 30 --out OUT/voxels",
         18,
         "--seeds 1 --objects 8 --points 128",
-        times=False,
         reads="voxels/study.md",
     ),
     Part(
@@ -102,7 +85,6 @@ PARTS = (
         "zbuf-occlude paper elevation --quick --models voxnet --seeds 11 --out OUT/plain",
         18,
         "--seeds 1 --objects 8 --points 128",
-        times=False,
         reads="plain/study.md",
     ),
     Part(
@@ -110,7 +92,6 @@ PARTS = (
         "zbuf-occlude paper realism --quick --objects 8 --out OUT/realism",
         6,
         "--objects 5 --seeds 1 --points 64",
-        times=False,
         reads="realism/study.md",
     ),
 )

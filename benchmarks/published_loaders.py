@@ -12,7 +12,6 @@ mesh, turned and placed as the layout says; that mesh must have the item's label
 points must be free from one of the cameras, which stand about the true vertical. Exit status 1 if an item fails.
 """
 
-import argparse
 import csv
 import importlib.util
 import json
@@ -30,6 +29,7 @@ from typing import Any
 import numpy as np
 import published_readers as readers
 import trimesh
+from common import Open3D, heads, row, run
 from numpy.typing import NDArray
 from published_readers import Item
 
@@ -63,9 +63,8 @@ class Loader:
     name: str  # the class or function of it that reads
     layout: str  # `--format`
     read: Any  # yields the loader's items, in a folder that has `links`, with the checkout on `sys.path`
-    links: dict[str, str] = field(
-        default_factory=dict
-    )  # names as the loader's configuration has them, to the dataset's
+    # names as the loader's configuration has them, to the dataset's
+    links: dict[str, str] = field(default_factory=dict)
     meshes: str = "shapenet"  # in whose folders the meshes lie
     up: str = "y"  # the layout's up axis
     n_views: int = 8
@@ -252,23 +251,16 @@ def write_views(path: Path, n_views: int) -> None:
             rows.writerow([np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z)), DISTANCE])
 
 
-class Surface:
+class Surface(Open3D):
     """A mesh for Open3D: distances to it, and what can be seen of it."""
 
     def __init__(self, made: Object) -> None:
-        import open3d
-
-        self._tensor = open3d.core.Tensor
-        self._scene = open3d.t.geometry.RaycastingScene()
-        mesh = open3d.t.geometry.TriangleMesh(
-            self._tensor(made.mesh.vertices.astype(np.float32)), self._tensor(made.mesh.faces.astype(np.uint32))
-        )
-        self._scene.add_triangles(mesh)
+        super().__init__(made.mesh)
         self.made = made
         self.samples = np.asarray(trimesh.sample.sample_surface(made.mesh, 20_000, seed=0)[0])
 
     def closest(self, points: Array) -> Array:
-        return self._scene.compute_closest_points(self._tensor(points.astype(np.float32)))["points"].numpy()
+        return self.scene.compute_closest_points(self.tensor(points.astype(np.float32)))["points"].numpy()
 
     def distance(self, points: Array) -> float:
         """Return the largest distance of points from the mesh, in longest sides."""
@@ -282,8 +274,7 @@ class Surface:
     def seen(self, points: Array, eye: Array, tolerance: float) -> Array:
         """Say which points are not behind the plane of the first face that their ray from the eye meets."""
         away = points - eye
-        rays = np.concatenate([np.broadcast_to(eye, away.shape), away], axis=1).astype(np.float32)
-        first = self._scene.cast_rays(self._tensor(rays))
+        first = self.scene.cast_rays(self.rays(eye, away))
         left = np.maximum(1 - first["t_hit"].numpy(), 0)  # of the ray, behind the face
         behind = left * np.abs((first["primitive_normals"].numpy() * away).sum(axis=1))
         return np.asarray(behind <= tolerance * self.made.longest)
@@ -364,9 +355,9 @@ class Stub(types.ModuleType):
         return sys.modules.get(f"{self.__name__}.{name}") or type(name, (), {"__init__": lambda *_, **__: None})
 
 
-def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
+def read_in_child(number: int, checkout: Path, data: Path, out: Path) -> None:
     """In a child, whose working folder has the loader's links: run the loader and keep its items."""
-    loader = LOADERS[row]
+    loader = LOADERS[number]
     for name in loader.stubs:
         parts = name.split(".")
         for n in range(1, len(parts) + 1):
@@ -377,14 +368,14 @@ def read_in_child(row: int, checkout: Path, data: Path, out: Path) -> None:
     out.write_bytes(pickle.dumps(items))
 
 
-def items_of(row: int, checkout: Path, data: Path, work: Path) -> list[Item]:
+def items_of(number: int, checkout: Path, data: Path, work: Path) -> list[Item]:
     """Run a loader in a process of its own."""
-    for name, place in LOADERS[row].links.items():
+    for name, place in LOADERS[number].links.items():
         link = work / name
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to((data / place).resolve(), target_is_directory=True)
     out = work / "items.pickle"
-    command = [sys.executable, Path(__file__).resolve(), "--child", row, checkout.resolve(), data.resolve(), out]
+    command = [sys.executable, Path(__file__).resolve(), "--child", number, checkout.resolve(), data.resolve(), out]
     done = subprocess.run([*map(str, command)], cwd=work, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError((done.stderr.strip().splitlines() or ["no word"])[-1])
@@ -409,9 +400,11 @@ def some_of(items: Iterable[Item]) -> list[Item]:
     return [of[i] for of in by_split.values() for i in np.unique(np.linspace(0, len(of) - 1, CHECKED).astype(int))]
 
 
-def check_loader(row: int, checkout: Path, folder: Path, surfaces: dict[str, list[Surface]]) -> tuple[int, str, bool]:
+def check_loader(
+    number: int, checkout: Path, folder: Path, surfaces: dict[str, list[Surface]]
+) -> tuple[int, str, bool]:
     """Generate the loader's layout, run it, check its items; return how many it read, what came of it, if right."""
-    loader = LOADERS[row]
+    loader = LOADERS[number]
     views, data = folder / "views.csv", folder / "dataset"
     write_views(views, loader.n_views)
     command = [sys.executable, "-m", "zbuf_occlude", "generate", folder.parent / loader.meshes, "--out", data]
@@ -421,7 +414,7 @@ def check_loader(row: int, checkout: Path, folder: Path, surfaces: dict[str, lis
         return 0, f"generate: {made.stderr.strip().splitlines()[-1]}", False
     (folder / "work").mkdir()
     try:
-        items = items_of(row, checkout, data, folder / "work")
+        items = items_of(number, checkout, data, folder / "work")
     except RuntimeError as error:
         return 0, f"the loader stopped: {error}", False
     chosen = some_of(items)
@@ -431,32 +424,26 @@ def check_loader(row: int, checkout: Path, folder: Path, surfaces: dict[str, lis
     return len(items), f"{len(chosen)} of {len(chosen)} right", True
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", type=Path, help="of checkouts")
-    parser.add_argument("--only", default="", help="rows whose repository, class or layout has this in it")
-    parser.add_argument("--keep", type=Path, help="make the datasets here, and leave them")
-    arguments = parser.parse_args()
+def main(folder: Path, *, only: str = "", keep: Path | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
-        root = (arguments.keep or Path(name)).resolve()
+        root = (keep or Path(name)).resolve()
         surfaces = {
             kind: [Surface(made) for made in make_meshes(kind, root / kind)] for kind in ("shapenet", "modelnet")
         }
-        print("| repository | commit | class | layout | items read | checks | stubs |\n|" + " --- |" * 7)
+        heads("repository", "commit", "class", "layout", "items read", "checks", "stubs", words=7)
         right = True
-        for row, loader in enumerate(LOADERS):
-            if arguments.only not in f"{loader.repository} {loader.name} {loader.layout}":
+        for number, loader in enumerate(LOADERS):
+            if only not in f"{loader.repository} {loader.name} {loader.layout}":
                 continue
-            found = find_checkout(arguments.folder, loader.repository)
+            found = find_checkout(folder, loader.repository)
             missing = [package for package in loader.packages if importlib.util.find_spec(package) is None]
             if found is None or missing:
                 commit, n_items, said = "", 0, f"skipped: no {', '.join(missing) or 'checkout'}"
             else:
-                (root / str(row)).mkdir()
-                n_items, said, fine = check_loader(row, found[0], root / str(row), surfaces)
+                (root / str(number)).mkdir()
+                n_items, said, fine = check_loader(number, found[0], root / str(number), surfaces)
                 commit, right = found[1], right and fine
-            cells = (loader.repository, commit, loader.name, loader.layout, n_items, said, ", ".join(loader.stubs))
-            print("|", " | ".join(map(str, cells)), "|", flush=True)
+            row(loader.repository, commit, loader.name, loader.layout, n_items, said, ", ".join(loader.stubs))
     return 0 if right else 1
 
 
@@ -464,4 +451,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
         read_in_child(int(sys.argv[2]), *map(Path, sys.argv[3:]))
     else:
-        sys.exit(main())
+        run(main, __doc__)

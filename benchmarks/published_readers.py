@@ -131,10 +131,8 @@ def mvp_rg(checkout: Path, data: Path) -> Iterator[Item]:
     """
     import h5py
 
-    dataset, names = (
-        import_file(checkout / "registration" / "dataset.py"),
-        (data / "shape_names.txt").read_text().split(),
-    )
+    dataset = import_file(checkout / "registration" / "dataset.py")
+    names = (data / "shape_names.txt").read_text().split()
     options = SimpleNamespace(max_angle=45, max_trans=0.5, category=None)
     train, test = dataset.MVP_RG("train", options), dataset.MVP_RG("val", options)
     for label, *clouds, _ in zip(

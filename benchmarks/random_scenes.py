@@ -8,56 +8,49 @@ Of rays first hits are asked, of two eyes which returns of a scan both see; they
 an answer disagrees.
 """
 
-import argparse
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
+from common import run
 
 import zbuf_occlude as zo
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.random_scenes import CONTACTS, disagreements_of, ray_disagreements_of, scene, two_eye_disagreements_of
 
+THINGS = {"points": "pairs", "rays": "rays", "two-eyes": "returns"}
+"""What is asked, and what its answers are about."""
 OF_NO_TOLERANCE = {"rays": ray_disagreements_of, "two-eyes": two_eye_disagreements_of}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--method", default="exact", choices=[m.name for m in zo.METHODS if m.exact])
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--question", default="points", choices=["points", *OF_NO_TOLERANCE])
-    options = parser.parse_args()
-    things = {"points": "pairs", "rays": "rays", "two-eyes": "returns"}[options.question]
+def main(*, method: str = "exact", scenes: int = 1000, first: int = 0, seed: int = 0, question: str = "points") -> int:
+    things = THINGS[question]
     totals, start = np.zeros((len(CONTACTS), 3), dtype=np.int64), time.perf_counter()
-    for index in range(options.first, options.first + options.scenes):
+    for index in range(first, first + scenes):
         turn = index % len(CONTACTS)  # the kinds of scenes are no multiple of it
-        if options.question == "points":
-            counts = disagreements_of(options.method, options.seed, index, CONTACTS[turn])
+        if question == "points":
+            counts = disagreements_of(method, seed, index, CONTACTS[turn])
         else:
-            counts = OF_NO_TOLERANCE[options.question](options.method, options.seed, index)
+            counts = OF_NO_TOLERANCE[question](method, seed, index)
         totals[turn] += counts
         if counts[0]:
-            kind = scene(options.seed, index)[3]
-            print(
-                f"scene {index} ({kind}, contact {CONTACTS[turn]:g}): "
-                f"{counts[0]} of {counts[2]} {things} differ outside the boundary band"
-            )
-    if options.question == "points":
-        for contact, (outside, inside, pairs) in zip(CONTACTS, totals, strict=True):
-            print(
-                f"contact {contact:g}: {pairs} pairs, {outside} disagreements outside the boundary band, {inside} in it"
-            )
-    outside, inside, pairs = totals.sum(axis=0)
-    print(
-        f"{options.method}: {options.scenes} scenes, {pairs} {things}, {outside} disagreements outside the boundary "
-        f"band, {inside} in it, {time.perf_counter() - start:.0f} s"
-    )
-    return 1 if outside else 0
+            kind = scene(seed, index)[3]
+            place = f"scene {index} ({kind}, contact {CONTACTS[turn]:g})"
+            print(f"{place}: {counts[0]} of {counts[2]} {things} differ outside the boundary band")
+    if question == "points":
+        for contact, counts in zip(CONTACTS, totals, strict=True):
+            print(f"contact {contact:g}: {told(counts, things)}")
+    whole = totals.sum(axis=0)
+    print(f"{method}: {scenes} scenes, {told(whole, things)}, {time.perf_counter() - start:.0f} s")
+    return 1 if whole[0] else 0
+
+
+def told(counts: np.ndarray, things: str) -> str:
+    outside, inside, n_asked = counts
+    return f"{n_asked} {things}, {outside} disagreements outside the boundary band, {inside} in it"
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, __doc__, method=[m.name for m in zo.METHODS if m.exact], question=THINGS)

@@ -2,6 +2,7 @@
 
     python benchmarks/real_lidar.py LOG [--sensor NAME] [--out FILE.md]
 
+--sensor: a name of the table of sensors, instead of finding it from the log. --out: write the tables there too.
 LOG is a folder or table of Argoverse 2, KITTI, nuScenes or MMDetection3D (benchmarks/drive_logs.py). Nothing is fitted
 and nothing chosen: the sensor is found from the log, and its numbers are those of the table of sensors.
 
@@ -17,12 +18,12 @@ differs is objects. "With other objects" is the ratio of medians when they are d
 dropout" that to all that geometry lets return.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from common import run
 from drive_logs import SLACK, Box, DriveSweep, Log, read_log, within
 
 import zbuf_occlude as zo
@@ -246,23 +247,18 @@ def measure(log: Log) -> list[str]:
     return [head, "", *few, *report(sightings, simulated), *end]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=Path)
-    parser.add_argument("--sensor", help="A name of the table of sensors; by default it is found from the log.")
-    parser.add_argument("--out", type=Path, help="Write the tables here too.")
-    given = parser.parse_args()
+def main(log: Path, *, sensor: str | None = None, out: Path | None = None) -> None:
     try:
-        log = read_log(given.log, given.sensor)
-        for reason in log.skipped:
+        drive = read_log(log, sensor)
+        for reason in drive.skipped:
             print(f"skipped: {reason}", file=sys.stderr, flush=True)
-        lines = measure(log)
+        lines = measure(drive)
     except OccludeError as error:
-        raise SystemExit(f"error: {given.log}: {error}") from None
+        raise SystemExit(f"error: {log}: {error}") from None
     print("\n".join(lines))
-    if given.out is not None:
-        given.out.write_text("\n".join(lines) + "\n")
+    if out is not None:
+        out.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__)

@@ -8,10 +8,10 @@ as many. Sampling alone leaves a distance between two clouds of one member, "sam
 quotient of a distance and the mean "same" of its two members.
 """
 
-import argparse
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
+from common import heads, row, run
 from scipy.spatial import cKDTree
 
 from zbuf_occlude import Mesh, sample_surface, shapes
@@ -44,8 +44,8 @@ def distances(clouds: list[Clouds]) -> np.ndarray:
     return matrix
 
 
-def row(label: str, members: int, seed: int, n_points: int) -> str:
-    """Measure one class; a row of the table."""
+def measure(label: str, members: int, seed: int, n_points: int) -> None:
+    """Print the row of one class."""
     meshes = [shapes.make(label, index, seed=seed) for index in range(members)]
     clouds = [Clouds(mesh, n_points, seed=1) for mesh in meshes]
     again = [Clouds(mesh, n_points, seed=2) for mesh in meshes]
@@ -56,39 +56,17 @@ def row(label: str, members: int, seed: int, n_points: int) -> str:
     counts = [f"{count:,}" for count in (min(faces), int(np.median(faces)), max(faces))]
     measures = (np.median(matrix.min(axis=1)), np.median(matrix[np.isfinite(matrix)]), same.max())
     ratio = (2 * matrix / (same[:, None] + same)).min()
-    return table_row(
-        [label, *counts, f"{matrix.min():.4f}", f"{j}, {i}", *(f"{value:.4f}" for value in measures), f"{ratio:.2f}"]
-    )
+    row(label, *counts, f"{matrix.min():.4f}", f"{j}, {i}", *(f"{value:.4f}" for value in measures), f"{ratio:.2f}")
 
 
-def table_row(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--label", action="append", choices=shapes.CLASSES)
-    parser.add_argument("--members", type=int, default=shapes.MEMBERS)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--points", type=int, default=512)
-    chosen = parser.parse_args()
-    heads = [
-        "class",
-        "fewest faces",
-        "median",
-        "most",
-        "smallest distance",
-        "between",
-        "median of the nearest",
-        "median of all",
-        "largest same",
-        "smallest quotient",
-    ]
-    print(table_row(heads))
-    print(table_row("---" for _ in heads))
-    for label in chosen.label or shapes.CLASSES:
-        print(row(label, chosen.members, chosen.seed, chosen.points), flush=True)
+def main(
+    *, label: Sequence[str] = shapes.CLASSES, members: int = shapes.MEMBERS, seed: int = 0, points: int = 512
+) -> None:
+    faces, distances = ("fewest faces", "median", "most"), ("smallest distance", "between", "median of the nearest")
+    heads("class", *faces, *distances, "median of all", "largest same", "smallest quotient", words=10)
+    for each in label:
+        measure(each, members, seed, points)
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__, label=shapes.CLASSES)

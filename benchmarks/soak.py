@@ -1,6 +1,6 @@
 """A long run of `depth_buffer`: does memory stay flat, do the last answers equal the first?
 
-    python benchmarks/soak.py [--one 200000] [--recycled 1000000] [--workers W] [--json FILE]
+    python benchmarks/soak.py [--one 200000] [--recycled 1000000] [--workers W]          0 renders: none
 
 A render is one view's visibility: a depth buffer of the mesh, and a thousand points tested against it.
 
@@ -16,12 +16,9 @@ tenth of a process's life (shaders compile, the allocator's arenas grow to the l
 exceed the most during it by 5 %. Exit status 1 when it does, or when answers differ.
 """
 
-import argparse
 import hashlib
-import json
 import multiprocessing
 import os
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -31,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import heads, row, run
 from tqdm import tqdm
 
 import zbuf_occlude as zo
@@ -109,7 +107,7 @@ def plan_of(number: int, n_renders: int) -> Plan:
     return Plan(MeshCollection(entries), Recipe(**recipe), "packed")
 
 
-def recycled(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
+def by_workers(n_renders: int, n_workers: int, folder: Path) -> dict[str, Any]:
     """Render by workers that are replaced after a while, as `generate` does."""
     lives: dict[str, list[float]] = defaultdict(list)
     report: dict[str, Any] = {"renders": 0, "workers": 0, "different": 0}
@@ -166,42 +164,31 @@ def judged(name: str, memory: list[float]) -> dict[str, Any]:
     }
 
 
-def as_table(report: dict[str, Any]) -> str:
-    lines = [
-        "| run | process | renders/s | start MB | warm-up MB | after MB | growth | warm after | quarters |",
-        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
-    ]
-    for run, found in report.items():
+def print_table(report: dict[str, Any]) -> None:
+    memory = "start MB", "warm-up MB", "after MB", "growth", "warm after"
+    heads("run", "process", "renders/s", *memory, "quarters", words=2)
+    for name, found in report.items():
         for life in found["lives"]:
             values = [found["renders"] / found["seconds"], *(life[key] for key in ("start", "warm_up", "after"))]
-            cells = [f"{run}, {found['renders']:,}", life["name"], *(f"{value:.0f}" for value in values)]
+            cells = [f"{name}, {found['renders']:,}", life["name"], *(f"{value:.0f}" for value in values)]
             cells += [f"{life['growth']:+.1%}", f"{life['warm_after']:.0%}"]
-            lines.append(f"| {' | '.join(cells)} | {', '.join(f'{quarter:.0f}' for quarter in life['quarters'])} |")
-    return "\n".join(lines)
+            row(*cells, ", ".join(f"{quarter:.0f}" for quarter in life["quarters"]))
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--one", type=int, default=200_000, help="renders in one process; 0: none")
-    parser.add_argument("--recycled", type=int, default=1_000_000, help="renders with recycling; 0: none")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--json", type=Path)
-    arguments = parser.parse_args()
+def main(*, one: int = 200_000, recycled: int = 1_000_000, workers: int = os.cpu_count() or 1) -> int:
     report: dict[str, Any] = {}
-    if arguments.recycled:
+    if recycled:
         with tempfile.TemporaryDirectory() as folder:
-            report["recycled"] = recycled(arguments.recycled, arguments.workers, Path(folder))
-    if arguments.one:
+            report["recycled"] = by_workers(recycled, workers, Path(folder))
+    if one:
         for name, gl_of_ours in (("one process", True), ("README's form", False)):
-            report[name] = one_process(arguments.one, name, gl_of_ours)
-    print(as_table(report))
+            report[name] = one_process(one, name, gl_of_ours)
+    print_table(report)
     growth = max((life["growth"] for found in report.values() for life in found["lives"]), default=0.0)
     n_different = sum(found["different"] for found in report.values())
     print(f"answers that differ: {n_different}; most growth after warm-up: {growth:+.1%} (allowed {FLAT:.0%})")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(report, indent=1))
     return int(growth > FLAT or n_different > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main, __doc__)

@@ -5,11 +5,11 @@
 Each mesh is cut from five sides. A row is printed where the areas differ by more than three standard errors.
 """
 
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
+from common import run
 
 import zbuf_occlude as zo
 
@@ -44,4 +44,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    run(main, __doc__)

@@ -1,9 +1,8 @@
 """What each stage of `generate` costs, in one process; `whole_job.py --stages` runs it, with any checkout's package.
 
-python benchmarks/whole_job_stages.py REPORT.json OUT --method M --views SPEC --points N --sample-size N MESH...
+python benchmarks/whole_job_stages.py REPORT.json OUT RECIPE MESH...        RECIPE: as JSON, what Recipe takes
 """
 
-import argparse
 import functools
 import json
 import sys
@@ -85,34 +84,21 @@ def watch(clock: Clock) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("report", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--method")
-    parser.add_argument("--views")
-    parser.add_argument("--points", type=int)
-    parser.add_argument("--sample-size", type=int)
-    parser.add_argument("meshes", nargs="+")
-    arguments = parser.parse_args()
+    report, out, recipe_given, *meshes = sys.argv[1:]
     clock = Clock()
     from zbuf_occlude.cli.generate import rehearse  # what the command imports
     from zbuf_occlude.dataset.generate import generate
     from zbuf_occlude.dataset.plan import Plan, Recipe
     from zbuf_occlude.meshes.collection import MeshCollection
 
-    recipe = Recipe(
-        method=arguments.method,
-        views=arguments.views,
-        n_points=arguments.points,
-        sample_size=arguments.sample_size,
-    )
+    recipe = Recipe(**json.loads(recipe_given))
     rehearse(recipe, require_gpu=False)
     watch(clock)
-    plan = Plan(MeshCollection.from_paths(arguments.meshes).interleaved(), recipe)
-    generate(plan, arguments.out)
+    plan = Plan(MeshCollection.from_paths(meshes).interleaved(), recipe)
+    generate(plan, Path(out))
     clock.turn(enter="else")
     rows = [{"stage": n, "clock": c, "processors": p, "calls": k} for n, (c, p, k) in clock.spent.items()]
-    arguments.report.write_text(json.dumps(rows))
+    Path(report).write_text(json.dumps(rows))
 
 
 _BEGAN = time.perf_counter()

@@ -5,14 +5,11 @@ import subprocess
 import sys
 import tempfile
 from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import click
 from mkdocs.structure.files import File
-
-import zbuf_occlude
 
 GENERATE = ("generate", "--limit", "24", "--views", "ring:3@25", "--method", "exact", "--format", "packed")
 FOLDER = "gallery-3d"
@@ -74,7 +71,7 @@ def on_files(files: Any, config: Any) -> Any:
     """Add the pages of the reference."""
     files.append(File.generated(config, "cli.md", content=command_line()))
     for page, (title, home, names) in API.items():
-        blocks = [block(home + name) for name in names if exists(home + name)]
+        blocks = [block(home + name) for name in names]
         files.append(File.generated(config, f"api/{page}.md", content="\n".join([f"# {title}\n", *blocks])))
     return files
 
@@ -83,19 +80,6 @@ def block(name: str) -> str:
     """Return what mkdocstrings replaces by the documentation of a name."""
     members = list(MEMBERS.get(name.rpartition(".")[2], ()))
     return f"::: zbuf_occlude.{name}\n    options:\n      members: {members}\n"
-
-
-def exists(name: str) -> bool:
-    """Whether the package has a name; what needs PyTorch is taken to be there."""
-    if name.startswith("dataset.torch."):
-        return True
-    if "." in name:
-        import_module(f"zbuf_occlude.{name.rpartition('.')[0]}")
-    try:
-        attrgetter(name)(zbuf_occlude)
-    except AttributeError:
-        return False
-    return True
 
 
 def command_line() -> str:
