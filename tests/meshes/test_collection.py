@@ -458,11 +458,17 @@ def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
         bad.load()
 
 
-def test_entries_travel_to_other_processes(tmp_path: Path) -> None:
-    meshes = MeshCollection.from_paths(plant(tmp_path, *MANY))
-    again = pickle.loads(pickle.dumps(meshes))
+@pytest.mark.parametrize("n", [0, 1, 64, 129])
+def test_entries_travel_to_other_processes(tmp_path: Path, n: int) -> None:
+    plant(tmp_path, *(f"cup/cup_{i}.off" for i in range(129)))
+    meshes = MeshCollection.from_paths(tmp_path)[:n]
+    again = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(meshes))))
     assert facts(again) == facts(meshes)
-    assert again[0].load().vertices.tobytes() == meshes[0].load().vertices.tobytes()
+    assert facts(again[i] for i in reversed(range(n))) == facts(meshes)[::-1]
+    assert facts(again[-3:]) == facts(meshes)[-3:]
+    assert all(entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] for entry in again[:2])
+    with pytest.raises(IndexError):
+        again[n]
 
 
 def test_a_collection_is_a_sequence() -> None:

@@ -166,8 +166,8 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
             match words:
                 case ["format", name, _]:
                     encoding = name
-                case ["element", name, count]:
-                    elements.append(_Element(name, _row_count(count)))
+                case ["element", name, count] if re.fullmatch(r"[0-9]{1,18}", count):
+                    elements.append(_Element(name, int(count)))
                 case ["property", "list", count_type, value_type, name]:
                     # lengths are read as unsigned: a negative one is then larger than any file
                     of_count = np.dtype(_TYPES[count_type].replace("i", "u"))
@@ -180,18 +180,12 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                     pass
                 case _:
                     raise KeyError(words[0])
-        except (KeyError, IndexError, ValueError):
+        except (KeyError, IndexError):
             shown = line[:60].decode("latin-1")
             raise MeshError(f"the header of a PLY file must be readable; it has the line {shown!r}.") from None
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise MeshError(f"a PLY file must be ascii or binary; its format is {encoding!r}. Is it damaged?")
     return elements, encoding, data[end.end() :]
-
-
-def _row_count(word: str) -> int:
-    if not re.fullmatch(r"\d{1,18}", word, re.ASCII):
-        raise ValueError(word)
-    return int(word)
 
 
 def _too_short(element: _Element, n_held: int, what: str) -> MeshError:
