@@ -143,10 +143,7 @@ BINARY_PLY = ply("binary_little_endian", PLY_POLYGONS)
         (GOOD_PLY.replace("uchar int", "float int").encode(), "it has the line 'property list float int"),
         (GOOD_PLY.replace("vertex 5", "vertex " + "9" * 19).encode(), "it has the line 'element vertex 999"),
         (GOOD_PLY.replace("float x", "float u").encode(), "must have x, y and z"),
-        (
-            GOOD_PLY.replace("vertex 5", "vertex 353535235358").encode(),
-            "the 353,535,235,358 rows of the element vertex",
-        ),
+        (GOOD_PLY.replace("vertex 5", "vertex 353535235358").encode(), "the 353,535,235,358 rows of the element v"),
         (GOOD_PLY.replace("face 4", "face 5").encode(), "the 5 rows of the element face .* it has 4 lines"),
         (GOOD_PLY[:-12].encode(), "must hold the 4 rows|must stand whole on its line"),
         (GOOD_PLY.replace("3 0 1 2", "9 0 1 2").encode(), "a list in the element face must stand whole on its line"),
@@ -205,10 +202,7 @@ def test_binary_stl_may_begin_with_solid_and_have_more_after_the_facets() -> Non
         (export_stl(BALL)[:-1], "must hold the 320 facets that it declares; it has room for 319"),
         (bytes(80) + b"\xff\xff\xff\xff" + bytes(50), "the 4,294,967,295 facets that it declares; it has room for 1"),
         (f"solid\n{FACET}".encode(), "must end; one does not. Is it cut short"),
-        (
-            f"solid\n{FACET.replace('vertex 1 0 0', '')}endsolid".encode(),
-            "the 1 facets .* three vertices each; there are 2",
-        ),
+        (f"solid\n{FACET.replace('vertex 1 0 0', '')}endsolid".encode(), "the 1 facets .* three .* each; there are 2"),
         (f"solid\n{FACET.replace('1 0 0', '1 0 o')}endsolid".encode(), "must hold numbers here; it holds 'o'"),
         (f"solid\n{FACET.replace('1 0 0', '1 0')}endsolid".encode(), "three coordinates"),
         (f"solid\n{FACET.replace('vertex 1 0 0', '')}{FOUR}endsolid".encode(), "three vertices each; there are 6"),
