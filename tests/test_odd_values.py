@@ -44,14 +44,6 @@ def test_the_last_line_of_a_header_may_end_in_its_own_way(tmp_path: Path, encodi
     assert zo.load_mesh(tmp_path / "a.ply").areas.tolist() == [0.5]
 
 
-def test_several_solids_of_text_keep_their_own_corners(tmp_path: Path) -> None:
-    solid = TEXTS["a.stl"]
-    (tmp_path / "a.stl").write_text(
-        solid + solid.replace("vertex 0 1 0", "vertex 0 2 0") + solid.replace("1 0 0", "3 0 0")
-    )
-    assert zo.load_mesh(tmp_path / "a.stl").areas.tolist() == [0.5, 1.0, 1.5]
-
-
 @pytest.fixture
 def free_alarm() -> Iterator[None]:
     """The alarm as a program has it that does not use it; pytest's plugins may."""

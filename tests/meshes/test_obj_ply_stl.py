@@ -170,22 +170,24 @@ def test_stl_is_what_trimesh_writes(write) -> None:
 
 
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 0\nendloop\nendfacet\n"
+OTHER = FACET.replace("1 0 0", "3 0 0")
 FOUR = FACET.replace("endloop", "vertex 3 3 3\nendloop")
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        f"solid\n{FACET}{FACET}endsolid",
-        f"solid vertex 1 2 3 facet\n{FACET}endsolid vertex 1 2 3 facet\nsolid b\n{FACET}endsolid b\n",
-        f"  SOLID a\n{FACET}{FACET}ENDSOLID a".upper(),
-        f"solid a\n{FACET}{FACET}end solid a".replace("\n", "\r\n\t"),
-        f"solid a\n{FACET}{FACET}endsolid a".replace("normal 0 0 1", "normal -nan(ind) ? 1"),
+        f"solid\n{FACET}{OTHER}endsolid",
+        f"solid vertex 1 2 3 facet\n{FACET}endsolid vertex 1 2 3 facet\nsolid b\n{OTHER}endsolid b\n",
+        f"  SOLID a\n{FACET}{OTHER}ENDSOLID a".upper(),
+        f"solid a\n{FACET}{OTHER}end solid a".replace("\n", "\r\n\t"),
+        f"solid a\n{FACET}{OTHER}endsolid a".replace("normal 0 0 1", "normal -nan(ind) ? 1"),
     ],
     ids=["plain", "two solids, odd names", "upper case", "CRLF and tabs", "normals that are no numbers"],
 )
 def test_ascii_stl_however_it_is_spelt(text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert read_stl(text.encode()).vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] * 2
+    found = read_stl(text.encode()).vertices.reshape(2, 3, 3).tolist()
+    assert found == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [3, 0, 0], [0, 1, 0]]]
     assert capfd.readouterr() == ("", "")
 
 

@@ -43,11 +43,6 @@ class _Element:
     n_rows: int
     properties: list[_Property] = field(default_factory=list)
 
-    @property
-    def n_bytes_least(self) -> int:
-        """Bytes of a row whose lists are empty."""
-        return sum((p.count_dtype or p.dtype).itemsize for p in self.properties)
-
 
 @dataclass
 class _Columns:
@@ -242,7 +237,8 @@ class _Binary:
 
     def read(self, element: _Element) -> _Columns:
         room = len(self._body) - self._next_byte
-        if element.n_rows * element.n_bytes_least > room:
+        row = sum((p.count_dtype or p.dtype).itemsize for p in element.properties)  # with empty lists
+        if element.n_rows * row > room:
             raise _too_short(element, room, "bytes")
         if not element.properties or element.n_rows == 0:
             return _Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))
