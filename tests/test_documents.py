@@ -14,13 +14,14 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import write_off
-from zbuf_occlude.documents import MOST_BYTES, Number, flag, line, parse_document
+from zbuf_occlude.documents import Number, flag, line, parse_document
 from zbuf_occlude.errors import OccludeError, OptionError
 from zbuf_occlude.meshes.labels import read_labels
 from zbuf_occlude.scenes.contents import read_scene
 from zbuf_occlude.sensors.sensor import NUMBERS, Sensor, numbers_of
 
 LIDAR = "kind: spinning\nlasers: [-2, 0, 2]\ncolumns: 90\n"
+RISLEY = "kind: risley\nfrequencies: [-77.7, 121.6]\nwedge: 18\nindex: 1.51\n"
 WALL = zo.Mesh([[5, -9, -9], [5, 9, -9], [5, 9, 9], [5, -9, 9]], [[0, 1, 2], [0, 2, 3]])
 MANY = "9" * 401
 SMALL = (
@@ -68,7 +69,6 @@ def scene(**changed: Any) -> str:
     ("name", "content", "message"),
     [
         ("sensor.csv", "azimuth,elevation\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
-        ("labels.csv", "key,class\n" + "1" * 140_000 + ",1\n", "must be CSV; .*field larger"),
         ("sensor.csv", "azimuth,elevation\n1,1000\n", r"elevation .* from -90 to 90 degrees; got 1000"),
         ("sensor.csv", "x,y,z,X\n1,2,3,4\n", "x is there 2 times"),
         ("sensor.csv", "x,y,z" + ",a" * 1_000 + "\n1,2,3\n", "at most 1,000 columns"),
@@ -86,16 +86,8 @@ def scene(**changed: Any) -> str:
         ("sensor.yaml", LIDAR + 'axial: "no"\n', "axial of a sensor must be true or false; got 'no'"),
         ("sensor.yaml", "kind: spinning\nlasers: [1]\ncolumns: true\n", "columns .* whole number.*; got 'true'"),
         ("sensor.yaml", "kind: spinning\nlasers: [.nan]\ncolumns: 3\n", "lasers .* degrees; got '.nan'"),
-        (
-            "sensor.yaml",
-            "kind: pinhole\nwidth: 9\nheight: 9\nf: 1e-300\n",
-            "f of a sensor must be .* pixels; got 1e-300",
-        ),
-        (
-            "sensor.yaml",
-            "kind: risley\nfrequencies: [1, 2]\nwedge: 9\nindex: 1.5\nrate: 1e12\nseconds: 1\n",
-            "rate .* shots a second; got 1000000000000",
-        ),
+        ("sensor.yaml", "kind: pinhole\nwidth: 9\nheight: 9\nf: 1e-300\n", "f of .* must be .* pixels; got 1e-300"),
+        ("sensor.yaml", RISLEY + "rate: 1e12\nseconds: 1\n", "rate .* shots a second; got 1000000000000"),
         ("sensor.yaml", LIDAR + 'name: "a\\nerror: b"\n', r"name in .* must be one line .*; got 'a\\nerror: b'"),
         ("sensor.yaml", "kind: [spinning]\n", "kind in .* must be one line"),
         ("sensor.yaml", LIDAR + "#" * 300_000, "must be YAML of at most 200,000 bytes"),
@@ -121,8 +113,8 @@ def scene(**changed: Any) -> str:
         ("transforms.json", nerf(is_fisheye=True), "is no pinhole"),
         (
             "transforms.json",
-            nerf(frames=[{"transform_matrix": [*np.eye(4)[:3].tolist(), [0, 0, 0, 0]]}]),
-            "last row of transform_matrix must be 0 0 0 1",
+            nerf(frames=[{"transform_matrix": np.zeros((4, 4)).tolist()}]),
+            "last row .* must be 0 0 0 1",
         ),
         ("transforms.json", nerf(k1="no"), "k1 must be a number"),
         ("views.csv", "azimuth,elevation\n1e300,1\n", r"azimuth in .* degrees; got 1e\+300"),
@@ -161,10 +153,7 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path, levels: int) -> None:
 
 def test_words_of_yaml_that_are_numbers_are_numbers(tmp_path: Path) -> None:
     """PyYAML takes 1e5 for a word, 010 for 8 and no for a flag."""
-    text = (
-        "kind: risley\nfrequencies: [-77.7, 121.6]\nwedge: 18\nindex: 1.51\nrate: 1e5\nseconds: 010e-3\naxial: TRUE\n"
-    )
-    sensor = read(tmp_path, "sensor.yaml", text)
+    sensor = read(tmp_path, "sensor.yaml", RISLEY + "rate: 1e5\nseconds: 010e-3\naxial: TRUE\n")
     assert (len(sensor.rays()), sensor.imperfections.axial, sensor.pattern["rate"]) == (1000, True, 1e5)
 
 
@@ -223,8 +212,6 @@ def test_damaged_binary_files_of_colmap(tmp_path: Path, images: bytes, cameras: 
 def test_documents_too_large_to_be_any_are_refused(form: str, data: bytes) -> None:
     with pytest.raises(OptionError, match=f"a.file must be {form}.*(at most|below it)"):
         parse_document(form, data, "a.file")
-    assert len(data) < 2e8
-    assert set(MOST_BYTES) == {"JSON", "CSV", "YAML"}
 
 
 @pytest.mark.parametrize(
@@ -255,11 +242,7 @@ def test_numbers_flags_and_lines(call: Callable[[], object], expected: object) -
         (Number(), None, "a must be a number, finite; got None."),
         (Number(), [1], "a must be a number, finite; got [1]."),
         (Number(shapes=((3,), (2, 2))), [1, 2], "a must be 3 numbers or 2 x 2 numbers, finite; got [1, 2]."),
-        (
-            Number(shapes=((2, 3),)),
-            [[1, 2], [3, 4], [5, 6]],
-            "a must be 2 x 3 numbers, finite; got [[1, 2], [3, 4], [5",
-        ),
+        (Number(shapes=((2, 3),)), [[1, 2], [3, 4], [5, 6]], "a must be 2 x 3 numbers, finite; got [[1, 2], [3, 4"),
         (Number(shapes=((-1, 2),)), [[1, 2], [3]], "a must be rows of 2 numbers, finite; got [[1, 2], [3]]."),
         (Number(shapes=((-1,),)), ["1", "east"], "a must be numbers, finite; got 'east'."),
     ],

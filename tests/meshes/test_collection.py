@@ -54,8 +54,9 @@ def test_modelnet_below_wrappers(tmp_path: Path, wrapper: str) -> None:
 
 @pytest.mark.parametrize("ending", ["/models/model_normalized.obj", "/model.obj", ".glb"])
 @pytest.mark.parametrize("wrapper", ["", "ShapeNetCore.v2/"])
-def test_shapenet(tmp_path: Path, ending: str, wrapper: str) -> None:
-    names = [f"02691156/{MODEL.format(0)}", f"02691156/{MODEL.format(1)}", f"03001627/{MODEL.format(2)}"]
+@pytest.mark.parametrize("model", [MODEL, "{}"])
+def test_shapenet(tmp_path: Path, ending: str, wrapper: str, model: str) -> None:
+    names = [f"02691156/{model.format(0)}", f"02691156/{model.format(1)}", f"03001627/{model.format(2)}"]
     root = plant(tmp_path, *(wrapper + name + ending for name in names))
     meshes = MeshCollection.from_paths(root)
     assert facts(meshes) == [
@@ -171,7 +172,8 @@ def test_of_3d_future_what_has_no_category_is_left_out_and_counted(tmp_path: Pat
 @pytest.mark.parametrize(
     ("layout", "name", "key"),
     [
-        ("Objaverse", f"glbs/000-023/{UID.format(1)}.glb", UID.format(1)),
+        ("Objaverse", f"{UID.format(1)}.glb", UID.format(1)),
+        ("Objaverse", "glbs/000-023/one.glb", "one"),
         ("ABC", f"00000050/{ABC}.obj", ABC),
         ("Thingi10K", "Thingi10K/raw_meshes/32770.stl", "32770"),
     ],
@@ -215,9 +217,8 @@ def test_labels(tmp_path: Path, name: str) -> None:
     assert [(entry.key, entry.label) for entry in meshes] == [("m/a.off", "cup"), ("m/c.off", "plate")]
     splits = ["train", "train"] if name.startswith(("simple", "lvis")) else ["test", "val"]
     assert [entry.split for entry in meshes] == splits
-    assert meshes.remarks[-1].endswith(
-        "2 of 3 meshes are named there, the others left out; 1 of its labels are of no mesh"
-    )
+    assert "2 of 3 meshes are named there, the others left out" in meshes.remarks[-1]
+    assert "1 of its labels are of no mesh" in meshes.remarks[-1]
     assert MeshCollection.from_paths(tmp_path / "m")[0].key == meshes[0].key, "labels change no key, so no draw"
 
 
@@ -231,10 +232,7 @@ def test_labels(tmp_path: Path, name: str) -> None:
         ("[1, 2]", "it is JSON of another form"),
         ('{"a": ', "must be JSON; it cannot be read"),
         ("{}", "it holds none"),
-        (
-            "uid,class\nnone,cup\n",
-            "must label meshes that were found; none of its 1 labels is of one, its first is 'no",
-        ),
+        ("uid,class\nnone,cup\n", "must label meshes that were found; none of its 1 labels is of one, its first"),
         ("uid,class\ntwice,cup\n", "a label must be of one mesh; 'twice' may be x/twice.off, y/twice.off. Write"),
     ],
 )
@@ -304,9 +302,7 @@ def test_archives_that_cannot_be_used(tmp_path: Path) -> None:
     data[40:44] = b"\xff" * 4
     packed.write_bytes(data)
     (entry,) = MeshCollection.from_paths(packed)
-    with pytest.raises(
-        MeshError, match=r"good\.zip/a\.off: it must be readable in good\.zip; reading says: .* damaged"
-    ):
+    with pytest.raises(MeshError, match=r"good\.zip/a\.off: it must be readable in good\.zip; reading says: .*damaged"):
         entry.load()
     with zipfile.ZipFile(tmp_path / "empty.zip", "w") as opened:
         opened.writestr("readme.txt", "none")
@@ -319,13 +315,6 @@ def test_names_that_lead_out_of_an_archive_are_none(tmp_path: Path) -> None:
         for name in ("/chair/a.off", "../chair/b.off", "chair/c.off"):
             archive.writestr(name, TRIANGLES[".off"])
     assert facts(MeshCollection.from_paths(tmp_path / "a.zip")) == [("chair/c.off", "chair", "train")]
-
-
-def test_objaverse_and_shapenet_are_known_by_their_folders_too(tmp_path: Path) -> None:
-    packed = MeshCollection.from_paths(plant(tmp_path / "a", "glbs/000-023/one.glb", "glbs/000-159/two.glb"))
-    assert facts(packed) == [("one", "objaverse", "train"), ("two", "objaverse", "train")]
-    synsets = MeshCollection.from_paths(plant(tmp_path / "b", "02691156/one.glb", "03001627/two.glb"))
-    assert facts(synsets) == [("02691156/one", "airplane", "train"), ("03001627/two", "chair", "train")]
 
 
 @pytest.mark.parametrize("content", [b"[" * 100_000, b"{}", b"\x1f\x8b damaged"])
@@ -365,20 +354,7 @@ def entries(*facts: tuple[str, str, str]) -> MeshCollection:
     return MeshCollection(MeshEntry(key, label, split, lambda: triangle) for key, label, split in facts)
 
 
-MANY = (
-    "chair/train/chair_0010.off",
-    "chair/train/chair_0002.off",
-    "chair/test/chair_0890.off",
-    "bed/val/bed_1.off",
-)
-
-
-@pytest.mark.parametrize("given", ["chair", "chair/train", "chair/train/chair_0002.off"])
-def test_a_part_of_modelnet_has_the_keys_of_the_whole(tmp_path: Path, given: str) -> None:
-    plant(tmp_path / "ModelNet40", *MANY)
-    assert ("chair/train/chair_0002.off", "chair", "train") in facts(
-        MeshCollection.from_paths(tmp_path / "ModelNet40" / given)
-    )
+MANY = ("chair/train/chair_0010.off", "chair/train/chair_0002.off", "chair/test/chair_0890.off", "bed/val/bed_1.off")
 
 
 def test_keys_do_not_depend_on_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -396,10 +372,7 @@ def test_keys_do_not_depend_on_the_machine(tmp_path: Path, monkeypatch: pytest.M
     [
         (["cup/b.obj", "cup/a.STL"], [("cup/a.STL", "cup", "train"), ("cup/b.obj", "cup", "train")]),
         (["b.glb", "a.ply"], [("root/a.ply", "root", "train"), ("root/b.glb", "root", "train")]),
-        (
-            ["test/cup/a.off", "train/cup/a.off"],
-            [("test/cup/a.off", "cup", "test"), ("train/cup/a.off", "cup", "train")],
-        ),
+        (["test/c/a.off", "train/c/a.off"], [("test/c/a.off", "c", "test"), ("train/c/a.off", "c", "train")]),
         (["test/a.off", "train/a.off"], [("root/test/a.off", "root", "test"), ("root/train/a.off", "root", "train")]),
         (["cup/Valid/a.off"], [("cup/Valid/a.off", "cup", "val")]),
         (["0123/id/models/a.obj"], [("0123/id/models/a.obj", "0123", "train")]),
@@ -458,11 +431,17 @@ def test_nothing_is_read_before_it_is_asked_for(tmp_path: Path) -> None:
         bad.load()
 
 
-def test_entries_travel_to_other_processes(tmp_path: Path) -> None:
-    meshes = MeshCollection.from_paths(plant(tmp_path, *MANY))
-    again = pickle.loads(pickle.dumps(meshes))
+@pytest.mark.parametrize("n", [0, 1, 64, 129])
+def test_entries_travel_to_other_processes(tmp_path: Path, n: int) -> None:
+    plant(tmp_path, *(f"cup/cup_{i}.off" for i in range(129)))
+    meshes = MeshCollection.from_paths(tmp_path)[:n]
+    again = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(meshes))))
     assert facts(again) == facts(meshes)
-    assert again[0].load().vertices.tobytes() == meshes[0].load().vertices.tobytes()
+    assert facts(again[i] for i in reversed(range(n))) == facts(meshes)[::-1]
+    assert facts(again[-3:]) == facts(meshes)[-3:]
+    assert all(entry.load().vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]] for entry in again[:2])
+    with pytest.raises(IndexError):
+        again[n]
 
 
 def test_a_collection_is_a_sequence() -> None:

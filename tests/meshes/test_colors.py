@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from tests.gltf import Builder
 from zbuf_occlude import Mesh, MeshError, load_mesh, sample_surface
 from zbuf_occlude.geometry.colors import GREY
 
@@ -309,37 +310,22 @@ def test_meshes_of_trimesh_bring_their_colours(tmp_path: Path) -> None:
 
 def write_gltf(path: Path, material: dict, *, colors: np.ndarray | None = None, extra: dict | None = None) -> Path:
     """The square, its texture's v pointing down as the standard has it."""
+    built = Builder()
     uv = np.c_[SQUARE[:, 0], 1 - SQUARE[:, 1]].astype("<f4")
-    parts = [SQUARE.astype("<f4"), uv, np.array([0, 1, 2, 0, 2, 3], "<u2")]
-    accessors = [("VEC3", 5126, 4), ("VEC2", 5126, 4), ("SCALAR", 5123, 6)]
-    attributes = {"POSITION": 0, "TEXCOORD_0": 1}
+    attributes = {"POSITION": built.accessor(SQUARE.astype("<f4")), "TEXCOORD_0": built.accessor(uv)}
+    indices = built.accessor(np.array([0, 1, 2, 0, 2, 3], "<u2"))
     if colors is not None:
-        parts.append(colors)
-        accessors.append((f"VEC{colors.shape[1]}", {"f": 5126, "u": 5123}[colors.dtype.kind], 4))
-        attributes["COLOR_0"] = 3
-    ends = np.cumsum([part.nbytes for part in parts])
-    document = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 2, "material": 0}]}],
-        "materials": [material],
-        "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{}],
-        "images": [{"uri": "texture.png"}],
-        "accessors": [
-            {"type": t, "componentType": c, "count": n, "bufferView": i, "normalized": c == 5123 and t != "SCALAR"}
-            for i, (t, c, n) in enumerate(accessors)
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": int(end - part.nbytes), "byteLength": part.nbytes}
-            for end, part in zip(ends, parts, strict=True)
-        ],
-        "buffers": [{"uri": "data.bin", "byteLength": int(ends[-1])}],
-        **(extra or {}),
-    }
-    path.write_text(json.dumps(document))
-    path.with_name("data.bin").write_bytes(b"".join(part.tobytes() for part in parts))
+        attributes["COLOR_0"] = built.accessor(colors, normalized=colors.dtype.kind == "u")
+    document = built.finished(
+        scenes=[{"nodes": [0, 1]}],
+        nodes=[{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}],
+        meshes=[{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
+        materials=[material],
+        textures=[{"source": 0, "sampler": 0}],
+        samplers=[{}],
+        images=[{"uri": "texture.png"}],
+    )
+    path.write_text(json.dumps(document | (extra or {})))
     path.with_name("texture.png").write_bytes(png(TEXELS))
     return path
 

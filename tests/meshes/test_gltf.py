@@ -1,6 +1,5 @@
 """glTF scenes are read as the standard says; what is broken, missing or hostile is refused in words."""
 
-import base64
 import copy
 import json
 import struct
@@ -12,14 +11,15 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.gltf import Builder, Document, data_uri
 from zbuf_occlude import MeshError, load_mesh
+from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.gltf import read_gltf
 from zbuf_occlude.meshes.mesh_files import MeshFiles
 from zbuf_occlude.meshes.polygons import Polygons
 
 HERE = Path("nowhere")
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2, 1]], dtype="<f4")
-Document = dict[str, Any]
 
 
 def scene() -> trimesh.Scene:
@@ -34,31 +34,6 @@ def scene() -> trimesh.Scene:
     return built
 
 
-class Builder:
-    """Appends arrays to a document's only buffer as accessors."""
-
-    def __init__(self) -> None:
-        self.document: Document = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
-        self.blob = b""
-
-    def view(self, values: np.ndarray) -> int:
-        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": values.nbytes})
-        self.blob += values.tobytes()
-        return len(self.document["bufferViews"]) - 1
-
-    def accessor(self, values: np.ndarray, **more: Any) -> int:
-        kinds = {"float32": 5126, "uint32": 5125, "uint16": 5123, "uint8": 5121}
-        shapes = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
-        row = {"componentType": kinds[values.dtype.name], "type": shapes[values.shape[1:]], "count": len(values)}
-        self.document["accessors"].append({"bufferView": self.view(values), **row, **more})
-        return len(self.document["accessors"]) - 1
-
-    def finished(self, **document: Any) -> Document:
-        self.document |= {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], **document}
-        self.document["buffers"] = [{"byteLength": len(self.blob), "uri": data_uri(self.blob)}]
-        return self.document
-
-
 def as_document(positions: np.ndarray = CORNERS, indices: np.ndarray | None = None, **primitive: Any) -> Document:
     """The least document that shows one primitive, its buffer inside."""
     built = Builder()
@@ -66,10 +41,6 @@ def as_document(positions: np.ndarray = CORNERS, indices: np.ndarray | None = No
     if indices is not None:
         primitive["indices"] = built.accessor(indices)
     return built.finished(scene=0, meshes=[{"primitives": [primitive]}])
-
-
-def data_uri(blob: bytes) -> str:
-    return "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
 
 
 def polygons_of(data: bytes, folder: Path = HERE) -> Polygons:
@@ -218,10 +189,7 @@ def broken(**changes: Any) -> Document:
     ("document", "message"),
     [
         (broken(asset={"version": "1.0"}), r"must be of version 2; it is of '1\.0'"),
-        (
-            broken(extensionsRequired=["KHR_materials_unlit", "EXT_meshopt_compression"]),
-            "readable without extensions; it requires EXT_meshopt_compression. Export it plainly",
-        ),
+        (broken(extensionsRequired=["KHR_materials_unlit", "EXT_x"]), "it requires EXT_x. Export it plainly"),
         (broken(meshes__0__primitives__0__mode=7), "must be triangles, strips or fans; mesh 0 has mode 7"),
         (broken(accessors__0__count=353535235358), "count is 353,535,235,358 of 12 bytes each in a view of 36 bytes"),
         (broken(accessors__0__count=-1), "must be whole numbers from 0; one is '-1'"),
@@ -401,14 +369,8 @@ def test_a_skin_may_have_eight_weights_a_vertex_and_no_bind_matrices(n_binds: in
 @pytest.mark.parametrize(
     ("document", "message"),
     [
-        (
-            skinned([[1, 0, 0, 0], [1, 0, 0, 0], [1, -0.99999, 0, 0]]),
-            "weights of joints must not be negative; one is -0.99999",
-        ),
-        (
-            skinned([[1, 0, 0, 0]] * 3, n_binds=1),
-            "a skin of 2 joints must have as many inverse bind matrices; it has 1",
-        ),
+        (skinned([[1, 0, 0, 0], [1, 0, 0, 0], [1, -0.9, 0, 0]]), "weights of joints must not be negative; one is -0.9"),
+        (skinned([[1, 0, 0, 0]] * 3, n_binds=1), "a skin of 2 joints must have as many inverse .*; it has 1"),
         (skinned([[1, 0, 0, 0]] * 3, shown=[0]), "joints of a skin must be nodes of the scene; node 1 is not"),
     ],
 )
@@ -482,13 +444,14 @@ def test_hostile_files_read_nothing_twice(tmp_path: Path) -> None:
     (tmp_path / "self.gltf").write_text(json.dumps(document))
     origin = load_mesh(tmp_path / "self.gltf").origin
     assert [file.name for file in origin.files] == ["self.gltf"]
-    (tmp_path / "one.bin").write_bytes(CORNERS.tobytes())
+    (tmp_path / "one.bin").write_bytes(CORNERS.tobytes() + bytes(20_000_000))
     document = as_document(CORNERS[:3])
-    document["buffers"] = [{"uri": "one.bin", "byteLength": 60}] * 200
+    document["buffers"] = [{"uri": "one.bin", "byteLength": 20_000_060}] * 200
     document["bufferViews"] = [{"buffer": i, "byteLength": 36} for i in range(200)]
     document["accessors"] = [{**document["accessors"][0], "bufferView": i} for i in range(200)]
     document["meshes"][0]["primitives"] = [{"attributes": {"POSITION": i}} for i in range(200)]
     (tmp_path / "many.gltf").write_text(json.dumps(document))
-    mesh = load_mesh(tmp_path / "many.gltf")
+    with Limits(seconds=60, gigabytes=3.0).watch():  # 4 GB, if each were read
+        mesh = load_mesh(tmp_path / "many.gltf")
     assert mesh.dropped["duplicate"] == 199
     assert [file.name for file in mesh.origin.files] == ["many.gltf", "one.bin"]

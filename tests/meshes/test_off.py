@@ -99,10 +99,7 @@ def test_round_trip_is_exact(data: st.DataObject) -> None:
         ("OFF BINARY\n\x01", "must be text; this one is binary"),
         ("OFF\n8 6 12\0", "must be a text file; it holds NUL bytes"),
         ("4OFF\n1 1 0\n0 0 0 1\n3 0 0 0", "must hold points of three coordinates"),
-        (
-            "OFF\n353535235358 1 0\n0 0 0\n3 0 0 0",
-            "it declares 353,535,235,358 vertices and 1 faces, but only 7 numbers follow",
-        ),
+        ("OFF\n353535235358 1 0\n0 0 0\n3 0 0 0", "353,535,235,358 vertices and 1 faces, but only 7 numbers follow"),
         (f"OFF\n8 6 12\n{BODY[:60]}", r"declares 8 vertices and 6 faces, but only \d+ numbers follow"),
         (f"OFF\n8 6 12\n{BODY[:-4]}", "face 5 must have the 4 corners that it declares; the file ends before"),
         (f"OFF\n8 7 12\n{BODY}", "the 7 faces that it declares; it ends after 6"),

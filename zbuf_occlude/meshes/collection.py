@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import zip_longest
+from itertools import chain, count, zip_longest
 from pathlib import Path
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, overload
 from unicodedata import decimal
 
 import numpy as np
@@ -24,10 +24,8 @@ from zbuf_occlude.provenance import UNKNOWN, Origin
 
 SPLITS = ("train", "val", "test")
 
-BUNDLE = 64
-"""Things are pickled this many at a time: their common parts, such as classes and folders, stand there once."""
-
-Thing = TypeVar("Thing")
+_BUNDLE = 64
+"""Entries are pickled this many at a time: their common parts, such as classes and folders, stand there once."""
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
@@ -98,7 +96,7 @@ class MeshCollection(Sequence[MeshEntry]):
     """
 
     def __init__(self, entries: Iterable[MeshEntry], remarks: Iterable[str] = ()) -> None:
-        self._entries: Sequence[MeshEntry] = tuple(entries)
+        self._entries: tuple[MeshEntry, ...] | _PickledEntries = tuple(entries)
         self.remarks = tuple(remarks)
         keys: set[str] = set()
         for entry in self._entries:
@@ -108,7 +106,7 @@ class MeshCollection(Sequence[MeshEntry]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process gets: entries made when they are asked for, so that it need not hold all."""
-        entries = self._entries if isinstance(self._entries, PickledSequence) else PickledSequence(self._entries)
+        entries = _PickledEntries(self._entries) if isinstance(self._entries, tuple) else self._entries
         return {"_entries": entries, "remarks": self.remarks}
 
     def __repr__(self) -> str:
@@ -126,7 +124,9 @@ class MeshCollection(Sequence[MeshEntry]):
     def __getitem__(self, index: slice) -> "MeshCollection": ...
     def __getitem__(self, index: int | slice) -> "MeshEntry | MeshCollection":
         """Return an entry, or for a slice a collection."""
-        return self._with(self._entries[index]) if isinstance(index, slice) else self._entries[index]
+        if isinstance(index, slice):
+            return self._with(self._entries[i] for i in range(len(self))[index])
+        return self._entries[index]
 
     @property
     def classes(self) -> list[str]:
@@ -288,12 +288,8 @@ def _unreadable(folder: Path) -> Mesh:
 
 
 def _free(key: str, taken: dict[str, MeshEntry]) -> str:
-    if key not in taken:
-        return key
-    number = 2
-    while f"{key}~{number}" in taken:
-        number += 1
-    return f"{key}~{number}"
+    numbered = (f"{key}~{number}" for number in count(2))
+    return next(free for free in chain([key], numbered) if free not in taken)
 
 
 def _in_turn(queues: list[list[MeshEntry]]) -> Iterator[MeshEntry]:
@@ -322,43 +318,30 @@ def _natural(text: str) -> tuple[bytes, str]:
 _DIGITS = re.compile(r"(\d+)")
 
 
-class PickledSequence(Sequence[Thing], Generic[Thing]):
-    """A sequence kept as bytes and unpickled where it is asked for; a million things are two arrays.
+class _PickledEntries:
+    """Entries kept as bytes and unpickled where they are asked for; a million are two arrays."""
 
-    Parameters
-    ----------
-    things : sequence
-        All of which can be pickled.
-    """
-
-    def __init__(self, things: Sequence[Thing]) -> None:
-        bundles = [pickle.dumps(tuple(things[i : i + BUNDLE]), protocol=5) for i in range(0, len(things), BUNDLE)]
-        self._n = len(things)
+    def __init__(self, entries: Sequence[MeshEntry]) -> None:
+        bundles = [pickle.dumps(entries[i : i + _BUNDLE], protocol=5) for i in range(0, len(entries), _BUNDLE)]
+        self._n = len(entries)
         self._ends = np.cumsum([0, *map(len, bundles)])
         self._bytes = np.frombuffer(b"".join(bundles), np.uint8)
-        self._last: tuple[int, tuple[Thing, ...]] = (-1, ())
+        self._last: tuple[int, Sequence[MeshEntry]] = (-1, ())
 
     def __len__(self) -> int:
         return self._n
 
-    @overload
-    def __getitem__(self, index: int) -> Thing: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Thing, ...]: ...
-    def __getitem__(self, index: int | slice) -> Thing | tuple[Thing, ...]:
-        """Return a thing, or for a slice a tuple."""
-        if isinstance(index, slice):
-            return tuple(self[i] for i in range(*index.indices(self._n)))
-        bundle, place = divmod(range(self._n)[index], BUNDLE)
+    def __getitem__(self, index: int) -> MeshEntry:
+        bundle, place = divmod(range(self._n)[index], _BUNDLE)
         return self._bundle(bundle)[place]
 
-    def __iter__(self) -> Iterator[Thing]:
+    def __iter__(self) -> Iterator[MeshEntry]:
         for bundle in range(len(self._ends) - 1):
             yield from self._bundle(bundle)
 
-    def _bundle(self, number: int) -> tuple[Thing, ...]:
-        known, things = self._last  # read once: another thread may be here
+    def _bundle(self, number: int) -> Sequence[MeshEntry]:
+        known, entries = self._last  # read once: another thread may be here
         if known != number:
-            things = pickle.loads(self._bytes[self._ends[number] : self._ends[number + 1]].tobytes())
-            self._last = number, things
-        return things
+            entries = pickle.loads(self._bytes[self._ends[number] : self._ends[number + 1]].tobytes())
+            self._last = number, entries
+        return entries

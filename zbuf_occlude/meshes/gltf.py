@@ -162,7 +162,6 @@ class _Scene:
             return None
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             raise MeshError(f"meshes of glTF must be triangles, strips or fans; mesh {mesh_id} has mode {mode!r:.9}.")
-        indices: Ints | None = None
         if (packed := primitive.get("extensions", {}).get("KHR_draco_mesh_compression")) is not None:
             positions, triangles = self._data.draco(packed)
             return _Part(primitive, positions, _checked(triangles, len(positions)))

@@ -122,11 +122,14 @@ def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tup
         path = PurePosixPath(key)
         for name in {str(path.with_suffix("")), path.name, path.stem} - {key}:
             short[name].append(key)
+
+    def keys_of(name: str) -> Sequence[str]:
+        return [name] if name in items else short.get(name, [])
+
     chosen: dict[str, Label] = {}
     n_unknown = 0
     for label in labels:
-        keys: Sequence[str] = [label.key] if label.key in items else short.get(label.key, [])
-        keys = keys or _alone(label.key, items, short)
+        keys = keys_of(label.key) or keys_of(PurePosixPath(label.key).name)  # MODEL of SYNSET/MODEL
         if len(keys) > 1:
             raise OptionError(
                 f"a label must be of one mesh; {label.key!r:.80} may be {', '.join(keys[:3])}. Write the whole key."
@@ -135,12 +138,6 @@ def match(items: Mapping[str, _Item], labels: Iterable[Label]) -> tuple[list[tup
             chosen[keys[0]] = label
         n_unknown += not keys
     return [(items[key], chosen[key]) for key in items if key in chosen], n_unknown
-
-
-def _alone(key: str, items: Mapping[str, _Item], short: Mapping[str, list[str]]) -> Sequence[str]:
-    """Look for the name at the end of SYNSET/MODEL where there are no synsets."""
-    name = PurePosixPath(key).name
-    return [name] if name in items else short.get(name, [])
 
 
 def _word(value: object) -> str:

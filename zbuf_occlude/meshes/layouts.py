@@ -18,7 +18,6 @@ from zbuf_occlude.meshes.tree import ALL, Tree
 
 _Value = TypeVar("_Value")
 
-_NO_CLASSES = "it has no classes; --labels FILE gives some"
 _LVIS, _FUTURE_INFO = "lvis-annotations.json.gz", "model_info.json"
 _RAW, _NORMALIZED = "raw_model.obj", "normalized_model.obj"  # of 3D-FUTURE
 SHAPENET_CLASSES = {
@@ -148,14 +147,14 @@ def _objaverse(tree: Tree) -> Places | None:
         if not labels and (data := tree.read(folder / _LVIS)) is not None:
             labels = _lvis_labels(data, folder / _LVIS)
     if not labels:
-        return _all_of("objaverse", names), [_NO_CLASSES]
+        return _without_classes("objaverse", names)
     places = [Place(file, uid, labels[uid].label or "objaverse") for file, uid in names if uid in labels]
     if not places:
-        return _all_of("objaverse", names), [f"{_LVIS} has none of its objects", _NO_CLASSES]
-    left_out = len(names) - len(places)
-    return places, [
-        f"classes from {_LVIS}" + (f"; {left_out} objects that it has not are left out" if left_out else "")
-    ]
+        return _without_classes("objaverse", names, f"{_LVIS} has none of its objects")
+    said = f"classes from {_LVIS}"
+    if left_out := len(names) - len(places):
+        said += f"; {left_out} objects that it has not are left out"
+    return places, [said]
 
 
 def _lvis_labels(data: bytes, path: PurePosixPath) -> dict[str, Label]:
@@ -170,7 +169,7 @@ def _lvis_labels(data: bytes, path: PurePosixPath) -> dict[str, Label]:
 def _abc(tree: Tree) -> Places | None:
     """Take the names of the ABC dataset: an eight-digit number, a hash, the kind of file and a part."""
     names = _names(tree, r"(\d{8}_[0-9a-f]{24}_[a-z0-9]+_\d{3})\.(?:obj|stl|ply|off)")
-    return None if names is None else (_all_of("abc", names), [_NO_CLASSES])
+    return None if names is None else _without_classes("abc", names)
 
 
 def _thingi10k(tree: Tree) -> Places | None:
@@ -179,7 +178,7 @@ def _thingi10k(tree: Tree) -> Places | None:
     folders = {part.lower() for file, _ in names or () for part in tree.parts(file)[:-1]}
     if names is None or not any(folder == "raw_meshes" or folder.startswith("thingi10k") for folder in folders):
         return None
-    return _all_of("thingi10k", names), [_NO_CLASSES]
+    return _without_classes("thingi10k", names)
 
 
 def _names(tree: Tree, pattern: str) -> list[tuple[PurePosixPath, str]] | None:
@@ -194,8 +193,8 @@ def _names(tree: Tree, pattern: str) -> list[tuple[PurePosixPath, str]] | None:
     return names or None
 
 
-def _all_of(label: str, names: list[tuple[PurePosixPath, str]]) -> list[Place]:
-    return [Place(file, name, label) for file, name in names]
+def _without_classes(label: str, names: list[tuple[PurePosixPath, str]], *said: str) -> Places:
+    return [Place(file, name, label) for file, name in names], [*said, "it has no classes; --labels FILE gives some"]
 
 
 def _modelnet(tree: Tree) -> Places | None:

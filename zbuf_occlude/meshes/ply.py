@@ -43,11 +43,6 @@ class _Element:
     n_rows: int
     properties: list[_Property] = field(default_factory=list)
 
-    @property
-    def n_bytes_least(self) -> int:
-        """Bytes of a row whose lists are empty."""
-        return sum((p.count_dtype or p.dtype).itemsize for p in self.properties)
-
 
 @dataclass
 class _Columns:
@@ -166,8 +161,8 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
             match words:
                 case ["format", name, _]:
                     encoding = name
-                case ["element", name, count]:
-                    elements.append(_Element(name, _row_count(count)))
+                case ["element", name, count] if re.fullmatch(r"[0-9]{1,18}", count):
+                    elements.append(_Element(name, int(count)))
                 case ["property", "list", count_type, value_type, name]:
                     # lengths are read as unsigned: a negative one is then larger than any file
                     of_count = np.dtype(_TYPES[count_type].replace("i", "u"))
@@ -180,18 +175,12 @@ def _read_header(data: bytes) -> tuple[list[_Element], str, bytes]:
                     pass
                 case _:
                     raise KeyError(words[0])
-        except (KeyError, IndexError, ValueError):
+        except (KeyError, IndexError):
             shown = line[:60].decode("latin-1")
             raise MeshError(f"the header of a PLY file must be readable; it has the line {shown!r}.") from None
     if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise MeshError(f"a PLY file must be ascii or binary; its format is {encoding!r}. Is it damaged?")
     return elements, encoding, data[end.end() :]
-
-
-def _row_count(word: str) -> int:
-    if not re.fullmatch(r"\d{1,18}", word, re.ASCII):
-        raise ValueError(word)
-    return int(word)
 
 
 def _too_short(element: _Element, n_held: int, what: str) -> MeshError:
@@ -248,7 +237,8 @@ class _Binary:
 
     def read(self, element: _Element) -> _Columns:
         room = len(self._body) - self._next_byte
-        if element.n_rows * element.n_bytes_least > room:
+        row = sum((p.count_dtype or p.dtype).itemsize for p in element.properties)  # with empty lists
+        if element.n_rows * row > room:
             raise _too_short(element, room, "bytes")
         if not element.properties or element.n_rows == 0:
             return _Columns({p.name: np.empty(0) for p in element.properties}, np.empty(0), np.zeros(0, dtype=np.int64))

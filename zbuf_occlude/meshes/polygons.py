@@ -64,7 +64,7 @@ class Polygons:
 
     def without_unusable_vertices(self) -> "Polygons":
         """Return the same without the vertices that are NaN, infinite or too large; no polygon uses one."""
-        usable = _usable(self.vertices)
+        usable = (np.abs(self.vertices) <= LARGEST).all(axis=1)  # NaN is not
         if usable.all():
             return self
         renumbered = np.cumsum(usable) - 1
@@ -208,10 +208,6 @@ def _fill_planes(vertices, corners, starts, counts, positions, axes):
         width, height = max(math.sqrt(dot(across, across)), _TINY), max(math.sqrt(dot(upwards, upwards)), _TINY)
         for axis in range(3):
             axes[polygon, 0, axis], axes[polygon, 1, axis] = across[axis] / width, upwards[axis] / height
-
-
-def _usable(vertices: FloatArray) -> NDArray[np.bool_]:
-    return np.asarray((np.abs(vertices) <= LARGEST).all(axis=1))  # NaN is not
 
 
 def _polygon_of(corner: int, counts: Ints) -> int:
