@@ -102,23 +102,25 @@ def kept(whole: Callable[[Path], Records]) -> Callable[[Path, Numbers], Records]
 
 def source_of_files(
     plan: Plan,
-    files: dict[str, list[Path]],
+    out: Path,
+    files: Mapping[str, list[str]],
     count: Callable[[Path], int],
     load: Callable[[Path, Numbers], Records],
     *,
     read_ids: Callable[[Path], NDArray[Any]] | None = None,
 ) -> Source:
-    """Return a source over files, by split, that hold records; a file that cannot be read is a DatasetError.
+    """Return a source over files of a folder, by split, that hold records; one that cannot be read is a DatasetError.
 
     `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
     `read_ids` what its clouds are of, (n,) of `IDS`, by default by loading them.
     """
-    paths, sizes, order = [path for split in files for path in files[split]], list[int](), dict[str, Numbers]()
-    for split in files:
+    paths, sizes, order = list[Path](), list[int](), dict[str, Numbers]()
+    for split, names in files.items():
         begin = sum(sizes)
-        for path in files[split]:
-            with reading(path):
-                sizes.append(count(path))
+        for name in names:
+            paths.append(out / name)
+            with reading(paths[-1]):
+                sizes.append(count(paths[-1]))
         order[split] = np.arange(begin, sum(sizes))
     ends = np.cumsum(sizes)
 

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.batch import Clouds
 from zbuf_occlude.dataset.folder import read_finished, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.pipeline import samplings
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import Records
+from zbuf_occlude.dataset.records import Records, gather_clouds
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -178,10 +177,10 @@ def _scan_again(records: Records, plan: Plan, meshes: MeshCollection, n_samples:
         return
     remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
     for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
-        entry, store = remade.meshes[mesh_id], Clouds(remade)
+        entry = remade.meshes[mesh_id]
         try:
             found = enumerate(samplings(remade, entry.load(), mesh_id, None))
-            kept = [store.keep(sampling, entry.key, variation) for variation, sampling in found]
+            kept = [gather_clouds(*sampling[:3], plan.recipe, entry.key, variation) for variation, sampling in found]
         except (MeshError, OptionError) as error:
             verdict.faults.append(str(error))
             continue
