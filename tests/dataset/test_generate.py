@@ -336,15 +336,6 @@ def test_small_datasets_have_small_batches(n_meshes: int, n_batches: int) -> Non
     assert len(many.batches) == n_batches
 
 
-def test_a_plan_of_an_earlier_version_is_read_and_not_resumed(
-    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    generate(plan, tmp_path, share=(0, 3))
-    monkeypatch.setattr(plans, "DATA_VERSION", 1000)
-    with pytest.raises(DatasetError, match="in which data version was 8, and is 1000"):
-        generate(Plan(plan.meshes, RECIPE), tmp_path)
-
-
 class TestOrigins:
     """What clouds were made of: a mesh that changed is refused and named, one that failed is tried again."""
 

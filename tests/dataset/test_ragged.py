@@ -196,8 +196,3 @@ def test_other_formats_refuse(row: Format, tmp_path: Path, folder: Path) -> None
         with pytest.raises(OptionError, match=words):
             convert(folder / "hdf5", tmp_path / "other", row.name)
         assert not (tmp_path / "other").exists()
-
-
-def test_farthest_points_need_a_number() -> None:
-    with pytest.raises(OptionError, match="subset fps must have a number of points to choose; got sample size all"):
-        Recipe(subset="fps", sample_size=None)

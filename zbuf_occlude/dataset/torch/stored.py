@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.folder import read_plan
+from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import resized
 from zbuf_occlude.dataset.source import Source, open_dataset
@@ -241,7 +241,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
     @cached_property
     def source(self) -> Source:
         """The dataset, whose partial clouds have `n_partial` points."""
-        plan, manifest = read_finished(self.folder)
+        plan = read_plan(self.folder)
         if plan.format != PACKED:
             raise DatasetError(
                 f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
@@ -249,8 +249,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
             )
         scale = "object" if plan.recipe.scale == "cloud" else plan.recipe.scale
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
-        read: Callable[..., Source] = find_format(PACKED).load().read
-        return read(self.folder, replace(plan, recipe=drawn), manifest["files"])
+        return open_dataset(self.folder, drawn)
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
