@@ -52,8 +52,7 @@ def write(path: Path, records: Any, plan: Plan, number: int = 0) -> None:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Read them back."""
-    paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, lambda path: len(np.load(path)), kept(np.load))
+    return source_of_files(plan, out, files, lambda path: len(np.load(path)), kept(np.load))
 
 
 def export(source: Source, out: Path) -> Exported:

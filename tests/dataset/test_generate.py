@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import write_off
-from tests.dataset.test_export import camera, lidar
+from tests.dataset.test_export import recipe_for
 from zbuf_occlude import DatasetError, Mesh, MeshCollection, MeshError
 from zbuf_occlude.dataset import plan as plans
-from zbuf_occlude.dataset.batch import batch_path, group_path, read_outcome
+from zbuf_occlude.dataset.batch import batch_path, group_path
 from zbuf_occlude.dataset.folder import locked, sorted_out
 from zbuf_occlude.dataset.formats import FORMATS
 from zbuf_occlude.dataset.generate import Making, generate, merge
@@ -204,18 +204,6 @@ def test_a_file_missing_from_a_finished_dataset_is_made_again(
     assert files(made_once) == whole
 
 
-def test_nothing_half_written_is_taken_for_done(plan: Plan, tmp_path: Path) -> None:
-    with pytest.raises(Killed):
-        generate(plan, tmp_path, run=killed_after(2))
-    batch, _ = read_outcome(plan, batch_path(tmp_path, 0), closely=True)
-    assert batch is not None
-    assert read_outcome(plan, batch_path(tmp_path, 12)) == (None, "")
-    batch_path(tmp_path, 12).write_bytes(b"half a file")
-    assert read_outcome(plan, batch_path(tmp_path, 12)) == (None, "000012.batch is damaged")
-    with pytest.raises(DatasetError, match="must belong to plan"):
-        read_outcome(replace(plan, recipe=replace(RECIPE, seed=7)), batch_path(tmp_path, 0))
-
-
 def test_the_disk_holds_little_more_than_the_dataset_and_two_groups(plan: Plan, tmp_path: Path) -> None:
     peak = 0
 
@@ -284,19 +272,12 @@ def test_two_runs_at_a_time_are_refused(plan: Plan, tmp_path: Path) -> None:
 @pytest.mark.parametrize("row", FORMATS, ids=[row.name for row in FORMATS])
 def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     n_points = 16_384 if row.keeps_points and row.exported_from else 8_192 if row.complete else 64
-    recipe = Recipe(
-        method="exact", views=str(row.options.get("views", "fibonacci:3")), n_points=n_points, sample_size=32
-    )
-    if row.name in ("frames", "bop"):
-        recipe = replace(recipe, scanning=camera(), attributes=("normals",))
-    if row.name == "kitti":
-        recipe = replace(recipe, views="ring:1@0", scanning=lidar(), attributes=("boxes",))
     entries = [
         MeshEntry(f"m{i}", ("bed", "table")[i % 2], "test" if i % 3 == 0 else "train", partial(tetrahedron, i))
         for i in range(6)
     ]
     entries[4] = replace(entries[4], load=broken)
-    plan = Plan(MeshCollection(entries), row.redrawn(recipe), row.name)
+    plan = Plan(MeshCollection(entries), recipe_for(row, n_points, 32), row.name)
     n = plan.clouds_per_mesh
     small(monkeypatch, per_file=2 * n + 1, per_batch=n, per_group=3 * n)
     assert (len(plan.groups), len(plan.batches)) == (2, 6)
@@ -334,15 +315,6 @@ def test_every_format_is_made_killed_and_resumed(row: Any, tmp_path: Path, monke
 def test_small_datasets_have_small_batches(n_meshes: int, n_batches: int) -> None:
     many = Plan(collection(n_meshes), replace(RECIPE, views="ring:10@30"))
     assert len(many.batches) == n_batches
-
-
-def test_a_plan_of_an_earlier_version_is_read_and_not_resumed(
-    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    generate(plan, tmp_path, share=(0, 3))
-    monkeypatch.setattr(plans, "DATA_VERSION", 1000)
-    with pytest.raises(DatasetError, match="in which data version was 8, and is 1000"):
-        generate(Plan(plan.meshes, RECIPE), tmp_path)
 
 
 class TestOrigins:

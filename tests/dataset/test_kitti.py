@@ -52,19 +52,11 @@ def plan(setup: Setup, format: str = "kitti", splits: tuple[str, ...] = ("train"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("kitti")
-    trimesh.Trimesh(box_mesh(*PILLAR).vertices, box_mesh(*PILLAR).faces, process=False).export(folder / "pillar.off")
     objects = [
-        {
-            "mesh": str(folder / "pillar.off"),
-            "class": name,
-            "position": [RANGE - x, -y, 0.0],
-            "yaw": 180 + np.degrees(turn),
-        }
+        {"class": name, "position": [RANGE - x, -y, 0.0], "yaw": 180 + np.degrees(turn)}
         for name, (x, y, turn) in THINGS.items()
     ]
-    generate(plan(replace(SETUP, scene="file", objects=objects)), folder / "out")
-    return folder / "out"
+    return scene_of(tmp_path_factory.mktemp("kitti"), PILLAR, objects).parent
 
 
 def labels(path: Path) -> list[Line]:

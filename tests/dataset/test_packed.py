@@ -151,12 +151,6 @@ def test_views_that_see_nothing_are_no_clouds(tmp_path: Path) -> None:
     assert [cloud.view_id for cloud in clouds] == [0, 2, 3, 5, 6] * 6
 
 
-def test_same_plan_same_bytes(folder: Path, tmp_path: Path) -> None:
-    generate(plan(), tmp_path / "again")
-    for path in folder.glob("packed-*.zip"):
-        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
-
-
 def test_any_unzip_reads_it(folder: Path) -> None:
     """The documented layout, read without this package's reader."""
     with zipfile.ZipFile(folder / "packed-000000.zip") as archive:

@@ -146,8 +146,6 @@ def test_what_gives_no_pairs(tmp_path: Path) -> None:
     ):
         with pytest.raises(OptionError, match=message):
             find_format("pairs").check(refused)
-    with pytest.raises(OptionError, match=r"overlap must be shares above 0 and up to 1"):
-        Recipe(overlap=(0.7, 0.3))
     with pytest.raises(DatasetError, match="at least one pair must have an overlap of"):
         generate(plan(box(), views="ring:2@0", overlap=(0.99, 1.0)), tmp_path / "two")
 

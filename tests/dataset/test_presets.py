@@ -85,14 +85,6 @@ def test_modelnet40_cs_sensors_stand_as_far_from_an_object_of_longest_side_two(p
     assert float(options["distance"]) * 2.0 == away
 
 
-def test_an_unknown_preset_says_which_there_are() -> None:
-    with pytest.raises(
-        OptionError,
-        match=r"preset must be one of paper-modelnet40, paper-modelnet8, .*; got 'mnist'",
-    ):
-        find_preset("mnist")
-
-
 def test_originals_are_the_same_points_without_hsr() -> None:
     plan = Plan(modelnet(1, 0), Recipe(n_points=77, sample_size=50, seed=4, method="oracle", variations=3), "npz")
     originals = plan_of_originals(plan)

@@ -1,6 +1,7 @@
 """From mask to records: random and farthest-point subsets, scale, frame, repeats."""
 
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import pytest
@@ -172,6 +173,19 @@ def test_clouds_of_farthest_points_are_spread_more_evenly_than_random_ones() -> 
     assert closest["fps"] > 5 * closest["random"]
 
 
-def test_another_word_is_refused() -> None:
-    with pytest.raises(OptionError, match="subset must be one of random, fps; got 'first'"):
-        Recipe(subset="first")
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"subset": "first"}, "subset must be one of random, fps; got 'first'"),
+        ({"subset": "fps", "sample_size": None}, "fps must have a number of points to choose; got sample size all"),
+        ({"attributes": ("colours",)}, "attribute must be one of normals, colors, boxes; got 'colours'"),
+        ({"overlap": (0.7, 0.3)}, "overlap must be shares above 0 and up to 1"),
+    ],
+)
+def test_what_no_recipe_has(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        Recipe(**changes)
+
+
+def test_attributes_are_in_the_order_of_their_columns() -> None:
+    assert Recipe(attributes=("colors", "normals")).attributes == ["normals", "colors"]

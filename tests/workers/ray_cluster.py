@@ -63,12 +63,6 @@ def nodes(importable_in_actors: None) -> Iterator[Nodes]:
         cluster.shutdown()
 
 
-def test_a_cluster_is_started_where_none_is_named(tmp_path: Path) -> None:
-    run = partial(engine.run_ray, n_workers=1, limits=AMPLE)
-    assert generate(plan_of(ball), tmp_path / "out", run=run)["failures"] == {}
-    assert not ray.is_initialized()
-
-
 def test_files_are_written_and_verified_by_a_cluster(tmp_path: Path, nodes: Nodes) -> None:
     plan = Plan(collection(50), Recipe(method="oracle", views="fibonacci:250", n_points=32, sample_size=2))
     generate(plan, tmp_path / "whole")

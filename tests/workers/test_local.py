@@ -52,14 +52,6 @@ def mesh_ids(out: Path) -> list[int]:
     return np.unique(source.take(source.order["train"])["mesh_id"]).tolist()
 
 
-def test_workers_make_what_one_process_makes(out: Path, tmp_path: Path) -> None:
-    plan = plan_of(*[ball] * 6)
-    assert len(plan.batches) == 3
-    run(plan, out)
-    generate(plan, tmp_path / "alone")
-    assert files(out) == files(tmp_path / "alone")
-
-
 @pytest.mark.parametrize("moment", ["mesh", "done"])
 def test_killed_workers_change_nothing(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
     plan = plan_of(*[ball] * 12)

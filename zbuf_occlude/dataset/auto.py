@@ -91,7 +91,7 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
     with suppress(OccludeError, OSError, MemoryError), GlContext.open() as gl:
         if gl.is_software:
             return 0.0
-        for mesh_id in _some(meshes):
+        for mesh_id in np.unique(np.linspace(0, len(meshes) - 1, min(LOOKED_AT, len(meshes))).astype(int)).tolist():
             path = meshes[mesh_id].path
             if path and os.path.getsize(path) > LARGE:
                 continue
@@ -112,7 +112,3 @@ def gain_on_gpu(recipe: Recipe, meshes: MeshCollection) -> float:
                 seconds[method] = time.perf_counter() - began
         return seconds["exact"] / seconds["exact_gl"]
     return 0.0
-
-
-def _some(meshes: MeshCollection) -> tuple[int, ...]:
-    return tuple(np.unique(np.linspace(0, len(meshes) - 1, min(LOOKED_AT, len(meshes))).astype(int)).tolist())

@@ -174,7 +174,7 @@ def holds(plan: Plan, out: Path) -> bool:
     theirs = plan_in(out)
     if theirs is None or theirs.fingerprint == plan.fingerprint:
         return theirs is not None
-    differences = plan.differences(theirs.document) or ["the views are others"]
+    differences = [*plan.differences(theirs.document)] or ["the views are others"]
     more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
     raise DatasetError(
         f"{out} must be empty or hold this same plan ({plan.fingerprint}); it holds plan {theirs.fingerprint}, "

@@ -31,7 +31,7 @@ import json
 import os
 import zipfile
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -68,8 +68,7 @@ def archive_name(batch: int) -> str:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds as `generate` would draw them, in the order in which it would write them."""
-    names = sorted({name for of_split in files.values() for name in of_split})
-    return PackedFiles(plan, [out / name for name in names]).source()
+    return PackedFiles(plan, out, files).source()
 
 
 class Grid(NamedTuple):
@@ -237,17 +236,17 @@ class Archive:
 
 
 class PackedFiles:
-    """The blocks and clouds of some packed files; files are opened when they are needed, in each process anew.
+    """The blocks and clouds of packed files, by split; files are opened when they are needed, in each process anew.
 
     Clouds are numbered in the order of the plan: by mesh, variation, view.
     """
 
-    def __init__(self, plan: Plan, paths: list[Path]) -> None:
+    def __init__(self, plan: Plan, out: Path, files: Mapping[str, list[str]]) -> None:
         self.plan = plan
         self._forget()
         self._facts: dict[int, dict[str, Any]] = {}
         self._path_of: dict[int, Path] = {}
-        for path in paths:
+        for path in sorted({out / name for names in files.values() for name in names}):
             with reading(path):
                 archive = self._archive(path)
                 for name in archive.namelist():
@@ -260,8 +259,12 @@ class PackedFiles:
         """(mesh_id, variation) of each block, in the order of the plan."""
         n_views = len(plan.views)
         self._seeing = [np.setdiff1d(np.arange(n_views), self._facts[m]["blind"][v]) for m, v in self.blocks]
-        self._ends = np.cumsum([0, *map(len, self._seeing)])[1:]
-        self.mesh_ids = np.repeat(np.array([m for m, _ in self.blocks], int), [len(each) for each in self._seeing])
+        n_clouds = [len(each) for each in self._seeing]
+        self._ends = np.cumsum([0, *n_clouds])[1:]
+        self.ids = np.empty(sum(n_clouds), IDS)
+        self.ids["mesh_id"] = np.repeat([m for m, _ in self.blocks], n_clouds)
+        self.ids["variation"] = np.repeat([v for _, v in self.blocks], n_clouds)
+        self.ids["view_id"] = np.concatenate([np.empty(0, int), *self._seeing])
 
     def __getstate__(self) -> dict[str, Any]:
         state = self.__dict__.copy()
@@ -295,7 +298,7 @@ class PackedFiles:
 
     def source(self) -> Source:
         """Return the clouds, and the whole surfaces, as `generate` would draw them and write them into files."""
-        ids = self._ids()
+        ids = self.ids
         files, rows = self.plan.places(ids["mesh_id"], ids["variation"], ids["view_id"])
         numbers, n_clouds = np.lexsort((rows, files)), np.bincount(files, minlength=len(self.plan.files))
         split_of_file = np.array([file.split for file in self.plan.files])
@@ -303,17 +306,10 @@ class PackedFiles:
         present = [split for split in SPLITS if (split_of == split).any()]
         order = {split: numbers[split_of == split] for split in present}
         sizes = {split: n_clouds[split_of_file == split].tolist() for split in present}
-        return Source(self.plan, order, self.take, self.blocks_of, self.complete, self._block_of, sizes, self._ids)
+        return Source(self.plan, order, self.take, self.blocks_of, self.complete, self._block_of, sizes, lambda: ids)
 
     def _block_of(self, mesh_id: int, variation: int) -> KeptSampling:
         return self.block(self.blocks.index((mesh_id, variation)))
-
-    def _ids(self) -> NDArray[Any]:
-        ids = np.empty(len(self.mesh_ids), IDS)
-        ids["mesh_id"] = self.mesh_ids
-        ids["variation"] = np.repeat([v for _, v in self.blocks], [len(seeing) for seeing in self._seeing])
-        ids["view_id"] = np.concatenate([np.empty(0, int), *self._seeing])
-        return ids
 
     def take(self, numbers: Numbers) -> Records:
         """Return the records of some clouds: the same draw that `generate` makes, of the rounded points."""
@@ -447,9 +443,8 @@ class PackedDataset(Sequence[PackedCloud]):
         files = manifest["files"]
         if split is not None:
             check_word("split", split, files)
-        names = sorted({name for names in files.values() for name in names})
-        self.archives = PackedFiles(plan, [Path(folder) / name for name in names])
-        splits = np.array([entry.split for entry in plan.meshes])[self.archives.mesh_ids]
+        self.archives = PackedFiles(plan, Path(folder), files)
+        splits = np.array([entry.split for entry in plan.meshes])[self.archives.ids["mesh_id"]]
         self.numbers: Numbers = np.flatnonzero(splits == split) if split else np.arange(len(splits))
 
     @property

@@ -209,11 +209,6 @@ class Recipe:
         return self.sample_size
 
     @property
-    def draws_views(self) -> bool:
-        """Whether each mesh has views of its own."""
-        return self.farthest is not None or is_drawn(self.views)
-
-    @property
     def document(self) -> dict[str, Any]:
         """The fields as plain data; `overlap` only where there is one, as recipes were written before it."""
         return {name: value for name, value in asdict(self).items() if name != "overlap" or value is not None}
@@ -276,7 +271,8 @@ class Plan:
 
     def views_of(self, key: str) -> Views:
         """Return the views of the mesh of a key, distances in longest sides, about the origin."""
-        return self.recipe.make_views(key) if self.recipe.draws_views else self.views
+        differ = self.recipe.farthest is not None or is_drawn(self.recipe.views)
+        return self.recipe.make_views(key) if differ else self.views
 
     @property
     def clouds_per_mesh(self) -> int:
@@ -445,9 +441,33 @@ class Plan:
         plan.__dict__["classes"] = stored["classes"]
         return plan
 
-    def differences(self, document: Mapping[str, Any]) -> list[str]:
+    def differences(self, theirs: Mapping[str, Any]) -> Iterator[str]:
         """Say in words in what another plan's document differs from this one's."""
-        return list(_differences(document, self.document))
+        mine = self.document
+        for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
+            then, now = (document["recipe"].get(name) for document in (theirs, mine))
+            if name != "reason":
+                yield from _changed(name, then, now)
+        before, after = ({key: rest for key, *rest in document["meshes"]} for document in (theirs, mine))
+        for here, there, what in (
+            (before, after, "is not among the meshes now"),
+            (after, before, "was not among the meshes"),
+        ):
+            if gone := [key for key in here if key not in there]:
+                yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
+        for key in before.keys() & after.keys():
+            for what, then, now in zip(("class", "split", "up"), before[key], after[key], strict=False):
+                if then != now:
+                    yield f"{what} of {key} was {then!r}, and is {now!r}"
+        for name, what in (
+            ("format", "format"),
+            ("clouds_per_batch", "clouds of a batch"),
+            ("clouds_per_group", "clouds of a group"),
+            ("clouds_per_file", "clouds of a file"),
+            ("data_version", "data version"),
+        ):
+            if theirs.get(name) != mine.get(name):
+                yield f"{what} was {theirs.get(name)!r}, and is {mine.get(name)!r}"
 
     @cached_property
     def fingerprint(self) -> str:
@@ -478,30 +498,6 @@ def _changed(name: str, then: Any, now: Any) -> Iterator[str]:
             yield from _changed(f"{name}.{key}", then.get(key), now.get(key))
     elif json.dumps(then) != json.dumps(now):  # a plan that was written down has lists where there were tuples
         yield f"{name} was {then!r:.60}, and is {now!r:.60}"
-
-
-def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> Iterator[str]:
-    for name in sorted(theirs["recipe"].keys() | mine["recipe"].keys()):
-        then, now = (document["recipe"].get(name) for document in (theirs, mine))
-        if name != "reason":
-            yield from _changed(name, then, now)
-    meshes = {row[0]: row[1:] for row in theirs["meshes"]}, {row[0]: row[1:] for row in mine["meshes"]}
-    for here, there, what in ((*meshes, "is not among the meshes now"), (*meshes[::-1], "was not among the meshes")):
-        if gone := [key for key in here if key not in there]:
-            yield f"{gone[0]} {what}" + (f", nor are {len(gone) - 1} more" if len(gone) > 1 else "")
-    for key in meshes[0].keys() & meshes[1].keys():
-        for what, then, now in zip(("class", "split", "up"), meshes[0][key], meshes[1][key], strict=False):
-            if then != now:
-                yield f"{what} of {key} was {then!r}, and is {now!r}"
-    for name, what in (
-        ("format", "format"),
-        ("clouds_per_batch", "clouds of a batch"),
-        ("clouds_per_group", "clouds of a group"),
-        ("clouds_per_file", "clouds of a file"),
-        ("data_version", "data version"),
-    ):
-        if theirs.get(name) != mine.get(name):
-            yield f"{what} was {theirs.get(name)!r}, and is {mine.get(name)!r}"
 
 
 def _not_loadable(key: str) -> Mesh:

@@ -1,7 +1,7 @@
 """Where the clouds of a dataset come from when files are written or looked at: records by number, in their order."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.dataset.atomic import REMEDY, reading
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
-from zbuf_occlude.dataset.plan import Numbers, Plan
+from zbuf_occlude.dataset.plan import Numbers, Plan, Recipe
 from zbuf_occlude.dataset.records import IDS, Records, record_type
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.geometry.sampling import SurfacePoints
@@ -77,9 +77,14 @@ class Source:
             yield self.take(numbers[start : start + size])
 
 
-def open_dataset(folder: Path) -> Source:
-    """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError."""
+def open_dataset(folder: Path, recipe: Recipe | None = None) -> Source:
+    """Return the clouds of a complete dataset; one that is damaged, or a layout of others, is a DatasetError.
+
+    Those of a packed one are drawn by another `recipe`, where one is given.
+    """
     plan, manifest = read_finished(folder)
+    if recipe is not None:
+        plan = replace(plan, recipe=recipe)
     row = find_format(plan.format)
     if row.exported_from:
         raise DatasetError(
@@ -102,23 +107,25 @@ def kept(whole: Callable[[Path], Records]) -> Callable[[Path, Numbers], Records]
 
 def source_of_files(
     plan: Plan,
-    files: dict[str, list[Path]],
+    out: Path,
+    files: Mapping[str, list[str]],
     count: Callable[[Path], int],
     load: Callable[[Path, Numbers], Records],
     *,
     read_ids: Callable[[Path], NDArray[Any]] | None = None,
 ) -> Source:
-    """Return a source over files, by split, that hold records; a file that cannot be read is a DatasetError.
+    """Return a source over files of a folder, by split, that hold records; one that cannot be read is a DatasetError.
 
     `count` returns the number of clouds in a file, `load` the records of some rows of one, in the order of the rows;
     `read_ids` what its clouds are of, (n,) of `IDS`, by default by loading them.
     """
-    paths, sizes, order = [path for split in files for path in files[split]], list[int](), dict[str, Numbers]()
-    for split in files:
+    paths, sizes, order = list[Path](), list[int](), dict[str, Numbers]()
+    for split, names in files.items():
         begin = sum(sizes)
-        for path in files[split]:
-            with reading(path):
-                sizes.append(count(path))
+        for name in names:
+            paths.append(out / name)
+            with reading(paths[-1]):
+                sizes.append(count(paths[-1]))
         order[split] = np.arange(begin, sum(sizes))
     ends = np.cumsum(sizes)
 

@@ -8,17 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from zbuf_occlude.dataset.batch import Clouds
 from zbuf_occlude.dataset.folder import read_finished, sha256_of
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.pipeline import samplings
 from zbuf_occlude.dataset.plan import Plan
-from zbuf_occlude.dataset.records import Records
+from zbuf_occlude.dataset.records import Records, gather_clouds
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.limits import Limits
-from zbuf_occlude.meshes.collection import MeshCollection
+from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.workers import Run, run_here
 
 ASKED_FILES = 64
@@ -152,10 +151,17 @@ def verify(
         source, rng = row.load().read(out, plan, some), np.random.default_rng(plan.recipe.seed)
         everything = np.concatenate(list(source.order.values()))
         records = source.take(np.sort(rng.choice(everything, min(n_samples, len(everything)), replace=False)))
-        if plan.recipe.setup is None:
-            _ask_oracle(records, plan, manifest, meshes, rng, verdict)
+        by_key, scanned = {entry.key: entry for entry in meshes}, plan.recipe.setup is not None
+        # any may stand around the target of a scan
+        mesh_ids = range(len(plan.meshes)) if scanned else np.unique(records["mesh_id"]).tolist()
+        if lacking := [key for key in (plan.meshes[i].key for i in mesh_ids) if key not in by_key]:
+            verdict.faults.append(
+                f"the meshes given must have {lacking[0]}; they have not. Give those that the dataset was made of."
+            )
+        elif scanned:
+            _scan_again(records, plan, by_key, n_samples, verdict)
         else:
-            _scan_again(records, plan, meshes, n_samples, verdict)
+            _ask_oracle(records, plan, manifest, by_key, rng, verdict)
     return verdict
 
 
@@ -167,21 +173,19 @@ def _some_files(files: Mapping[str, list[str]], looked_at: set[str], seed: int) 
     return {split: of_split for split, of_split in found.items() if of_split}
 
 
-def _scan_again(records: Records, plan: Plan, meshes: MeshCollection, n_samples: int, verdict: Verdict) -> None:
+def _scan_again(
+    records: Records, plan: Plan, by_key: Mapping[str, MeshEntry], n_samples: int, verdict: Verdict
+) -> None:
     """Scan the objects of some clouds again, and compare those clouds whole.
 
     The same plan gives the same bytes, so a cloud that differs was not made by it, or of other meshes.
     """
-    by_key = {entry.key: entry for entry in meshes}
-    if missing := [entry.key for entry in plan.meshes if entry.key not in by_key]:
-        verdict.faults.append(f"the meshes given must have {missing[0]}; they have not. {_GIVE_MESHES}")
-        return
     remade = Plan(MeshCollection(by_key[entry.key] for entry in plan.meshes), plan.recipe, plan.format, plan.views)
     for mesh_id in list(dict.fromkeys(records["mesh_id"].tolist()))[: max(1, n_samples // plan.clouds_per_mesh)]:
-        entry, store = remade.meshes[mesh_id], Clouds(remade)
+        entry = remade.meshes[mesh_id]
         try:
             found = enumerate(samplings(remade, entry.load(), mesh_id, None))
-            kept = [store.keep(sampling, entry.key, variation) for variation, sampling in found]
+            kept = [gather_clouds(*sampling[:3], plan.recipe, entry.key, variation) for variation, sampling in found]
         except (MeshError, OptionError) as error:
             verdict.faults.append(str(error))
             continue
@@ -199,7 +203,7 @@ def _ask_oracle(
     records: Records,
     plan: Plan,
     manifest: dict[str, Any],
-    meshes: MeshCollection,
+    by_key: Mapping[str, MeshEntry],
     rng: np.random.Generator,
     verdict: Verdict,
 ) -> None:
@@ -207,16 +211,11 @@ def _ask_oracle(
     from zbuf_occlude.visibility.oracle import BAND  # late: takes Numba
     from zbuf_occlude.visibility.oracle import prepare as prepare_oracle
 
-    by_key = {entry.key: entry for entry in meshes}
     n_checked = n_hidden = 0
     for record in records:
-        key = plan.meshes[int(record["mesh_id"])].key
-        if key not in by_key:
-            verdict.faults.append(f"the meshes given must have {key}; they have not. {_GIVE_MESHES}")
-            break
         try:
             with Limits().watch():
-                mesh = by_key[key].load()
+                mesh = by_key[plan.meshes[int(record["mesh_id"])].key].load()
         except MeshError as error:
             verdict.faults.append(str(error))
             continue
@@ -245,6 +244,3 @@ def _ask_oracle(
                 f"by the manifest at most {allowed:.2%} of the points may be hidden; the oracle says that "
                 f"{n_hidden / n_checked:.2%} of {n_checked} are."
             )
-
-
-_GIVE_MESHES = "Give those that the dataset was made of."

@@ -19,7 +19,7 @@ from typing import Any
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
-from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs, work
+from zbuf_occlude.workers.pool import Ending, Message, do_jobs, work
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # no thread may run where processes are forked
@@ -136,9 +136,8 @@ class LocalWorker:
         self.kill()
 
 
-def _wait(workers: list[Worker], seconds: float) -> None:
-    local = [worker for worker in workers if isinstance(worker, LocalWorker)]
-    connection.wait([handle for w in local for handle in (w.connection, w.process.sentinel)], timeout=seconds)
+def _wait(workers: list[LocalWorker], seconds: float) -> None:
+    connection.wait([handle for w in workers for handle in (w.connection, w.process.sentinel)], timeout=seconds)
 
 
 def _run_worker(

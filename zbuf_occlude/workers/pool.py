@@ -100,7 +100,7 @@ def do_jobs(
     done: Done,
     *,
     start: Callable[[int], Worker],
-    wait: Callable[[list[Worker], float], None],
+    wait: Callable[[list[Any], float], None],
     n_workers: int,
     limits: Limits,
 ) -> None:

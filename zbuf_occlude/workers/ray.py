@@ -12,7 +12,7 @@ from zbuf_occlude.errors import GlError, UnavailableError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.limits import GivenUp, Limits, resident_gigabytes
 from zbuf_occlude.workers import Done, Task
-from zbuf_occlude.workers.pool import Ending, Message, Worker, do_jobs, work
+from zbuf_occlude.workers.pool import Ending, Message, do_jobs, work
 
 LISTEN_SECONDS = 0.4
 """How long an actor waits for something to say before it answers that there is nothing."""
@@ -177,6 +177,5 @@ class RayWorker:
         self.kill()
 
 
-def _wait(workers: list[Worker], seconds: float) -> None:
-    of_ray = [worker for worker in workers if isinstance(worker, RayWorker)]
-    of_ray[0].ray.wait([worker.future for worker in of_ray], timeout=seconds)
+def _wait(workers: list[RayWorker], seconds: float) -> None:
+    workers[0].ray.wait([worker.future for worker in workers], timeout=seconds)

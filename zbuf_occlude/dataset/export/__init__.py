@@ -189,10 +189,8 @@ def convert(
             f"{out} must be empty or hold this same conversion; it holds a dataset of the same plan that was made "
             "otherwise. Choose another folder."
         )
-    source = replace(open_dataset(folder), plan=plan)
-    if old.format == PACKED:  # the draw follows the new format's recipe
-        drawn = replace(plan, format=PACKED)
-        source = replace(find_format(PACKED).load().read(folder, drawn, manifest["files"]), plan=plan)
+    source = open_dataset(folder, plan.recipe if old.format == PACKED else None)  # the draw follows the new format
+    source = replace(source, plan=plan)
     if finished is not None:
         progress(sum(source.n_clouds.values()))
         return finished
@@ -301,21 +299,13 @@ def check_as_they_are(plan: Plan) -> None:
             )
 
 
-def write_index(path: Path, plan: Plan, names: Names, mesh_ids: dict[str, list[int]]) -> None:
-    """Write what the loaders of GRNet and its successors begin with: the objects of each taxonomy and split."""
-    index: dict[str, dict[str, Any]] = {}
-    for split, of_split in mesh_ids.items():
-        for mesh_id in of_split:
-            taxonomy, label = names.taxonomies[mesh_id], plan.meshes[mesh_id].label
-            row = {"taxonomy_id": taxonomy, "taxonomy_name": label, **{other: [] for other in SPLITS}}
-            index.setdefault(taxonomy, row)[split].append(names.objects[mesh_id])
-    atomic.write_json(path, [index[taxonomy] for taxonomy in sorted(index)])
-
-
-def write_synsets(folder: Path, plan: Plan, names: Names) -> None:
-    """Write what each taxonomy is called; PoinTr's report of a test ends at one that its own list lacks."""
-    called = {taxonomy: entry.label for taxonomy, entry in zip(names.taxonomies, plan.meshes, strict=True)}
-    atomic.write_json(folder / "shapenet_synset_dict.json", called)
+def check_one_frame(plan: Plan) -> None:
+    """Raise OptionError unless all clouds of an object lie in one frame."""
+    if plan.recipe.scale == "cloud" or plan.recipe.frame == "camera":
+        raise OptionError(
+            f"{plan.format} must have all clouds of an object in one frame; got --scale {plan.recipe.scale} --frame "
+            f"{plan.recipe.frame}. Give --scale object --frame object."
+        )
 
 
 def whole_objects(source: Source, n_kept: int | None = None) -> dict[str, Numbers]:

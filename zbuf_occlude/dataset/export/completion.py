@@ -13,10 +13,9 @@ from zbuf_occlude.dataset.export import (
     Layout,
     Names,
     Rest,
+    check_one_frame,
     names_of,
     whole_objects,
-    write_index,
-    write_synsets,
 )
 from zbuf_occlude.dataset.plan import CLOUDS_PER_FILE, Plan
 from zbuf_occlude.dataset.point_files import write_pcd
@@ -41,8 +40,8 @@ def export_pcn(source: Source, out: Path) -> Exported:
     names = names_of(source.plan)
     complete, of_view = "{split}/complete/{taxonomy}/{name}.pcd", "{split}/partial/{taxonomy}/{name}/{view:02d}.pcd"
     exported, mesh_ids = _export_pairs(source, out, names, 16_384, complete, of_view, n_tested=1)
-    write_index(out / "PCN.json", source.plan, names, mesh_ids)
-    write_synsets(out, source.plan, names)
+    _write_index(out / "PCN.json", source.plan, names, mesh_ids)
+    _write_synsets(out, source.plan, names)
     return exported
 
 
@@ -61,11 +60,11 @@ def export_completion3d(source: Source, out: Path) -> Exported:
     exported, mesh_ids = _export_pairs(source, out, names, 2_048, complete, of_view)
     for split, of_split in mesh_ids.items():
         atomic.write_lines(out / f"{split}.list", [f"{names.taxonomies[i]}/{names.objects[i]}" for i in of_split])
-    write_index(out / "Completion3D.json", source.plan, names, mesh_ids)
+    _write_index(out / "Completion3D.json", source.plan, names, mesh_ids)
     words = dict(zip(names.taxonomies, names.classes, strict=True))
     lines = [f"{words[taxonomy]}\t{taxonomy}" for taxonomy in sorted(words)]
     atomic.write_lines(out / "synsetoffset2category.txt", lines)
-    write_synsets(out, source.plan, names)
+    _write_synsets(out, source.plan, names)
     return exported
 
 
@@ -108,7 +107,7 @@ def export_projected_shapenet(source: Source, out: Path) -> Exported:
     exported, mesh_ids = _export_pairs(source, out, names, 8_192, WHOLE, of_view)
     for split, of_split in mesh_ids.items():
         atomic.write_lines(out / f"{split}.txt", [names.fill(WHOLE, i) for i in of_split])
-    write_synsets(out, source.plan, names)
+    _write_synsets(out, source.plan, names)
     return exported
 
 
@@ -131,7 +130,7 @@ def export_shapenet55(source: Source, out: Path) -> Exported:
                 _write_npy(out / written[-1], record)
         atomic.write_lines(out / f"{split}.txt", [Path(name).name for name in written])
         files[split], n_clouds[split] = [*written, rest.name], len(written)
-    write_synsets(out, source.plan, names)
+    _write_synsets(out, source.plan, names)
     return Exported(files, n_clouds)
 
 
@@ -204,6 +203,23 @@ def _export_pairs(
     return Exported(files, n_clouds), mesh_ids
 
 
+def _write_index(path: Path, plan: Plan, names: Names, mesh_ids: dict[str, list[int]]) -> None:
+    """Write what the loaders of GRNet and its successors begin with: the objects of each taxonomy and split."""
+    index: dict[str, dict[str, Any]] = {}
+    for split, of_split in mesh_ids.items():
+        for mesh_id in of_split:
+            taxonomy, label = names.taxonomies[mesh_id], plan.meshes[mesh_id].label
+            row = {"taxonomy_id": taxonomy, "taxonomy_name": label, **{other: [] for other in SPLITS}}
+            index.setdefault(taxonomy, row)[split].append(names.objects[mesh_id])
+    atomic.write_json(path, [index[taxonomy] for taxonomy in sorted(index)])
+
+
+def _write_synsets(folder: Path, plan: Plan, names: Names) -> None:
+    """Write what each taxonomy is called; PoinTr's report of a test ends at one that its own list lacks."""
+    called = {taxonomy: entry.label for taxonomy, entry in zip(names.taxonomies, plan.meshes, strict=True)}
+    atomic.write_json(folder / "shapenet_synset_dict.json", called)
+
+
 def _write_npy(path: Path, record: Any) -> None:
     np.save(path, record["data"].astype(np.float32))
 
@@ -226,7 +242,7 @@ def _link(path: Path, to: str, arrays: tuple[str, ...]) -> None:
             h5.create_dataset(f"novel_{name}", shape, kind, track_times=False)
 
 
-def _check(name: str, n_complete: int, n_views: int | None, size: int | None, plan: Plan) -> None:
+def _check(plan: Plan, n_complete: int, n_views: int | None = None, size: int | None = None) -> None:
     """Raise OptionError unless a plan makes pairs of partial and complete clouds as a layout's loaders expect them.
 
     `n_views` per object and `size` of a partial cloud, where loaders have a number in their code.
@@ -239,23 +255,20 @@ def _check(name: str, n_complete: int, n_views: int | None, size: int | None, pl
     ):
         if wanted is not None and found != wanted:
             raise OptionError(
-                f"{name} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
+                f"{plan.format} must have {wanted:,} {what}, for its loaders count on it; got {found:,}. See {option}."
             )
     if recipe.n_points is None or recipe.n_points < n_complete:
         sampled = "a density" if recipe.n_points is None else f"{recipe.n_points:,}"
         raise OptionError(
-            f"{name} must have {n_complete:,} points in each complete cloud; got {sampled}. Give --points {n_complete}."
+            f"{plan.format} must have {n_complete:,} points in each complete cloud; got {sampled}. "
+            f"Give --points {n_complete}."
         )
-    if recipe.scale == "cloud" or recipe.frame == "camera":
-        raise OptionError(
-            f"{name} must have partial and complete clouds in one frame; got --scale {recipe.scale} --frame "
-            f"{recipe.frame}. Give --scale object --frame object."
-        )
+    check_one_frame(plan)
 
 
-PCN = Layout(export_pcn, partial(_check, "pcn", 16_384, 8, None))
-COMPLETION3D = Layout(export_completion3d, partial(_check, "completion3d", 2_048, 1, 2_048))
-EPN3D = Layout(export_epn3d, partial(_check, "epn3d", 2_048, None, 2_048))
-PROJECTED_SHAPENET = Layout(export_projected_shapenet, partial(_check, "projected-shapenet", 8_192, 16, None))
-SHAPENET55 = Layout(export_shapenet55, partial(_check, "shapenet55", 8_192, None, 8_192))
-MVP = Layout(export_mvp, partial(_check, "mvp", MVP_SIZE, MVP_VIEWS, MVP_SIZE))
+PCN = Layout(export_pcn, partial(_check, n_complete=16_384, n_views=8))
+COMPLETION3D = Layout(export_completion3d, partial(_check, n_complete=2_048, n_views=1, size=2_048))
+EPN3D = Layout(export_epn3d, partial(_check, n_complete=2_048, size=2_048))
+PROJECTED_SHAPENET = Layout(export_projected_shapenet, partial(_check, n_complete=8_192, n_views=16))
+SHAPENET55 = Layout(export_shapenet55, partial(_check, n_complete=8_192, size=8_192))
+MVP = Layout(export_mvp, partial(_check, n_complete=MVP_SIZE, n_views=MVP_VIEWS, size=MVP_SIZE))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.dataset.export import Exported
+from zbuf_occlude.dataset.export import Exported, check_one_frame
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.dataset.records import draw_visible, fit
@@ -232,8 +232,4 @@ def check(plan: Plan) -> None:
         raise OptionError(f"pairs must be of 2 views of an object, at least; got {len(plan.views)}. See --views.")
     if recipe.setup is not None and recipe.setup.scene != "none":
         raise OptionError("pairs of scans must be of the object alone, whose overlap is known. Leave --scene out.")
-    if recipe.scale == "cloud" or recipe.frame == "camera":
-        raise OptionError(
-            f"pairs must be in one frame; got --scale {recipe.scale} --frame {recipe.frame}. Give --scale object "
-            "--frame object."
-        )
+    check_one_frame(plan)

@@ -64,13 +64,12 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files."""
-    paths = {split: [out / name for name in names] for split, names in files.items()}
 
     def load(path: Path, rows: NDArray[np.intp]) -> Records:
         with h5py.File(path) as h5:
             return taken(h5, rows, plan.recipe)
 
-    return source_of_files(plan, paths, lambda path: len(_read_ids(path)), load, read_ids=_read_ids)
+    return source_of_files(plan, out, files, lambda path: len(_read_ids(path)), load, read_ids=_read_ids)
 
 
 def _read_ids(path: Path) -> NDArray[Any]:

@@ -26,8 +26,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these files; the last file used is kept in memory."""
-    paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, _count, kept(lambda path: read_archive(path, plan.recipe)))
+    return source_of_files(plan, out, files, _count, kept(lambda path: read_archive(path, plan.recipe)))
 
 
 def _count(path: Path) -> int:

@@ -50,8 +50,7 @@ def write(path: Path, records: Records, plan: Plan, number: int = 0) -> None:
 
 def read(out: Path, plan: Plan, files: dict[str, list[str]]) -> Source:
     """Return the clouds of these shards; the last shard used is kept in memory."""
-    paths = {split: [out / name for name in names] for split, names in files.items()}
-    return source_of_files(plan, paths, _count, kept(lambda path: _read_shard(path, plan.recipe)))
+    return source_of_files(plan, out, files, _count, kept(lambda path: _read_shard(path, plan.recipe)))
 
 
 def _members(record: Any, plan: Plan) -> list[tuple[str, bytes]]:

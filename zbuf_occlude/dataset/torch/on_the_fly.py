@@ -5,6 +5,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -454,7 +455,7 @@ class OnTheFlyScan:
         for _ in range(ROUNDS):
             rng = np.random.default_rng(int(torch.randint(2**62, ())))
             views = Views(rng.uniform(0.0, 2.0 * np.pi, 1), np.zeros(1), np.array([4.0]))
-            seeds = _Seeds(int(rng.integers(2**62)))
+            seeds = partial(_seed, int(rng.integers(2**62)))
             places = sensor_places(views, size, floor, self.setup, seeds)
             (capture,) = captures(standing, self.setup, places, floor, seeds, self._pool)
             seen = np.arange(len(capture.scan))
@@ -467,11 +468,6 @@ class OnTheFlyScan:
         raise MeshError(f"a mesh must be met by a ray; none met {mesh.name} from {ROUNDS} places. Lower the range.")
 
 
-class _Seeds:
-    """Seeds of one scan's draws, from one number."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-
-    def __call__(self, what: str, view: int) -> np.random.SeedSequence:
-        return np.random.SeedSequence([self._seed, *what.encode(), view])
+def _seed(number: int, what: str, view: int) -> np.random.SeedSequence:
+    """Return the seed of one of a scan's draws."""
+    return np.random.SeedSequence([number, *what.encode(), view])

@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
-from zbuf_occlude.dataset.folder import read_finished
-from zbuf_occlude.dataset.formats import PACKED, find_format
+from zbuf_occlude.dataset.folder import read_plan
+from zbuf_occlude.dataset.formats import PACKED
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.records import resized
 from zbuf_occlude.dataset.source import Source, open_dataset
@@ -32,8 +33,6 @@ NEIGHBOURS = 64
 class _Opened:
     """One split of a dataset, opened by whichever process reads it."""
 
-    _process = -1
-
     def __init__(self, folder: str | os.PathLike[str], split: str) -> None:
         self.folder, self.split = Path(folder), split
         check_word("split", split, self.source.order)
@@ -43,16 +42,11 @@ class _Opened:
         return len(self.numbers)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_source": None, "_process": -1}  # another process opens its own
+        return {name: value for name, value in self.__dict__.items() if name != "source"}  # opened again there
 
-    @property
+    @cached_property
     def source(self) -> Source:
-        """The dataset, opened by this process."""
-        if self._process != os.getpid():
-            self._source, self._process = self._open(), os.getpid()
-        return self._source
-
-    def _open(self) -> Source:
+        """The dataset; forked processes may share it, for it opens files anew in each."""
         return open_dataset(self.folder)
 
 
@@ -125,17 +119,6 @@ class CloudDataset(_Split, Dataset[Sample]):
     Items are (cloud, label): (n_points, 3, 6 or 9) float32 and () int64, an index into `classes`. In random order
     `packed` unpacks a block for nearly every cloud; `CloudStream` reads it many times as fast.
     """
-
-    def __init__(
-        self,
-        folder: str | os.PathLike[str],
-        split: str = "train",
-        *,
-        n_points: int | None = None,
-        transform: Transform | None = None,
-        attributes: Sequence[str] = (),
-    ) -> None:
-        super().__init__(folder, split, n_points=n_points, transform=transform, attributes=attributes)
 
     def __getitem__(self, index: int) -> Sample:
         """Return (cloud, label)."""
@@ -255,8 +238,10 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
         partial, whole = (torch.from_numpy(np.array(each["data"])) for each in (record, complete))
         return partial, whole, torch.tensor(int(record["label"][0]))
 
-    def _open(self) -> Source:
-        plan, manifest = read_finished(self.folder)
+    @cached_property
+    def source(self) -> Source:
+        """The dataset, whose partial clouds have `n_partial` points."""
+        plan = read_plan(self.folder)
         if plan.format != PACKED:
             raise DatasetError(
                 f"{self.folder} must be in the format packed, which keeps complete clouds; it is in {plan.format}. "
@@ -264,8 +249,7 @@ class CompletionPairs(_Opened, Dataset[tuple[torch.Tensor, torch.Tensor, torch.T
             )
         scale = "object" if plan.recipe.scale == "cloud" else plan.recipe.scale
         drawn = replace(plan.recipe, sample_size=self.n_partial, scale=scale, attributes=())
-        read: Callable[..., Source] = find_format(PACKED).load().read
-        return read(self.folder, replace(plan, recipe=drawn), manifest["files"])
+        return open_dataset(self.folder, drawn)
 
 
 def collate_ragged(samples: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
