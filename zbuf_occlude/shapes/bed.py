@@ -30,10 +30,8 @@ from zbuf_occlude.shapes.kit import (
 def _panelled(draw: Draw) -> MeshPart:
     w, d = size(draw)
     z, h, kind = draw.between(0.18, 0.5), draw.between(0.65, 1.5), draw.pick(HEADS)
-    parts = [
-        base(draw, w, d, z, draw.between(0.06, 0.24)),
-        mattress(draw, w - 0.06, d - 0.06, z - 0.02, draw.between(0.12, 0.34)),
-    ]
+    parts = [base(draw, w, d, z, draw.between(0.06, 0.24))]
+    parts.append(mattress(draw, w - 0.06, d - 0.06, z - 0.02, draw.between(0.12, 0.34)))
     parts.append(board(draw, kind, w + draw.between(0.0, 0.12), h).at(y=d / 2 + 0.03))
     if draw.chance(0.6):
         parts.append(board(draw, draw.pick((kind, "panel")), w + 0.05, draw.between(0.35, 0.9)).at(y=-d / 2 - 0.03))
@@ -67,11 +65,8 @@ def _four_poster(draw: Draw) -> MeshPart:
     w, d = size(draw)
     z, top, t, x, y = draw.between(0.25, 0.55), draw.between(1.4, 2.5), draw.between(0.04, 0.14), w / 2, d / 2
     post = leg(draw, draw.pick(("square", "turned", "tapered", "round")), top, t)
-    parts = [
-        base(draw, w, d, z, 0.15),
-        mattress(draw, w - 0.06, d - 0.06, z, draw.between(0.14, 0.32)),
-        four(post.at(x, y)),
-    ]
+    parts = [base(draw, w, d, z, 0.15), mattress(draw, w - 0.06, d - 0.06, z, draw.between(0.14, 0.32))]
+    parts.append(four(post.at(x, y)))
     parts.append(board(draw, draw.pick(HEADS), w, draw.between(0.8, 1.4)).at(y=y))
     canopy = draw.pick(("frame", "cloth", "domed", "posts", "curtains", "curtains"))
     if canopy == "posts":
@@ -115,10 +110,8 @@ def _bunk(draw: Draw) -> MeshPart:
         parts.append(pair(cuboid((-x, y - 0.025, z), (x, y, z + 0.05)), "y"))
         parts += [cuboid((-x, -y, z), (0.025 - x, y, z + 0.05)), cuboid((x - 0.025, 0.5 - y, z), (x, y, z + 0.05))]
     if loft:
-        parts += [
-            cuboid((0.04 - x, 0.5 - y, 0.7), (w * 0.2, y - 0.05, 0.73)),
-            cuboid((0.04 - x, 0.05 - y, 0), (0, 0.5 - y, 0.73)),
-        ]
+        parts.append(cuboid((0.04 - x, 0.5 - y, 0.7), (w * 0.2, y - 0.05, 0.73)))
+        parts.append(cuboid((0.04 - x, 0.05 - y, 0), (0, 0.5 - y, 0.73)))
     else:
         spots = np.linspace(-x, x, draw.whole(3, 7) + 2)[1:-1]
         slats = repeated(cuboid((-0.02, y - 0.03, low), (0.02, y, low + 0.5)), along("x", spots))
@@ -154,10 +147,8 @@ def _sleigh(draw: Draw) -> MeshPart:
     parts = [scroll(h).at(y=d / 2), scroll(h * draw.between(0.45, 0.95)).mirrored("y").at(y=-d / 2)]
     parts.append(mattress(draw, w, d - 0.04, z, draw.between(0.14, 0.32)))
     parts.append(pair(cuboid((w / 2, -d / 2, z - draw.between(0.08, 0.25)), (w / 2 + 0.04, d / 2, z + 0.06))))
-    legs = four_legs(
-        draw, draw.pick(("turned", "square", "cabriole")), w / 2, d / 2 - 0.03, draw.between(0.1, 0.22), 0.08
-    )
-    return join([*parts, legs])
+    kind = draw.pick(("turned", "square", "cabriole"))
+    return join([*parts, four_legs(draw, kind, w / 2, d / 2 - 0.03, draw.between(0.1, 0.22), 0.08)])
 
 
 def _divan(draw: Draw) -> MeshPart:
@@ -184,10 +175,10 @@ def _daybed(draw: Draw) -> MeshPart:
     if draw.chance(0.75):
         parts.append(board(draw, kind, d, h * draw.between(1.0, 1.3)).turned("z", 90).at(-w / 2))
         count, side = draw.whole(1, 4), draw.between(0.34, 0.5)
-        cushion = (
-            pillow((side, side, 0.16), draw.round(11)).turned("x", 65).turned("z", 90).at(0.18 - w / 2, 0, z + 0.38)
+        cushion = pillow((side, side, 0.16), draw.round(11)).turned("x", 65).turned("z", 90)
+        parts.append(
+            repeated(cushion.at(0.18 - w / 2, 0, z + 0.38), along("y", (np.arange(count) - (count - 1) / 2) * 0.48))
         )
-        parts.append(repeated(cushion, along("y", (np.arange(count) - (count - 1) / 2) * 0.48)))
     if draw.chance(0.4):
         bolster = cylinder(0.1, -0.4 * w, 0.4 * w, draw.round(14)).turned("y", 90)
         parts.append(pair(bolster.at(0, d / 2 - 0.14, z + 0.3), "y"))
@@ -202,11 +193,8 @@ def _suite(draw: Draw) -> MeshPart:
     parts.append(board(draw, draw.pick(HEADS), w, draw.between(0.7, 1.4)).at(y=y + 0.03))
     a, b, c, gap = draw.between(0.34, 0.6), draw.between(0.32, 0.5), draw.between(0.35, 0.7), draw.between(0.02, 0.2)
     low, high = (-a / 2, -b / 2, draw.pick((0.0, 0.15))), (a / 2, b / 2, c)
-    unit = [
-        cuboid(low, high),
-        drawers(draw, low, high, draw.whole(1, 3)),
-        four_legs(draw, "square", a / 2 - 0.03, b / 2 - 0.03, c, 0.04),
-    ]
+    unit = [cuboid(low, high), drawers(draw, low, high, draw.whole(1, 3))]
+    unit.append(four_legs(draw, "square", a / 2 - 0.03, b / 2 - 0.03, c, 0.04))
     if draw.chance(0.6):
         k = draw.between(0.8, 1.6)
         lamp = revolve([(0.07, 0), (0.02, 0.03), (0.015, 0.25)], draw.round(12))
@@ -215,10 +203,8 @@ def _suite(draw: Draw) -> MeshPart:
     spot = join(unit).at(w / 2 + a / 2 + gap, y - b / 2)
     parts.append(pair(spot) if draw.chance(0.7) else spot)
     if draw.chance(0.4):
-        seat, legs = (
-            cuboid((-0.4 * w, -0.18, 0.36), (0.4 * w, 0.18, 0.46), edge=0.03, steps=2),
-            four_legs(draw, "square", 0.37 * w, 0.14, 0.38, 0.05),
-        )
+        seat = cuboid((-0.4 * w, -0.18, 0.36), (0.4 * w, 0.18, 0.46), edge=0.03, steps=2)
+        legs = four_legs(draw, "square", 0.37 * w, 0.14, 0.38, 0.05)
         parts.append((seat + legs).at(y=-y - draw.between(0.22, 0.5)))
     return join(parts)
 
@@ -244,10 +230,8 @@ def _crib(draw: Draw) -> MeshPart:
     """Rails all around."""
     w, d, z, h = draw.between(0.55, 0.85), draw.between(1.05, 1.5), draw.between(0.2, 0.55), draw.between(0.75, 1.15)
     rails = [cuboid((-d / 2, -0.012, low), (d / 2, 0.012, low + 0.05)) for low in (z - 0.08, h - 0.04)]
-    rods = repeated(
-        rod((0, 0, z - 0.05), (0, 0, h - 0.02), 0.009, 6),
-        along("x", np.linspace(-d / 2, d / 2, draw.whole(9, 18))[1:-1]),
-    )
+    spots = np.linspace(-d / 2, d / 2, draw.whole(9, 18))[1:-1]
+    rods = repeated(rod((0, 0, z - 0.05), (0, 0, h - 0.02), 0.009, 6), along("x", spots))
     head = board(draw, draw.pick(("slats", "panel", "arched")), w, h + draw.between(0.0, 0.2))
     side = join([*rails, rods]).turned("z", 90)
     parts = [pair(side.at(w / 2)), head.at(y=d / 2), head.at(y=-d / 2), mattress(draw, w - 0.04, d - 0.04, z, 0.1)]

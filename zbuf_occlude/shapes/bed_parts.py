@@ -59,9 +59,8 @@ def blanket(draw: Draw, w: float, d: float, z: float, drop: float) -> MeshPart:
 
 def mattress(draw: Draw, w: float, d: float, z: float, high: float) -> MeshPart:
     """Return a mattress from z upwards with pillows, a cover or a folded throw, as it comes."""
-    parts = [
-        cuboid((-w / 2, -d / 2, z), (w / 2, d / 2, z + high), edge=draw.between(0.02, 0.08), steps=draw.whole(1, 4))
-    ]
+    edge, steps = draw.between(0.02, 0.08), draw.whole(1, 4)
+    parts = [cuboid((-w / 2, -d / 2, z), (w / 2, d / 2, z + high), edge, steps)]
     if draw.chance(0.85):
         parts.append(pillows(draw, w, d, z + high))
     if draw.chance(0.55):
@@ -105,9 +104,8 @@ def _slats(draw: Draw, w: float, h: float, low: float) -> MeshPart:
 
 def _metal(draw: Draw, w: float, h: float, low: float) -> MeshPart:
     r, n, count = draw.between(0.012, 0.025), draw.round(8), draw.whole(4, 11)
-    hoop = bent(
-        [(-w / 2, 0, 0), (-w / 2, 0, h), (w / 2, 0, h), (w / 2, 0, 0)], draw.between(0.05, 0.49) * h, draw.round(6)
-    )
+    corners = [(-w / 2, 0, 0), (-w / 2, 0, h), (w / 2, 0, h), (w / 2, 0, 0)]
+    hoop = bent(corners, draw.between(0.05, 0.49) * h, draw.round(6))
     top = h - 0.02 if draw.chance(0.5) else draw.between(0.6, 0.85) * h
     bars = [rod((x, 0, low), (x, 0, top), 0.5 * r, 6) for x in np.linspace(-w / 2, w / 2, count + 2)[1:-1]]
     rails = [rod((-w / 2, 0, z), (w / 2, 0, z), 0.8 * r, n) for z in (low, top)]
@@ -155,9 +153,8 @@ def base(draw: Draw, w: float, d: float, z: float, high: float) -> MeshPart:
     if kind == "legs":
         slats = repeated(cuboid((-x, 0, z - 0.02), (x, 0.6 * d / 12, z)), along("y", np.linspace(-y, y, 13)[:-1]))
         shape = draw.pick(("square", "tapered", "round", "conical", "turned"))
-        return join(
-            [rails, slats, four_legs(draw, shape, x - 0.05, y - 0.05, z - high + 0.02, draw.between(0.05, 0.09))]
-        )
+        legs = four_legs(draw, shape, x - 0.05, y - 0.05, z - high + 0.02, draw.between(0.05, 0.09))
+        return join([rails, slats, legs])
     if kind == "plinth":
         inset = draw.between(0.05, 0.2)
         return rails + cuboid((inset - x, inset - y, 0), (x - inset, y - inset, z))

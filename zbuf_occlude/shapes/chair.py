@@ -63,24 +63,19 @@ def _office(draw: Draw) -> MeshPart:
         behind = curved(back(draw, kind, w * draw.between(0.75, 1.0), h), w, 0.05)
     gap, rear = draw.between(0.02, 0.22), d / 2 + 0.07
     spine = bent([(0, 0, z - 0.06), (0, rear, z - 0.06), (0, rear + 0.03, z + gap + 0.15)], 0.08)
-    parts = [
-        cuboid((-w / 2, -d / 2, z - thick), (w / 2, d / 2, z), edge=0.45 * thick, steps=soft),
-        tube(spine, 0.018, 8),
-    ]
+    cushion = cuboid((-w / 2, -d / 2, z - thick), (w / 2, d / 2, z), edge=0.45 * thick, steps=soft)
+    parts = [cushion, tube(spine, 0.018, 8)]
     parts.append(placed(behind, d + 0.06, z + gap, draw.between(2, 18)))
     under = z - 0.08
-    parts.append(
-        star(draw, under, draw.between(0.22, 0.38)) if draw.chance(0.85) else chair_pedestal(draw, under, 0.26)
-    )
+    has_star = draw.chance(0.85)
+    parts.append(star(draw, under, draw.between(0.22, 0.38)) if has_star else chair_pedestal(draw, under, 0.26))
     if draw.chance(0.35):
         parts.append(arms(draw, w + 0.06, d, z))
     elif draw.chance(0.55):
         x, top = w / 2 + 0.04, z + draw.between(0.14, 0.26)
         rest = cuboid((x - 0.035, -0.14, top), (x + 0.035, 0.12, top + 0.03), edge=0.012, steps=2)
-        post = bar((x - 0.1, 0, z - 0.06), (x, 0, z - 0.04), 0.05, 0.02) + bar(
-            (x, 0, z - 0.05), (x, 0, top), 0.02, 0.05
-        )
-        parts.append(pair(rest + post))
+        foot = bar((x - 0.1, 0, z - 0.06), (x, 0, z - 0.04), 0.05, 0.02)
+        parts.append(pair(rest + foot + bar((x, 0, z - 0.05), (x, 0, top), 0.02, 0.05)))
     return join(parts)
 
 
@@ -221,9 +216,8 @@ def _stool(draw: Draw) -> MeshPart:
     if base == "legs":
         splay, x, level = draw.between(0, 12), r * 0.62, draw.between(0.2, 0.45)
         spread = x + (1 - level) * z * sind(splay)
-        parts.append(
-            four_legs(draw, draw.pick(("square", "round", "conical", "tapered")), x, x, z - 0.02, 0.035, splay)
-        )
+        kind = draw.pick(("square", "round", "conical", "tapered"))
+        parts.append(four_legs(draw, kind, x, x, z - 0.02, 0.035, splay))
         parts.append(stretchers(draw, spread, spread, level * z, 0.02, draw.pick(("box", "H", "sides"))))
     else:
         foot = chair_pedestal(draw, z - 0.02, r * 1.15) if base == "pedestal" else star(draw, z - 0.02, r * 1.4)
@@ -252,15 +246,10 @@ def _folding(draw: Draw) -> MeshPart:
     """Crossed legs; the long ones carry the back."""
     w, z, h, t = draw.between(0.36, 0.6), draw.between(0.36, 0.5), draw.between(0.22, 0.55), draw.between(0.018, 0.032)
     x, y, lean = w / 2, draw.between(0.16, 0.3), draw.between(0.02, 0.2)
-    long, short = (
-        bar((x, -y, 0), (x, y + lean, z + h), t, t * 1.6),
-        bar((x - 1.2 * t, y, 0), (x - 1.2 * t, -y, z), t, t * 1.6),
-    )
-    parts = [
-        pair(long + short),
-        cuboid((-x, -y, 0.1), (x, 0.02 - y, 0.13)),
-        cuboid((-x, y - 0.04, 0.12), (x, y - 0.02, 0.15)),
-    ]
+    long = bar((x, -y, 0), (x, y + lean, z + h), t, t * 1.6)
+    short = bar((x - 1.2 * t, y, 0), (x - 1.2 * t, -y, z), t, t * 1.6)
+    parts = [pair(long + short), cuboid((-x, -y, 0.1), (x, 0.02 - y, 0.13))]
+    parts.append(cuboid((-x, y - 0.04, 0.12), (x, y - 0.02, 0.15)))
     if draw.chance(0.5):  # canvas, sagging
         u, v = np.meshgrid(np.linspace(-1, 1, draw.round(9)), np.linspace(-1, 1, draw.round(9)), indexing="ij")
         sag = draw.between(0.02, 0.09) * (1 - u**2)

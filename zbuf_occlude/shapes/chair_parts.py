@@ -99,9 +99,8 @@ def _posts(draw: Draw, width: float, height: float, thick: float) -> MeshPart:
 def _slats(draw: Draw, w: float, low: float, high: float) -> MeshPart:
     count = draw.whole(3, 9)
     half = draw.between(0.2, 0.75) * w / count / 2
-    return repeated(
-        cuboid((-half, -0.006, low), (half, 0.006, high)), along("x", np.linspace(-w / 2, w / 2, count + 2)[1:-1])
-    )
+    spots = np.linspace(-w / 2, w / 2, count + 2)[1:-1]
+    return repeated(cuboid((-half, -0.006, low), (half, 0.006, high)), along("x", spots))
 
 
 def _splat(draw: Draw, w: float, low: float, high: float) -> MeshPart:

@@ -62,9 +62,8 @@ def foot(draw: Draw, r: float) -> MeshPart:
         return prism(rectangle(1.8 * r, 1.8 * r, 0.1 * r), 0, draw.between(0.02, 0.07))
     if kind == "stepped":
         return join(cylinder(r * k, 0.025 * i, 0.025 * (i + 1), n) for i, k in enumerate((1.0, 0.75, 0.5)))
-    path = smooth(
-        [(0.01, 0, 0.5 * r), (0.5 * r, 0, 0.4 * r), (0.9 * r, 0, 0.05 * r), (1.1 * r, 0, 0.04 * r)], draw.round(8)
-    )
+    knots = [(0.01, 0, 0.5 * r), (0.5 * r, 0, 0.4 * r), (0.9 * r, 0, 0.05 * r), (1.1 * r, 0, 0.04 * r)]
+    path = smooth(knots, draw.round(8))
     return around(tube(path, 0.09 * r, draw.round(7)), draw.pick((3, 4)))
 
 

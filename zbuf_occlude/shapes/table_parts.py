@@ -86,14 +86,8 @@ def table_pedestal(draw: Draw, w: float, z: float) -> MeshPart:
     n, kind = draw.round(26), draw.pick(("trumpet", "column", "turned", "cross", "drum", "hourglass"))
     if kind == "trumpet":
         foot, waist = draw.between(0.2, 0.38) * w, draw.between(0.02, 0.1)
-        knots = [
-            (foot, 0),
-            (foot * 0.9, 0.015),
-            (0.4 * foot + waist, 0.08),
-            (waist, 0.45 * z),
-            (waist * 2, 0.9 * z),
-            (0.2 * w, z),
-        ]
+        knots = [(foot, 0), (foot * 0.9, 0.015), (0.4 * foot + waist, 0.08)]
+        knots += [(waist, 0.45 * z), (waist * 2, 0.9 * z), (0.2 * w, z)]
         return revolve(smooth(knots, draw.round(18)), n)
     if kind == "column":
         plate = cylinder(draw.between(0.22, 0.38) * w, 0, draw.between(0.015, 0.06), n)
@@ -106,15 +100,12 @@ def table_pedestal(draw: Draw, w: float, z: float) -> MeshPart:
         return revolve(smooth([(a, 0), (waist, 0.5 * z), (b, z)], draw.round(16)), n)
     reach = draw.between(0.3, 0.42) * w
     if kind == "cross":
-        feet, arms = (
-            bar((0, 0, 0.06), (reach, 0, 0.03), 0.07, 0.07),
-            bar((0, 0, z - 0.03), (0.8 * reach, 0, z - 0.03), 0.06, 0.05),
-        )
+        feet = bar((0, 0, 0.06), (reach, 0, 0.03), 0.07, 0.07)
+        arms = bar((0, 0, z - 0.03), (0.8 * reach, 0, z - 0.03), 0.06, 0.05)
         t = draw.between(0.03, 0.09)
         return cuboid((-t, -t, 0), (t, t, z)) + around(feet, 4) + around(arms, 4)
     beads = [(0.4, 0.12), (0.9, 0.16), (1.0, 0.28), (0.5, 0.36), (0.45, 0.6), (0.8, 0.68), (0.45, 0.74), (0.6, 1)]
     column = revolve(smooth(beads, draw.round(22)) * (draw.between(0.04, 0.13), z), draw.round(16))
-    path = smooth(
-        [(0.03, 0, 0.24 * z), (0.45 * reach, 0, 0.2 * z), (0.85 * reach, 0, 0.03), (reach, 0, 0.02)], draw.round(9)
-    )
+    knots = [(0.03, 0, 0.24 * z), (0.45 * reach, 0, 0.2 * z), (0.85 * reach, 0, 0.03), (reach, 0, 0.02)]
+    path = smooth(knots, draw.round(9))
     return column + around(tube(path, np.linspace(0.045, 0.025, len(path)), draw.round(8)), draw.pick((3, 4)))
