@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.errors import OptionError, check_int, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.provenance import Origin
@@ -118,8 +118,7 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     OptionError
         `n_members` is less than 1, or the seed negative.
     """
-    if n_members < 1:
-        raise OptionError(f"n_members must be at least 1; got {n_members}.")
+    check_int("n_members", n_members, 1)
     return MeshCollection(
         MeshEntry(
             key_of(label, index, seed),
@@ -139,6 +138,5 @@ def _origin(label: str, index: int, seed: int, detail: float | None) -> Origin:
 
 def _check(label: str, index: int, seed: int) -> None:
     check_word("label", label, CLASSES)
-    for name, value in (("index", index), ("seed", seed)):
-        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 0:
-            raise OptionError(f"{name} must be an int of at least 0; got {value!r}.")
+    check_int("index", index, 0)
+    check_int("seed", seed, 0)

@@ -251,10 +251,8 @@ def bar(a: Point, b: Point, width: float, height: float, end: float = 1.0) -> Me
     """Return a rectangular bar from a to b, its height as upright as can be; `end` scales its section at b."""
     ends = np.array([a, b], dtype=np.float64)
     along = ends[1] - ends[0]
-    upright = (
-        np.array([0.0, 1.0, 0.0]) if np.hypot(along[0], along[1]) < 1e-9 * abs(along[2]) else np.array([0, 0, 1.0])
-    )
-    side = np.cross(along, upright)
+    stands = np.hypot(along[0], along[1]) < 1e-9 * abs(along[2])
+    side = np.cross(along, [0.0, 1.0, 0.0] if stands else [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, along)
     up /= np.linalg.norm(up)
