@@ -106,6 +106,6 @@ def table_pedestal(draw: Draw, w: float, z: float) -> MeshPart:
         return cuboid((-t, -t, 0), (t, t, z)) + around(feet, 4) + around(arms, 4)
     beads = [(0.4, 0.12), (0.9, 0.16), (1.0, 0.28), (0.5, 0.36), (0.45, 0.6), (0.8, 0.68), (0.45, 0.74), (0.6, 1)]
     column = revolve(smooth(beads, draw.round(22)) * (draw.between(0.04, 0.13), z), draw.round(16))
-    knots = [(0.03, 0, 0.24 * z), (0.45 * reach, 0, 0.2 * z), (0.85 * reach, 0, 0.03), (reach, 0, 0.02)]
-    path = smooth(knots, draw.round(9))
+    claw = [(0.03, 0, 0.24 * z), (0.45 * reach, 0, 0.2 * z), (0.85 * reach, 0, 0.03), (reach, 0, 0.02)]
+    path = smooth(claw, draw.round(9))
     return column + around(tube(path, np.linspace(0.045, 0.025, len(path)), draw.round(8)), draw.pick((3, 4)))
