@@ -159,6 +159,18 @@ def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = F
     return quad_grid(rings, wrap_rows=True, wrap_columns=True) if closed else loft(rings)
 
 
+def quartered(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Divide every triangle into four at the midpoints of its edges; the surface stays."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    unique, which = np.unique(edges, axis=0, return_inverse=True)
+    middles = which.reshape(-1, 3) + len(points)
+    a, b, c = faces.T
+    ab, bc, ca = middles.T
+    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    divided = np.concatenate([np.stack(corner, axis=1) for corner in corners])
+    return np.concatenate([points, points[unique].mean(axis=1)]), divided.astype(np.int32)
+
+
 # ---- solids ------------------------------------------------------------------------------------------------------
 
 _BOX_FACES = np.array(
