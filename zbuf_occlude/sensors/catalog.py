@@ -109,8 +109,7 @@ def _of_yaml(path: Path, data: bytes) -> SensorRow:
     known = [*numbers_of(told["kind"]), *(each.name for each in fields(Imperfections))]
     for name in given:
         check_word(f"a number in {where}", name, known)
-    numbers = {name: (value, told["source"]) for name, value in given.items()}
-    return SensorRow(told["name"], told["kind"], told["summary"], numbers)
+    return SensorRow(told["name"], told["kind"], told["summary"], _from(told["source"], **given))
 
 
 def _of_csv(path: Path, data: bytes) -> SensorRow:
@@ -125,9 +124,12 @@ def _of_csv(path: Path, data: bytes) -> SensorRow:
         flat = np.cos(elevation)
         table = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     rings = [word or 0 for word in columns.get("ring", [0] * table.shape[1])]
-    return SensorRow(
-        path.stem, "list", f"from {path.name}", {"directions": (table.T, path.name), "rings": (rings, path.name)}
-    )
+    return SensorRow(path.stem, "list", f"from {path.name}", _from(path.name, directions=table.T, rings=rings))
+
+
+def _from(source: str, **numbers: Any) -> dict[str, tuple[Any, str]]:
+    """Return numbers that have one source."""
+    return {name: (value, source) for name, value in numbers.items()}
 
 
 Lasers = tuple[tuple[float, float], ...]
@@ -189,12 +191,6 @@ _FITTED = (
 )
 _ON_FIVE = "chosen on five of these scans (benchmarks/line_laser.py)"
 _OS1_RAYS: Lasers = tuple((-16.6 + 33.2 * i / 63, 0.0) for i in range(64))
-
-
-def _from(source: str, **numbers: Any) -> dict[str, tuple[Any, str]]:
-    """Return numbers that have one source."""
-    return {name: (value, source) for name, value in numbers.items()}
-
 
 _LIDAR = {"echo_separation": (1.0, _ONE_ECHO), "reach": (130.0, _FITTED)}
 _VELODYNE = {
