@@ -14,6 +14,8 @@ needs_chair = pytest.mark.skipif(not CHAIR.exists(), reason=f"{CHAIR} is not the
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
+"""A square across the x axis, side 2."""
 
 
 def chair() -> zo.Mesh:

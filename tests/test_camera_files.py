@@ -40,12 +40,15 @@ def write_cameras(folder: Path, form: str) -> str:
         {"K": intrinsics, "R": r.tolist(), "t": t.tolist(), "width": WIDTH, "height": HEIGHT}
         for r, t in zip(rotations, translations, strict=True)
     ]
+
+    def written(name: str, content: str | bytes) -> str:
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+        return str(folder / name)
+
     if form == "json":
-        (folder / "c.json").write_text(json.dumps(items))
-        return str(folder / "c.json")
+        return written("c.json", json.dumps(items))
     if form == "jsonl":
-        (folder / "c.jsonl").write_text("\n".join(map(json.dumps, items)))
-        return str(folder / "c.jsonl")
+        return written("c.jsonl", "\n".join(map(json.dumps, items)))
     if form == "csv":
         names = [*(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "t1", "t2", "t3"]
         names += ["fx", "fy", "cx", "cy", "width", "height"]
@@ -53,8 +56,7 @@ def write_cameras(folder: Path, form: str) -> str:
             [*r.ravel(), *t, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT]
             for r, t in zip(rotations, translations, strict=True)
         ]
-        (folder / "c.csv").write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
-        return str(folder / "c.csv")
+        return written("c.csv", "\n".join(",".join(map(str, row)) for row in [names, *rows]))
     if form == "nerf":
         frames = []
         for r, eye in zip(rotations, CAMERA_EYES, strict=True):
@@ -62,27 +64,22 @@ def write_cameras(folder: Path, form: str) -> str:
             to_world[:3, :3], to_world[:3, 3] = r.T @ np.diag([1, -1, -1]), eye
             frames.append({"file_path": "x.png", "transform_matrix": to_world.tolist()})
         angle = 2 * np.arctan(WIDTH / 2 / FOCAL)
-        document = {"camera_angle_x": angle, "w": WIDTH, "h": HEIGHT, "frames": frames}
-        (folder / "transforms.json").write_text(json.dumps(document))
-        return str(folder / "transforms.json")
+        return written(
+            "transforms.json", json.dumps({"camera_angle_x": angle, "w": WIDTH, "h": HEIGHT, "frames": frames})
+        )
+    poses = [(i, *quaternion(r), *t, i) for i, (r, t) in enumerate(zip(rotations, translations, strict=True), 1)]
     if form == "colmap binary":
         pinhole = struct.pack("<iiQQ4d", 1, 1, 640, 480, 500, 500, 320, 240)
         radial = struct.pack("<iiQQ4d", 2, 2, 640, 480, 500, 320, 240, 0)
-        (folder / "cameras.bin").write_bytes(struct.pack("<Q", 2) + pinhole + radial)
+        written("cameras.bin", struct.pack("<Q", 2) + pinhole + radial)
         data = struct.pack("<Q", 2)
-        for i, (r, t) in enumerate(zip(rotations, translations, strict=True)):
-            data += struct.pack("<I7dI", i + 1, *quaternion(r), *t, i + 1) + "straße.png".encode() + b"\0"
-            data += struct.pack("<Q", 3 * i) + bytes(24 * 3 * i)  # points in the picture
-        (folder / "images.bin").write_bytes(data)
-        return str(folder / "images.bin")
-    (folder / "cameras.txt").write_text(
-        "# cameras\n1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0\n"
-    )
-    lines = ["# images"]
-    for i, (r, t) in enumerate(zip(rotations, translations, strict=True)):
-        lines += [" ".join(map(str, [i + 1, *quaternion(r), *t, i + 1, "x.png"])), "1 2 3" if i else ""]
-    (folder / "images.txt").write_text("\n".join(lines) + "\n")
-    return str(folder / "images.txt")
+        for n_points, pose in zip((0, 3), poses, strict=True):
+            data += struct.pack("<I7dI", *pose) + "straße.png".encode() + b"\0"
+            data += struct.pack("<Q", n_points) + bytes(24 * n_points)
+        return written("images.bin", data)
+    written("cameras.txt", "# cameras\n1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0\n")
+    lines = [f"{' '.join(map(str, pose))} x.png\n{points}" for pose, points in zip(poses, ("", "1 2 3"), strict=True)]
+    return written("images.txt", "\n".join(["# images", *lines]) + "\n")
 
 
 @pytest.mark.parametrize("form", ["json", "jsonl", "csv", "nerf", "colmap", "colmap binary"])
@@ -137,29 +134,29 @@ def test_bad_cameras(tmp_path: Path, name: str, content: str, message: str) -> N
     assert str(tmp_path / name) in str(caught.value)
 
 
-def test_a_list_of_cameras_without_one_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("# cameras\n", r"cameras\.txt must hold cameras"),
+        (
+            "1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0.1\n",
+            "camera 2 is a SIMPLE_RADIAL with distortion; undistort",
+        ),
+    ],
+)
+def test_no_cameras_and_distortion_are_refused(tmp_path: Path, content: str, message: str) -> None:
     path = write_cameras(tmp_path, "colmap")
-    (tmp_path / "cameras.txt").write_text("# cameras\n")
-    with pytest.raises(OptionError, match=r"cameras\.txt must hold cameras"):
-        views.parse(path)
-
-
-def test_distortion_is_refused(tmp_path: Path) -> None:
-    path = write_cameras(tmp_path, "colmap")
-    (tmp_path / "cameras.txt").write_text(
-        "1 PINHOLE 640 480 500 500 320 240\n2 SIMPLE_RADIAL 640 480 500 320 240 0.1\n"
-    )
-    with pytest.raises(OptionError, match="camera 2 is a SIMPLE_RADIAL with distortion; undistort"):
+    (tmp_path / "cameras.txt").write_text(content)
+    with pytest.raises(OptionError, match=message):
         views.parse(path)
 
 
 def test_distortion_is_refused_in_transforms_too(tmp_path: Path) -> None:
     path = tmp_path / "transforms.json"
     frame = {"transform_matrix": (np.eye(4) + np.diag([4.0], 3)).tolist()}
-    for number, said in ((0.0, ""), (0.2, r"k1 is 0\.2, a distortion; undistort the images first")):
-        path.write_text(json.dumps({"camera_angle_x": 0.7, "k1": number, "p2": 0, "frames": [frame]}))
-        if said:
-            with pytest.raises(OptionError, match=said):
-                views.parse(str(path))
-        else:
-            assert len(views.parse(str(path))) == 1
+    plain = {"camera_angle_x": 0.7, "k1": 0.0, "p2": 0, "frames": [frame]}
+    path.write_text(json.dumps(plain))
+    assert len(views.parse(str(path))) == 1
+    path.write_text(json.dumps(plain | {"k1": 0.2}))
+    with pytest.raises(OptionError, match=r"k1 is 0\.2, a distortion; undistort the images first"):
+        views.parse(str(path))

@@ -28,21 +28,20 @@ def drive(request: pytest.FixtureRequest) -> tuple[str, Scan]:
     """A turn of a sensor among three boxes on a ground, in its own frame; of each box the instance."""
     ground = zo.Mesh([[-80, -80, FLOOR], [80, -80, FLOOR], [80, 80, FLOOR], [-80, 80, FLOOR]], [[0, 1, 2], [0, 2, 3]])
     boxes = [Placed(box_mesh(*(SIDES - 2e-3)), "car", moved(yaw=yaw, to=(x, y, FLOOR + 1e-3))) for x, y, yaw in PLACES]
-    return request.param, zo.scan(
-        Scene.joined([*boxes, Placed(ground, "ground")]), make(request.param, noise=0, columns=900)
-    )
+    scene = Scene.joined([*boxes, Placed(ground, "ground")])
+    return request.param, zo.scan(scene, make(request.param, noise=0, columns=900))
 
 
-def held_to(log: "drive_logs.Log", drive: tuple[str, Scan], tolerance: float = 1e-3) -> None:
+def held_to(log: "drive_logs.Log", drive: tuple[str, Scan]) -> None:
     name, scan = drive
     (sweep,) = log.sweeps
     assert (log.sensor.name, log.sensor.pattern["columns"]) == (name, pytest.approx(900, abs=3))
     for number, (box, (x, y, yaw)) in enumerate(zip(sweep.boxes, PLACES, strict=True)):
         to_sensor = sweep.mounts[0]
         middle = to_sensor[:3, :3] @ [x, y, FLOOR + SIDES[2] / 2] + to_sensor[:3, 3]
-        assert np.allclose(box.centre, middle, atol=tolerance)
+        assert np.allclose(box.centre, middle, atol=1e-3)
         ahead = to_sensor[:3, :3] @ [np.cos(yaw), np.sin(yaw), 0.0]
-        assert np.allclose([np.cos(box.yaw), np.sin(box.yaw)], ahead[:2], atol=tolerance)
+        assert np.allclose([np.cos(box.yaw), np.sin(box.yaw)], ahead[:2], atol=1e-3)
         assert np.allclose(box.sides, SIDES)
         is_own = (scan.instances == number) & (scan.points[:, 2] > FLOOR + drive_logs.SLACK)
         assert box.n_points == pytest.approx(is_own.sum(), abs=1)
@@ -75,9 +74,8 @@ def test_kittis_raw_data(tmp_path: Path, drive: tuple[str, Scan]) -> None:
     for x, y, yaw in PLACES:
         pose = f"<item><tx>{x}</tx><ty>{y}</ty><tz>{FLOOR}</tz><rx>0</rx><ry>0</ry><rz>{yaw}</rz></item>"
         sides = "".join(f"<{name}>{side}</{name}>" for name, side in zip("lwh", SIDES, strict=True))
-        items += (
-            f"<item><objectType>Car</objectType>{sides}<first_frame>6</first_frame><poses>{pose * 2}</poses></item>"
-        )
+        track = f"<objectType>Car</objectType>{sides}<first_frame>6</first_frame><poses>{pose * 2}</poses>"
+        items += f"<item>{track}</item>"
     (tmp_path / "velodyne_points" / "data").mkdir(parents=True)
     (tmp_path / "tracklet_labels.xml").write_text(f"<boost><tracklets>{items}</tracklets></boost>")
     cloud = np.column_stack([points, np.zeros(len(points))]).astype("<f4")
@@ -100,13 +98,12 @@ def test_nuscenes(tmp_path: Path, drive: tuple[str, Scan]) -> None:
         rows.append({**row, "rotation": rotation, "num_lidar_pts": int((drive[1].instances == number).sum())})
     frame = {"token": "d", "sample_token": "s", "ego_pose_token": "e", "calibrated_sensor_token": "c",
              "is_key_frame": True, "filename": "samples/LIDAR_TOP/1.pcd.bin"}  # fmt: skip
+    mounted = {"token": "c", "sensor_token": "t", "translation": [0.9, 0.0, 1.8], "rotation": spoken(-np.pi / 2)}
     tables = {
         "sample_annotation": rows,
         "sample_data": [frame, {**frame, "token": "sweep", "is_key_frame": False}],
         "sensor": [{"token": "t", "channel": "LIDAR_TOP"}],
-        "calibrated_sensor": [
-            {"token": "c", "sensor_token": "t", "translation": [0.9, 0.0, 1.8], "rotation": spoken(-np.pi / 2)}
-        ],
+        "calibrated_sensor": [mounted],
         "ego_pose": [{"token": "e", "translation": [400.0, 1100.0, 0.0], "rotation": spoken(0.7)}],
         "instance": [{"token": "i", "category_token": "k"}],
         "category": [{"token": "k", "name": "vehicle.car"}],

@@ -1,6 +1,7 @@
 """`write_bop` against projection by hand and first hits of the whole scene; Pillow and json read what it wrote."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,15 @@ VIEWS = zo.views.parse("ring:3@20").around(np.zeros(3), 1.1)
 
 def pixels(path: Path) -> Any:
     return np.asarray(Image.open(path))
+
+
+def dataset(folder: Path, views: str, setup: Setup, meshes: dict[str, Callable[[], zo.Mesh]]) -> dict[str, Any]:
+    """Generate the views of some classes of one mesh each; return the manifest."""
+    recipe = Recipe(
+        method="exact", views=views, scanning=asdict(setup), sample_size=None, scale="mesh", attributes=("normals",)
+    )
+    entries = [MeshEntry(f"a/{label}.off", label, "train", mesh) for label, mesh in meshes.items()]
+    return generate(Plan(MeshCollection(entries), recipe, "bop"), folder)
 
 
 @pytest.fixture(scope="module")
@@ -151,15 +161,8 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
     o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
     sensor = zo.sensors.make("pinhole", width=WIDTH, height=HEIGHT, fov=60)
     setup = Setup(sensor.document, size={"chest": 0.9, "lamp": 0.7}, scene="room", keep="all", range=(2.0, 3.0))
-    recipe = Recipe(
-        method="exact", views="ring:3@15", scanning=asdict(setup), sample_size=None, scale="mesh",
-        attributes=("normals",),
-    )  # fmt: skip
-    entries = [
-        MeshEntry("a/chest.off", "chest", "train", lambda: box((0.4, 0.5, 0.8))),
-        MeshEntry("a/lamp.off", "lamp", "train", lambda: sphere(8)),
-    ]
-    assert generate(Plan(MeshCollection(entries), recipe, "bop"), tmp_path)["counts"]["clouds"] == 6
+    manifest = dataset(tmp_path, "ring:3@15", setup, {"chest": lambda: box((0.4, 0.5, 0.8)), "lamp": lambda: sphere(8)})
+    assert manifest["counts"]["clouds"] == 6
     n_models, n_objects = len(json.loads((tmp_path / "models" / "models_info.json").read_text())), 0
     for place in sorted((tmp_path / "train").iterdir()):
         cameras, poses = (json.loads((place / f"scene_{name}.json").read_text()) for name in ("camera", "gt"))
@@ -183,16 +186,7 @@ def test_a_dataset_of_rooms_has_what_its_models_show(tmp_path: Path) -> None:
 def test_noise_is_in_the_depth_alone(tmp_path: Path) -> None:
     """Of an object that nothing hides all is visible, also where the sensor has no return."""
     setup = Setup(zo.sensors.make("kinect-v1").document, size={"crate": 0.6}, keep="all", range=(1.5, 1.5))
-    recipe = Recipe(
-        method="exact",
-        views="ring:1@15",
-        scanning=setup.document,
-        sample_size=None,
-        scale="mesh",
-        attributes=("normals",),
-    )
-    entries = [MeshEntry("a/crate.off", "crate", "train", box)]
-    generate(Plan(MeshCollection(entries), recipe, "bop"), tmp_path)
+    dataset(tmp_path, "ring:1@15", setup, {"crate": box})
     place = tmp_path / "train" / "000000"
     (info,) = json.loads((place / "scene_gt_info.json").read_text())["0"]
     depth, mask = pixels(place / "depth" / "000000.png"), pixels(place / "mask_visib" / "000000_000000.png") > 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.scenes import box, needs_chair, soup, sphere
+from tests.scenes import box, soup, sphere
 from zbuf_occlude.dataset.generate import generate
 from zbuf_occlude.dataset.plan import Plan, Recipe
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
@@ -205,16 +205,3 @@ def test_a_dataset_holds_the_same_frames(from_file: bool, cameras: Path, tmp_pat
     placed = zo.views.from_json(tmp_path / "out" / folder / "cameras.json")
     assert placed.eyes + mesh.centre == pytest.approx(views.eyes)
     assert placed.intrinsics(64, 48)[0] == pytest.approx(frame.intrinsics)
-
-
-@needs_chair
-def test_real_depth_is_on_the_mesh() -> None:
-    from tests.scenes import chair
-
-    o3d = pytest.importorskip("open3d", reason="the package open3d is not installed")
-    mesh = chair()
-    (frame,) = zo.frames(mesh, zo.views.for_mesh(mesh, "ring:1@25"), **SMALL)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh.to_open3d()))
-    away = scene.compute_distance(o3d.core.Tensor(frame.points.astype(np.float32))).numpy()
-    assert away.max() < 1e-6 * frame.depth[frame.mask].max()

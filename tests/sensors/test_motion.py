@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.scenes import box, stacked
+from tests.scenes import ACROSS, box, stacked
 from zbuf_occlude.sensors import Motion, look_at, make, read_trajectory
 from zbuf_occlude.sensors.setup import Setup
 
-ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
-"""A square across the x axis, side 2."""
 ROOM = box((20.0, 16.0, 6.0))
 
 
@@ -80,7 +78,8 @@ def test_a_trajectory_of_many_poses_is_the_arc_that_it_was_taken_from() -> None:
         w = np.sqrt(max(1.0 + np.trace(rotation), 1e-12)) / 2.0
         vector = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
         rows.append([time + 17.0, *place, *(np.array(vector) / (4 * w)), w])
-    along = Motion(trajectory=np.array(rows) * np.where(np.arange(201) % 2, 1.0, 1.0)[:, None])
+    signs = np.where(np.arange(201) % 2, -1.0, 1.0)[:, None]  # a quaternion and its negative are one rotation
+    along = Motion(trajectory=np.array(rows) * np.hstack([np.ones((201, 4)), np.tile(signs, 4)]))
     some = np.linspace(0.0, 0.1, 77)
     for one, other in zip(along.poses(some), motion.poses(some), strict=True):
         assert one == pytest.approx(other, abs=2e-5)

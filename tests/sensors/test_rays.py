@@ -200,6 +200,10 @@ def test_a_wrong_file(tmp_path: Path, name: str, text: str, words: str) -> None:
         ("pinhole:width=wide", {}, "width .* whole number.*; got 'wide'"),
         ("pinhole", {"fov": 200.0}, r"fov .* degrees; got 200\.0"),
         ("pinhole", {"fov": 60.0, "f": 100.0}, "fov or f, and not both"),
+        ("kinect-v1", {"baseline": 0.075}, "baseline.*vector"),
+        ("kinect-v1", {"baseline": [1.0, 2.0]}, "baseline"),
+        ("kinect-v1", {"baseline": [[0, 0, "x"]]}, "baseline"),
+        ("kinect-v1", {"baseline_incidence_max": 91}, "baseline_incidence_max"),
     ],
 )
 def test_wrong_numbers(name: str, numbers: dict[str, object], words: str) -> None:

@@ -183,9 +183,7 @@ def test_sizes() -> None:
     with pytest.raises(zo.OptionError, match=r"every class must have a size in metres; 'gizmo' has none\. Give --size"):
         size_of("gizmo", {}, 1.0)
     for wrong in ("car=", "car=-1", "=3", "car=x", "0", "nan"):
-        with pytest.raises(
-            zo.OptionError, match=r"--size must be 'file', metres from 0\.001 to 100000, or CLASS=metres"
-        ):
+        with pytest.raises(zo.OptionError, match=r"--size must be 'file', metres from 0\.001 to 100000, or CLASS="):
             parse_sizes(wrong)
 
 
@@ -193,16 +191,11 @@ def test_a_scene_of_a_file(tmp_path: Path) -> None:
     crate = box()
     write_off(tmp_path / "crate.off", crate.vertices, crate.faces)
     path = tmp_path / "scene.json"
-    path.write_text(
-        json.dumps(
-            {
-                "objects": [
-                    {"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9},
-                    {"class": "truck", "position": [-20, 0, 0]},
-                ]
-            }
-        )
-    )
+    objects = [
+        {"mesh": "crate.off", "class": "crate", "position": [0, 6, 0], "size": 2, "yaw": 30, "albedo": 0.9},
+        {"class": "truck", "position": [-20, 0, 0]},
+    ]
+    path.write_text(json.dumps({"objects": objects}))
     asked = setup(scene="file", objects=read_scene(path), range=(10.0, 10.0), keep="all")
     (capture,) = scans(asked, ring(1))
     assert capture.scene.labels == ("target", "ground", "crate", "truck")

@@ -7,11 +7,9 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.random_scenes import two_eye_disagreements_of
-from tests.scenes import stacked
+from tests.scenes import ACROSS, sphere, stacked
 from zbuf_occlude.sensors import Rays, Scan, look_at, make
 
-ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
-"""A square across the x axis, side 2."""
 BASELINE = 0.3
 
 
@@ -122,8 +120,6 @@ def test_a_line_scanner_sees_each_column_from_beside_it() -> None:
 
 def test_a_sphere_by_a_line_scanner_is_lit_as_circles_are() -> None:
     """From an eye in its plane at distance d a circle of radius r is seen up to the tangent."""
-    from tests.scenes import sphere
-
     ball = sphere(64)
     radius = float(np.ptp(ball.vertices[:, 0]) / 2)
     sensor = make("cyberware-3030", noise=0, baseline=0, columns=41, spacing=radius / 25, rows=4001, slopes=[-1, 1])
@@ -134,22 +130,3 @@ def test_a_sphere_by_a_line_scanner_is_lit_as_circles_are() -> None:
     circle = np.sqrt(radius**2 - offset**2)
     assert across.max() == pytest.approx(0.8 * radius, rel=1e-6)
     assert highest == pytest.approx(circle * np.sqrt(1 - (circle / (3 * radius)) ** 2), rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("numbers", "words"),
-    [
-        ({"baseline": 0.075}, "baseline.*vector"),
-        ({"baseline": [1.0, 2.0]}, "baseline"),
-        ({"baseline": [[0, 0, "x"]]}, "baseline"),
-        ({"baseline_incidence_max": 91}, "baseline_incidence_max"),
-    ],
-)
-def test_baselines_that_are_none_are_refused(numbers: dict[str, Any], words: str) -> None:
-    with pytest.raises(zo.OptionError, match=words):
-        make("kinect-v1", **numbers)
-
-
-def test_up_along_the_view_is_refused() -> None:
-    with pytest.raises(zo.ArgumentError, match="up must not"):
-        look_at([0, 0, 0], [0, 1, 0], up=[0, 2, 0])

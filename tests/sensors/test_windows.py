@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.scenes import box, soup, stacked
+from tests.scenes import ACROSS, box, soup, stacked
 from zbuf_occlude.geometry.colors import Material, SurfaceColors
 from zbuf_occlude.scenes import Placed, Scene, moved
 from zbuf_occlude.sensors import make
 
-ACROSS = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
-"""A square across the x axis, side 2."""
 PASSING = 0.7
 
 

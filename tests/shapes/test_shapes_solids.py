@@ -100,7 +100,7 @@ def test_rear_plate_through_a_hole() -> None:
         (lambda: formulas.make("torus", 3), "n must be at least 4; got 3"),
         (lambda: shapes.benchmark_mesh(10), "n_faces must be at least [0-9]+ for airplane 0; got 10"),
         (lambda: shapes.benchmark_mesh(9000, "sofa"), "label must be one of"),
-        (lambda: shapes.soup(0), "n_faces must be at least 1; got 0"),
+        (lambda: shapes.soup(0), "n_faces must be a positive int; got 0"),
     ],
 )
 def test_errors(call, message: str) -> None:

@@ -19,6 +19,7 @@ GROUND_HALF = 150.0
 """The ground ends this far from the target, metres."""
 STREET_OBJECTS = 20
 STREET_POLES = 5
+STREET_DRAWN = STREET_OBJECTS + STREET_POLES
 ROOM_OBJECTS = 6
 WITHIN = 0.02
 """A share is reached when it is within this of the range asked for."""
@@ -58,7 +59,7 @@ class Asked:
     eye: FloatArray
     floor: float
     positions: FloatArray
-    share: tuple[float, float] | None
+    share: Sequence[float] | None
     pool: Callable[[float], tuple[Mesh, str]]
 
 
@@ -93,7 +94,7 @@ def street(asked: Asked, rng: np.random.Generator) -> Arranged:
         clear = back >= 0.5 * abs(side) + size / 2 + radius or abs(side) >= size + 2 * radius + 1.0
         return back * along[:2] + side * across[:2] if clear else None
 
-    for number in range(STREET_OBJECTS + STREET_POLES):
+    for number in range(STREET_DRAWN):
         is_pole = number >= STREET_OBJECTS
         mesh, label = (pole_mesh(0.1, 5.0), "pole") if is_pole else asked.pool(rng.random())
         found = _at_a_free_place(mesh, label, draw, taken, 0.3, asked, rng)
@@ -156,14 +157,7 @@ class Kind:
 KINDS: tuple[Kind, ...] = (
     Kind("none", "the target alone", none),
     Kind("ground", "the target on a plane", ground, 1.73, most=2),
-    Kind(
-        "street",
-        "ground, objects of the collection, poles, a wall",
-        street,
-        1.73,
-        (0.0, 0.7),
-        4 + STREET_OBJECTS + STREET_POLES,
-    ),
+    Kind("street", "ground, objects of the collection, poles, a wall", street, 1.73, (0.0, 0.7), 4 + STREET_DRAWN),
     Kind("room", "floor, walls, ceiling, furniture", room, 1.3, (0.0, 0.5), 3 + ROOM_OBJECTS),
 )
 """The sensor's heights: HDL-64E's on KITTI's car; assumed of a room."""
@@ -183,16 +177,14 @@ def _hidden_by(asked: Asked, rng: np.random.Generator, last: Mesh, label: str) -
         radius = _radius(mesh.bounds)
         nearest, farthest = 0.15 * distance + radius, distance - size - radius
         if number == TRIES:  # a box turned across the line of sight, half way: it must fit
-            nearest = farthest = max(0.5 * (distance - size), 0.2 * distance)
-        elif not nearest < farthest:
-            continue
-        share = 1.0 - rng.uniform(nearest, farthest) / distance if nearest < farthest else 1.0 - nearest / distance
-        place = share * asked.eye[:2]
-        if number == TRIES:
+            share = 1.0 - max(0.5 * (distance - size), 0.2 * distance) / distance
             yaw = float(np.arctan2(asked.eye[1], asked.eye[0])) + np.pi / 2
-            candidate = Placed(mesh, name, moved(yaw=yaw, to=[*place, asked.floor]))
+            candidate = Placed(mesh, name, moved(yaw=yaw, to=[*(share * asked.eye[:2]), asked.floor]))
+        elif nearest < farthest:
+            share = 1.0 - rng.uniform(nearest, farthest) / distance
+            candidate = _standing(mesh, name, share * asked.eye[:2], asked.floor, rng)
         else:
-            candidate = _standing(mesh, name, place, asked.floor, rng)
+            continue
         one, hidden = placed_to_hide(candidate, asked.positions, asked.eye, wanted)
         if abs(hidden - wanted) < best[0]:
             best = abs(hidden - wanted), [one]
@@ -293,8 +285,7 @@ def placed_to_hide(candidate: Placed, positions: FloatArray, eye: FloatArray, sh
             if abs(hidden - share) <= CLOSE:
                 break
             near, far = (middle, far) if hidden > share else (near, middle)
-    pose = moved(to=best * across) @ candidate.pose
-    return Placed(candidate.mesh, candidate.label, pose, candidate.albedo), found
+    return replace(candidate, pose=moved(to=best * across) @ candidate.pose), found
 
 
 @lru_cache(4)

@@ -124,9 +124,8 @@ class Scene:
         passing = self.passing
         if passing is not None and not (len(passing) == len(instances) and ((passing >= 0) & (passing <= 1)).all()):
             raise ArgumentError(f"passing must be a share in [0, 1] per face ({len(instances)}); it is not.")
-        vars(self).update(
-            instances=frozen(instances), passing=None if passing is None or not passing.any() else frozen(passing)
-        )
+        passing = None if passing is None or not passing.any() else frozen(passing)
+        vars(self).update(instances=frozen(instances), passing=passing)
 
     def __repr__(self) -> str:
         return f"Scene({len(self.labels)} objects, {len(self.mesh.faces)} faces)"
@@ -185,12 +184,7 @@ def _passing(meshes: Sequence[Mesh]) -> FloatArray:
     return np.concatenate([np.zeros(len(m.faces)) if m.colors is None else m.colors.passing for m in meshes])
 
 
-def moved(
-    *,
-    scale: ArrayLike = 1.0,
-    yaw: float = 0.0,
-    to: ArrayLike = (0.0, 0.0, 0.0),
-) -> FloatArray:
+def moved(*, scale: ArrayLike = 1.0, yaw: float = 0.0, to: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
     """Return the pose (4, 4) that scales (one factor, or one per axis), turns about z by `yaw` radians, and moves.
 
     Examples

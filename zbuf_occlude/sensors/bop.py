@@ -15,7 +15,7 @@ from zbuf_occlude.errors import ArgumentError
 from zbuf_occlude.extras import importing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.scenes.scene import Scene
-from zbuf_occlude.sensors.frames import Frame, depth_unit, frames, pixel_rays, png
+from zbuf_occlude.sensors.frames import Frame, depth_steps, depth_unit, frames, pixel_rays, png
 from zbuf_occlude.views import Views
 from zbuf_occlude.visibility import prepare
 from zbuf_occlude.visibility.interface import Occluder
@@ -172,10 +172,8 @@ class BopWriter:
                 unit = depth_unit(float(depth[measured].max(initial=0.0)))
                 if "camera.json" not in self._names:
                     self._write("camera.json", _json(_lens(frame, unit)))
-                steps = np.zeros(depth.shape, np.uint16)
-                steps[measured] = np.round(depth[measured].astype(np.float64) / unit)
                 self._write(f"{place}/rgb/{view:06d}.png", png(np.ascontiguousarray(frame.picture[..., :3])))
-                self._write(f"{place}/depth/{view:06d}.png", png(steps))
+                self._write(f"{place}/depth/{view:06d}.png", png(depth_steps(depth, unit)))
                 lens = {"cam_K": _bop_matrix(frame).ravel().tolist(), "depth_scale": unit * MILLIMETRES}
                 cameras[str(view)] = {**lens, **_pose(frame, np.eye(4), "w2c")}
                 poses[str(view)] = [{**_pose(frame, each.pose, "m2c"), "obj_id": each.obj_id} for each in objects]
@@ -266,8 +264,7 @@ def silhouette(occluder: Occluder, bounds: FloatArray, frame: Frame) -> BoolArra
     matrix = frame.intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
     part, _, _, directions = pixel_rays(bounds, matrix, frame.pose, found.shape)
     if directions.size:
-        eye = -frame.pose[:3, :3].T @ frame.pose[:3, 3]
-        met = occluder.first_hits(eye[None], directions.reshape(-1, 3)).face_ids
+        met = occluder.first_hits(frame.camera_to_world[None, :3, 3], directions.reshape(-1, 3)).face_ids
         found[part] = (met >= 0).reshape(directions.shape[:2])
     return found
 

@@ -12,7 +12,7 @@ from zbuf_occlude.scenes.kinds import METHOD, ready
 from zbuf_occlude.scenes.scene import Placed, Scene
 from zbuf_occlude.sensors.bop import silhouette
 from zbuf_occlude.sensors.casting import prepare_scene
-from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, frames
+from zbuf_occlude.sensors.frames import TO_OPENCV, Frame, box_corners, frames
 from zbuf_occlude.sensors.motion import Motion
 from zbuf_occlude.sensors.scanning import Scan
 from zbuf_occlude.views import Views
@@ -24,17 +24,10 @@ FOCAL, CENTRE = 721.5377, (609.5593, 172.854)
 TO_CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -0.08], [1.0, 0.0, 0.0, -0.27]])
 """LiDAR (x forward, y left, z up) to camera (x right, y down, z forward), metres: KITTI's, without the angles that
 differ from day to day."""
-BOX = np.dtype(
-    [
-        ("label", "S32"),
-        ("centre", "<f8", (3,)),
-        ("sides", "<f8", (3,)),
-        ("yaw", "<f8"),
-        ("window", "<f4", (4,)),
-        ("hidden", "<f4"),
-        ("truncated", "<f4"),
-    ]
-)
+BOX = np.dtype([
+    ("label", "S32"), ("centre", "<f8", (3,)), ("sides", "<f8", (3,)), ("yaw", "<f8"), ("window", "<f4", (4,)),
+    ("hidden", "<f4"), ("truncated", "<f4"),
+])  # fmt: skip
 """An object of a scene: class; middle, length, width and height in metres, and heading in radians, world space; first
 column and row in the picture, last ones, also of what others hide; share of its pixels there that others hide; share of
 its pixels that lie outside. Where the picture has nothing of it, `truncated` is 1 and `window` 0."""
@@ -114,7 +107,6 @@ def _camera(pose: FloatArray) -> Views:
 def _whole(placed: Placed, frame: Frame) -> BoolArray:
     """Return the pixels of three by three pictures that show an object alone; none of what lies behind the camera."""
     bounds, pose = placed.mesh.bounds, frame.pose @ placed.pose
-    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
-    if (corners @ pose[2, :3] + pose[2, 3] >= 0.0).all():
+    if (box_corners(bounds) @ pose[2, :3] + pose[2, 3] >= 0.0).all():
         return np.zeros((3 * HEIGHT, 3 * WIDTH), dtype=bool)
     return silhouette(ready(placed.mesh), bounds, replace(frame, pose=pose))

@@ -75,8 +75,7 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     """Return where the sensor stands for each view, about the origin, metres; `size` is the target's.
 
     Cameras of a file stay where they are. Where there is a ground, at the height `floor`, only the views' azimuths
-    count. Of a range that begins within the
-    target, what lies outside it is taken.
+    count. Of a range that begins within the target, what lies outside it is taken.
     """
     if views.rotations is not None:
         return views
@@ -96,14 +95,7 @@ def sensor_places(views: Views, size: float, floor: float, setup: Setup, seeds: 
     return Views(azimuth, elevation, distance, roll=views.roll if setup.height is None else 0.0)
 
 
-def captures(
-    mesh: Mesh,
-    setup: Setup,
-    places: Views,
-    floor: float,
-    seeds: Seeds,
-    pool: Pool,
-) -> Iterator[Capture]:
+def captures(mesh: Mesh, setup: Setup, places: Views, floor: float, seeds: Seeds, pool: Pool) -> Iterator[Capture]:
     """Scan a target, as `in_metres` returns it, from each of `places`, as `sensor_places` returns them.
 
     The occluder of a capture is open until the next one is asked for.
@@ -111,6 +103,21 @@ def captures(
     poses, target = _poses(places, setup), Placed(mesh, "target")
     itself = Scene.joined([target])
     with prepare_scene(itself, setup.method) as alone:
+
+        def captured(scene: Scene, occluder: Occluder, view: int) -> Capture:
+            found = scan(
+                scene,
+                setup.sensor_of(places, view),
+                poses[view],
+                seed=seeds("scan", view),
+                occluder=occluder,
+                towards=_region(mesh, setup),
+                target=alone if setup.keep == "target" and occluder is not alone else None,
+                motion=setup.made_motion,
+            )
+            kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
+            return Capture(found.select(kept), scene, occluder, poses[view])
+
         if setup.share is not None or setup.objects:  # others may hide some of the target
             points, showing = _showing(itself, alone, places, setup, seeds)
         if setup.share is None:  # the same scene for all views
@@ -121,11 +128,9 @@ def captures(
                 if setup.objects:
                     left = _visible(scene, occluder, points, places.eyes, setup)
                     shares = [_hidden(seen[shown]) for seen, shown in zip(left, showing, strict=True)]
-                for number, (pose, hidden) in enumerate(zip(poses, shares, strict=True)):
-                    capture = _captured(scene, occluder, pose, mesh, alone, setup, places, seeds, number)
-                    yield replace(capture, hidden=hidden)
+                for number, hidden in enumerate(shares):
+                    yield replace(captured(scene, occluder, number), hidden=hidden)
             return
-        share = (setup.share[0], setup.share[1])
         for number, (eye, shown) in enumerate(zip(places.eyes, showing, strict=True)):
             seen = points.select(shown)
             arranged = _arranged(target, setup, places, floor, seeds, pool, number, seen.positions)
@@ -134,8 +139,8 @@ def captures(
             scene = Scene.joined(arranged.placed, None if setup.keep == "all" else near, paint)
             with prepare_scene(scene, setup.method) as occluder:
                 hidden = _hidden(_visible(scene, occluder, seen, eye[None], setup))
-                reached = share[0] - WITHIN <= hidden <= share[1] + WITHIN
-                capture = _captured(scene, occluder, poses[number], mesh, alone, setup, places, seeds, number)
+                reached = setup.share[0] - WITHIN <= hidden <= setup.share[1] + WITHIN
+                capture = captured(scene, occluder, number)
                 yield replace(capture, wanted=arranged.wanted, hidden=hidden, reached=reached)
 
 
@@ -173,36 +178,10 @@ def _arranged(
     seen: FloatArray = _NOWHERE,
 ) -> Arranged:
     """Put objects around a target for a view that would see these positions of it alone."""
-    share = None if setup.share is None else (setup.share[0], setup.share[1])
-    asked = Asked(target, places.eyes[view], floor, seen, share, pool)
+    asked = Asked(target, places.eyes[view], floor, seen, setup.share, pool)
     found = setup.kind.arrange(asked, np.random.default_rng(seeds("scene", view)))
     of_file = placed_of([dict(each) for each in setup.objects], floor, setup.transparent)
     return found._replace(placed=found.placed + of_file)
-
-
-def _captured(
-    scene: Scene,
-    occluder: Occluder,
-    pose: FloatArray,
-    mesh: Mesh,
-    alone: Occluder,
-    setup: Setup,
-    places: Views,
-    seeds: Seeds,
-    view: int,
-) -> Capture:
-    found = scan(
-        scene,
-        setup.sensor_of(places, view),
-        pose,
-        seed=seeds("scan", view),
-        occluder=occluder,
-        towards=_region(mesh, setup),
-        target=alone if setup.keep == "target" and occluder is not alone else None,
-        motion=setup.made_motion,
-    )
-    kept = _kept(found, mesh, setup, np.random.default_rng(seeds("box", view)))
-    return Capture(found.select(kept), scene, occluder, pose)
 
 
 def _visible(scene: Scene, occluder: Occluder, points: SurfacePoints, eyes: FloatArray, setup: Setup) -> BoolArray:

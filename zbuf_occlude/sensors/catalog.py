@@ -109,8 +109,7 @@ def _of_yaml(path: Path, data: bytes) -> SensorRow:
     known = [*numbers_of(told["kind"]), *(each.name for each in fields(Imperfections))]
     for name in given:
         check_word(f"a number in {where}", name, known)
-    numbers = {name: (value, told["source"]) for name, value in given.items()}
-    return SensorRow(told["name"], told["kind"], told["summary"], numbers)
+    return SensorRow(told["name"], told["kind"], told["summary"], _from(told["source"], **given))
 
 
 def _of_csv(path: Path, data: bytes) -> SensorRow:
@@ -125,9 +124,12 @@ def _of_csv(path: Path, data: bytes) -> SensorRow:
         flat = np.cos(elevation)
         table = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     rings = [word or 0 for word in columns.get("ring", [0] * table.shape[1])]
-    return SensorRow(
-        path.stem, "list", f"from {path.name}", {"directions": (table.T, path.name), "rings": (rings, path.name)}
-    )
+    return SensorRow(path.stem, "list", f"from {path.name}", _from(path.name, directions=table.T, rings=rings))
+
+
+def _from(source: str, **numbers: Any) -> dict[str, tuple[Any, str]]:
+    """Return numbers that have one source."""
+    return {name: (value, source) for name, value in numbers.items()}
 
 
 Lasers = tuple[tuple[float, float], ...]
@@ -135,19 +137,8 @@ Lasers = tuple[tuple[float, float], ...]
 ros-drivers/velodyne comes with, of the HDL-64E as KITTI's. Those of the VLP-32C were found again in a real scan
 within 0.04 degrees."""
 
-
-VLP_16: Lasers = (
-    (-15, 0), (-13, 0), (-11, 0), (-9, 0), (-7, 0), (-5, 0), (-3, 0), (-1, 0), (1, 0), (3, 0), (5, 0), (7, 0), (9, 0),
-    (11, 0), (13, 0), (15, 0),
-)  # fmt: skip
-
-HDL_32E: Lasers = (
-    (-30.67, 0), (-29.33, 0), (-28, 0), (-26.67, 0), (-25.33, 0), (-24, 0), (-22.67, 0), (-21.33, 0), (-20, 0),
-    (-18.67, 0), (-17.33, 0), (-16, 0), (-14.67, 0), (-13.33, 0), (-12, 0), (-10.67, 0), (-9.33, 0), (-8, 0),
-    (-6.67, 0), (-5.33, 0), (-4, 0), (-2.67, 0), (-1.33, 0), (0, 0), (1.33, 0), (2.67, 0), (4, 0), (5.33, 0),
-    (6.67, 0), (8, 0), (9.33, 0), (10.67, 0),
-)  # fmt: skip
-
+VLP_16: Lasers = tuple((float(elevation), 0.0) for elevation in range(-15, 16, 2))
+HDL_32E: Lasers = tuple((round((4 * i - 92) / 3, 2), 0.0) for i in range(32))
 VLP_32C: Lasers = (
     (-25, -1.4), (-15.639, 1.4), (-11.31, -1.4), (-8.843, 1.4), (-7.254, -1.4), (-6.148, 1.4), (-5.333, -4.2),
     (-4.667, -1.4), (-4, 1.4), (-3.667, 4.2), (-3.333, -4.2), (-3, -1.4), (-2.667, 1.4), (-2.333, 4.2), (-2, -4.2),
@@ -177,32 +168,20 @@ HDL_64E_OFFSETS = tuple(
     for i, ((up, growth), (elevation, _)) in enumerate(zip(_HDL_64E_BLOCKS, HDL_64E, strict=True))
 )
 
-VLS_128: Lasers = (
-    (-25, 0.911), (-19.582, 2.732), (-16.042, 4.548), (-13.565, 6.354), (-11.742, -6.354), (-10.346, -4.548),
-    (-9.244, -2.732), (-8.352, -0.911), (-7.65, 0.911), (-7.15, 2.732), (-6.85, 4.548), (-6.65, 6.354),
-    (-6.5, -6.354), (-6.39, -4.548), (-6.28, -2.732), (-6.17, -0.911), (-6.06, 0.911), (-5.95, 2.732), (-5.84, 4.548),
-    (-5.73, 6.354), (-5.62, -6.354), (-5.51, -4.548), (-5.4, -2.732), (-5.29, -0.911), (-5.18, 0.911), (-5.07, 2.732),
-    (-4.96, 4.548), (-4.85, 6.354), (-4.74, -6.354), (-4.63, -4.548), (-4.52, -2.732), (-4.41, -0.911), (-4.3, 0.911),
-    (-4.19, 2.732), (-4.08, 4.548), (-3.97, 6.354), (-3.86, -6.354), (-3.75, -4.548), (-3.64, -2.732),
-    (-3.53, -0.911), (-3.42, 0.911), (-3.31, 2.732), (-3.2, 4.548), (-3.09, 6.354), (-2.98, -6.354), (-2.87, -4.548),
-    (-2.76, -2.732), (-2.65, -0.911), (-2.54, 0.911), (-2.43, 2.732), (-2.32, 4.548), (-2.21, 6.354), (-2.1, -6.354),
-    (-1.99, -4.548), (-1.88, -2.732), (-1.77, -0.911), (-1.66, 0.911), (-1.55, 2.732), (-1.44, 4.548), (-1.33, 6.354),
-    (-1.22, -6.354), (-1.11, -4.548), (-1, -2.732), (-0.89, -0.911), (-0.78, 0.911), (-0.67, 2.732), (-0.56, 4.548),
-    (-0.45, 6.354), (-0.34, -6.354), (-0.23, -4.548), (-0.12, -2.732), (-0.01, -0.911), (0.1, 0.911), (0.21, 2.732),
-    (0.32, 4.548), (0.43, 6.354), (0.54, -6.354), (0.65, -4.548), (0.76, -2.732), (0.87, -0.911), (0.98, 0.911),
-    (1.09, 2.732), (1.2, 4.548), (1.31, 6.354), (1.42, -6.354), (1.53, -4.548), (1.64, -2.732), (1.75, -0.911),
-    (1.86, 0.911), (1.97, 2.732), (2.08, 4.548), (2.19, 6.354), (2.3, -6.354), (2.41, -4.548), (2.52, -2.732),
-    (2.63, -0.911), (2.74, 0.911), (2.85, 2.732), (2.96, 4.548), (3.07, 6.354), (3.18, -6.354), (3.29, -4.548),
-    (3.4, -2.732), (3.51, -0.911), (3.62, 0.911), (3.73, 2.732), (3.84, 4.548), (3.95, 6.354), (4.06, -6.354),
-    (4.17, -4.548), (4.28, -2.732), (4.39, -0.911), (4.5, 0.911), (4.61, 2.732), (4.72, 4.548), (4.83, 6.354),
-    (4.98, -6.354), (5.18, -4.548), (5.43, -2.732), (5.73, -0.911), (6.08, 0.911), (6.48, 2.732), (6.98, 4.548),
-    (7.58, 6.354), (8.43, -6.354), (9.7, -4.548), (11.75, -2.732), (15, -0.911),
-)  # fmt: skip
+_VLS_128_ELEVATIONS = (
+    *(-25, -19.582, -16.042, -13.565, -11.742, -10.346, -9.244, -8.352, -7.65, -7.15, -6.85, -6.65),
+    *(round(-6.5 + 0.11 * i, 2) for i in range(104)),
+    *(4.98, 5.18, 5.43, 5.73, 6.08, 6.48, 6.98, 7.58, 8.43, 9.7, 11.75, 15),
+)
+_VLS_128_AZIMUTHS = (0.911, 2.732, 4.548, 6.354, -6.354, -4.548, -2.732, -0.911)
+VLS_128: Lasers = tuple(zip(_VLS_128_ELEVATIONS, _VLS_128_AZIMUTHS * 16, strict=True))
 
 _CALIBRATION = "calibration file of ros-drivers/velodyne"
 _KITTI = "KITTI's calibration file of its unit (velodynecalib_S2_factory)"
 _SHEET = "maker's data sheet"
 _MANUAL = "maker's manual"
+_SHEETS_3_CM = f"+-3 cm, {_SHEET}, taken as one standard deviation"
+_NGUYEN = "Nguyen, Izadi, Lovell 2012"
 _HELIOS = "HELIOS++'s table of scanners"
 _ONE_ECHO = "VLP-16's manual: two returns are told apart from 1 m on; taken for all"
 _ASSUMED = "assumed"
@@ -221,7 +200,7 @@ _VELODYNE = {
     **_LIDAR,
 }
 _CAMERA = {"axial": (True, "a camera measures depth")}
-_DEPTH_CAMERA = {**_CAMERA, "edge_loss": (0.5, _ASSUMED), "incidence_max": (85.0, _ASSUMED)}
+_DEPTH_CAMERA = {**_CAMERA, **_from(_ASSUMED, edge_loss=0.5, incidence_max=85.0)}
 
 ROWS: tuple[SensorRow, ...] = (
     SensorRow(
@@ -233,7 +212,7 @@ ROWS: tuple[SensorRow, ...] = (
             "lasers": (VLP_16, f"{_CALIBRATION} (VLP16db)"),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
             "range_max": (100.0, _SHEET),
-            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "sigma": (0.03, _SHEETS_3_CM),
             "divergence": (0.003, f"3 mrad, {_SHEET}; HELIOS++ has 0.7 mrad"),
         },
     ),
@@ -261,7 +240,7 @@ ROWS: tuple[SensorRow, ...] = (
             ),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_MANUAL}"),
             "range_max": (200.0, _SHEET),
-            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "sigma": (0.03, _SHEETS_3_CM),
             "step": (0.004, _MANUAL),
         },
     ),
@@ -274,8 +253,7 @@ ROWS: tuple[SensorRow, ...] = (
             "lasers": (HDL_64E, f"{_KITTI}; real returns lie on their rays within 0.01 degrees (median)"),
             "offsets": (HDL_64E_OFFSETS, f"metres up and left, {_KITTI}"),
             "columns": (2083, f"0.1728 degrees at 10 turns a second, {_MANUAL}"),
-            "range_min": (0.9, _HELIOS),
-            "range_max": (120.0, _HELIOS),
+            **_from(_HELIOS, range_min=0.9, range_max=120.0),
             "sigma": (0.02, f"{_SHEET}; BlenSor"),
             "divergence": (0.002, _HELIOS),
         },
@@ -289,7 +267,7 @@ ROWS: tuple[SensorRow, ...] = (
             "lasers": (VLS_128, f"{_CALIBRATION} (VLS128)"),
             "columns": (1800, f"0.2 degrees at 10 turns a second, {_SHEET}"),
             "range_max": (245.0, _SHEET),
-            "sigma": (0.03, f"+-3 cm, {_SHEET}, taken as one standard deviation"),
+            "sigma": (0.03, _SHEETS_3_CM),
             "step": (0.004, _MANUAL),
         },
     ),
@@ -300,8 +278,7 @@ ROWS: tuple[SensorRow, ...] = (
         {
             "lasers": (_OS1_RAYS, f"+-16.6 degrees, {_SHEET}; evenly spaced and without azimuth offsets: assumed"),
             "columns": (1024, f"512, 1024 or 2048, {_SHEET}"),
-            "range_min": (0.8, _SHEET),
-            "range_max": (120.0, _SHEET),
+            **_from(_SHEET, range_min=0.8, range_max=120.0),
             "sigma": (
                 ((26.3, 0.015), (41.6, 0.03), (120.0, 0.10)),
                 f"1.5, 3, 10 cm at signal to noise 250, 100, 12, {_SHEET}; 12 taken to be reached at 120 m, the rest "
@@ -322,8 +299,7 @@ ROWS: tuple[SensorRow, ...] = (
             "index": (1.5095, _HELIOS),
             "rate": (100_000.0, _SHEET),
             "seconds": (0.1, _ASSUMED + ": ten scans a second"),
-            "range_min": (1.0, _SHEET),
-            "range_max": (260.0, _SHEET),
+            **_from(_SHEET, range_min=1.0, range_max=260.0),
             "sigma": (0.02, f"2 cm, {_SHEET}"),
             "divergence": (0.0027, _HELIOS),
             **_LIDAR,
@@ -334,21 +310,15 @@ ROWS: tuple[SensorRow, ...] = (
         "pinhole",
         "Microsoft Kinect for Xbox 360: structured light",
         {
-            "width": (640, "Nguyen, Izadi, Lovell 2012"),
-            "height": (480, "Nguyen, Izadi, Lovell 2012"),
-            "f": (575.0, "pixels; Nguyen, Izadi, Lovell 2012"),
-            "range_min": (0.8, _SHEET),
-            "range_max": (4.0, _SHEET),
-            "sigma": (0.0012, "Nguyen, Izadi, Lovell 2012: .0012 + .0019 (z - .4)^2"),
-            "sigma_growth": (0.0019, "the same formula"),
-            "sigma_from": (0.4, "the same formula"),
+            **_from(_NGUYEN, width=640, height=480),
+            "f": (575.0, f"pixels; {_NGUYEN}"),
+            **_from(_SHEET, range_min=0.8, range_max=4.0),
+            "sigma": (0.0012, f"{_NGUYEN}: .0012 + .0019 (z - .4)^2"),
+            **_from("the same formula", sigma_growth=0.0019, sigma_from=0.4),
             "sigma_grazing": (0.0001, "the same paper, from 60 degrees of incidence on"),
             "lateral": ((0.8, 0.035), "the same paper: .8 + .035 theta / (pi/2 - theta) pixels"),
             "disparity_step": (0.0029, "1/8 pixel of disparity, f 575, baseline 75 mm: assumed"),
-            "baseline": (
-                (0.0, -0.075, 0.0),
-                "its projector, 75 mm to the right; its picture as large: assumed",
-            ),
+            "baseline": ((0.0, -0.075, 0.0), "its projector, 75 mm to the right; its picture as large: assumed"),
             **_DEPTH_CAMERA,
         },
     ),
@@ -357,11 +327,9 @@ ROWS: tuple[SensorRow, ...] = (
         "pinhole",
         "Microsoft Azure Kinect, narrow field of view, unbinned: time of flight",
         {
-            "width": (640, _SHEET),
-            "height": (576, _SHEET),
+            **_from(_SHEET, width=640, height=576),
             "fov": (75.0, f"75 x 65 degrees, {_SHEET}"),
-            "range_min": (0.5, _SHEET),
-            "range_max": (3.86, _SHEET),
+            **_from(_SHEET, range_min=0.5, range_max=3.86),
             "sigma": (0.017, f"at most 17 mm, {_SHEET}; PMC7827245. Its bias, below 11 mm, is left out"),
             "step": (0.001, "millimetres in its pictures"),
             **_DEPTH_CAMERA,
@@ -372,20 +340,15 @@ ROWS: tuple[SensorRow, ...] = (
         "pinhole",
         "Intel RealSense D435: stereo",
         {
-            "width": (848, _SHEET),
-            "height": (480, _SHEET),
+            **_from(_SHEET, width=848, height=480),
             "fov": (90.0, "degrees, Intel's, as in rotors_gazebo"),
-            "range_min": (0.3, _SHEET),
-            "range_max": (10.0, _SHEET),
+            **_from(_SHEET, range_min=0.3, range_max=10.0),
             "sigma_growth": (
                 0.1 / (424.0 * 0.05),
                 "z^2 s / (f B): s .1 pixel, f 424 pixels, B 50 mm, as in rotors_gazebo",
             ),
             "step": (0.001, "millimetres in its pictures"),
-            "baseline": (
-                (0.0, -0.05, 0.0),
-                f"its right camera; depths are the left one's, {_SHEET}",
-            ),
+            "baseline": ((0.0, -0.05, 0.0), f"its right camera; depths are the left one's, {_SHEET}"),
             "window": (9, "census of 9 x 9 pixels, the maker's presets (librealsense, d400_presets)"),
             **_DEPTH_CAMERA,
         },
@@ -403,8 +366,7 @@ ROWS: tuple[SensorRow, ...] = (
                 ((0.0, 0.722, 0.22), (0.0, -0.722, 0.22)),
                 f"30 degrees to either side and 10 above, 1.25 m away: {_ON_FIVE}",
             ),
-            "incidence_max": (82.0, f"degrees, {_ON_FIVE}"),
-            "baseline_incidence_max": (80.0, f"degrees, {_ON_FIVE}"),
+            **_from(f"degrees, {_ON_FIVE}", incidence_max=82.0, baseline_incidence_max=80.0),
             "sigma": (0.00012, "spread of these scans about the mesh that was merged from them"),
         },
     ),
@@ -412,23 +374,13 @@ ROWS: tuple[SensorRow, ...] = (
         "pcn",
         "pinhole",
         "the camera of PCN's partial clouds, without noise; 1 from the object's centre there",
-        {
-            "width": (160, "wentaoyuan/pcn"),
-            "height": (120, "wentaoyuan/pcn"),
-            "f": (100.0, "wentaoyuan/pcn"),
-            **_CAMERA,
-        },
+        {**_from("wentaoyuan/pcn", width=160, height=120, f=100.0), **_CAMERA},
     ),
     SensorRow(
         "modelnet40-c",
         "pinhole",
         "the camera of ModelNet40-C's occlusion, without noise; 3 from the centre there",
-        {
-            "width": (1080, "jiachens/ModelNet40-C"),
-            "height": (720, "jiachens/ModelNet40-C"),
-            "f": (365.0, "jiachens/ModelNet40-C"),
-            **_CAMERA,
-        },
+        {**_from("jiachens/ModelNet40-C", width=1080, height=720, f=365.0), **_CAMERA},
     ),
     SensorRow(
         "modelnet40-c-lidar",
@@ -446,12 +398,7 @@ ROWS: tuple[SensorRow, ...] = (
         "pinhole",
         "pinhole",
         "a camera without fault: pinhole:width=640,height=480,fov=60",
-        {
-            "width": (640, _ASSUMED),
-            "height": (480, _ASSUMED),
-            "fov": (60.0, _ASSUMED),
-            **_CAMERA,
-        },
+        {**_from(_ASSUMED, width=640, height=480, fov=60.0), **_CAMERA},
     ),
 )
 

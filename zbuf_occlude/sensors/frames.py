@@ -196,21 +196,13 @@ def frames(
     scene = mesh if isinstance(mesh, Scene) else Scene.of(as_mesh(mesh, colors=colors))
     find_method(method).check_first_hits()
     intrinsics = _intrinsics(scene, views, width, height, fov)
-    return _frames(scene, views, intrinsics, (height, width), method, occluder, options)
 
+    def drawn() -> Iterator[Frame]:  # what is wrong above is said at once, not when the first frame is asked for
+        with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
+            for matrix, pose in zip(intrinsics, views.poses, strict=True):
+                yield frame_at(scene, opened, matrix, pose, (height, width))
 
-def _frames(
-    scene: Scene,
-    views: Views,
-    intrinsics: FloatArray,
-    size: tuple[int, int],
-    method: str,
-    occluder: Occluder | None,
-    options: dict[str, Any],
-) -> Iterator[Frame]:
-    with prepare(scene.mesh, method, **options) if occluder is None else nullcontext(occluder) as opened:
-        for matrix, pose in zip(intrinsics, views.poses, strict=True):
-            yield frame_at(scene, opened, matrix, pose, size)
+    return drawn()
 
 
 def frame_at(scene: Scene, occluder: Occluder, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> Frame:
@@ -293,7 +285,7 @@ def _draw(
 
 def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tuple[int, int]) -> tuple[slice, slice]:
     """Return the rows and columns outside which no pixel shows anything of a box; all where the eye may be within."""
-    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
+    corners = box_corners(bounds) @ pose[:3, :3].T + pose[:3, 3]
     if not (corners[:, 2] < -1e-6 * np.abs(corners).max()).all():
         return slice(0, size[0]), slice(0, size[1])
     pixels = corners @ TO_OPENCV @ matrix.T
@@ -301,6 +293,11 @@ def _around(bounds: FloatArray, matrix: FloatArray, pose: FloatArray, size: tupl
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, size).astype(int).tolist()
     last = np.clip(np.ceil(places.max(axis=0)) + 1, first, size).astype(int).tolist()
     return slice(first[0], last[0]), slice(first[1], last[1])
+
+
+def box_corners(bounds: FloatArray) -> FloatArray:
+    """Return the corners (8, 3) of a box (2, 3)."""
+    return np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
 
 
 def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float | None) -> FloatArray:
@@ -326,6 +323,19 @@ def _intrinsics(scene: Scene, views: Views, width: int, height: int, fov: float 
 def depth_unit(farthest: float) -> float:
     """Return a power of ten of which 65,535 steps reach as far as a depth, world units; 0.001 up to 65.5."""
     return float(10.0 ** np.ceil(np.log10(farthest / DEPTH_LEVELS))) if farthest > 0 else 1.0
+
+
+def depth_steps(depth: NDArray[np.float32], unit: float) -> NDArray[np.uint16]:
+    """Return depths (h, w) in steps of `unit`, rounded; 0 where they are infinite.
+
+    Raises ArgumentError where one is farther than 65,535 steps.
+    """
+    met, steps = np.isfinite(depth), np.zeros(depth.shape, np.uint16)
+    levels = np.round(depth[met].astype(np.float64) / unit)
+    if levels.max(initial=0.0) > DEPTH_LEVELS:
+        raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
+    steps[met] = levels
+    return steps
 
 
 def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit: float | None = None) -> list[str]:
@@ -375,19 +385,17 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
     if unit is None:
         found = list(found)
         unit = depth_unit(max((float(frame.depth[frame.mask].max(initial=0.0)) for frame in found), default=0.0))
+    files = {"file_path": "", "depth_file_path": "_depth", "depth_path": "_depth", "mask_path": "_mask"}
     for number, frame in enumerate(found):
-        for name, content in _files(frame, f"{number:03d}", unit).items():
+        stem, outside = f"{number:03d}", frame.extrinsics
+        for name, content in _files(frame, stem, unit).items():
             (folder / name).write_bytes(content)
             names.append(name)
         height, width = frame.depth.shape
         (fx, _, cx), (_, fy, cy), _ = frame.intrinsics.tolist()
         lenses.append({"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": width, "h": height})
-        files = {"file_path": "png", "depth_file_path": "depth.png", "depth_path": "depth.png", "mask_path": "mask.png"}
-        of_frame: dict[str, Any] = {
-            key: f"{number:03d}{'.' if end == 'png' else '_'}{end}" for key, end in files.items()
-        }
-        placed.append({**of_frame, "transform_matrix": frame.camera_to_world.tolist()})
-        outside = frame.extrinsics
+        placed.append({key: f"{stem}{end}.png" for key, end in files.items()})
+        placed[-1]["transform_matrix"] = frame.camera_to_world.tolist()
         matrices = {"K": frame.intrinsics, "R": outside[:, :3], "t": outside[:, 3]}
         cameras.append({name: values.tolist() for name, values in matrices.items()})
         cameras[-1] |= {"width": width, "height": height, "depth_unit": unit}
@@ -403,16 +411,11 @@ def write_frames(folder: str | os.PathLike[str], found: Iterable[Frame], *, unit
 
 def _files(frame: Frame, stem: str, unit: float) -> dict[str, bytes]:
     """Return the files of one frame, by name."""
-    mask, steps = frame.mask, np.zeros(frame.depth.shape, np.uint16)
-    levels = np.round(frame.depth[mask].astype(np.float64) / unit)
-    if levels.max(initial=0.0) > DEPTH_LEVELS:
-        raise ArgumentError(f"depths must be at most {DEPTH_LEVELS} steps of {unit:g}; one is {levels.max():.0f}.")
-    steps[mask] = levels
-    normals = np.zeros((*mask.shape, 3), np.uint8)
+    mask, normals = frame.mask, np.zeros(frame.normals.shape, np.uint8)
     normals[mask] = np.round((frame.normals[mask] + 1.0) * 127.5)
     pictures: dict[str, NDArray[Any]] = {
         f"{stem}.png": frame.picture,
-        f"{stem}_depth.png": steps,
+        f"{stem}_depth.png": depth_steps(frame.depth, unit),
         f"{stem}_mask.png": mask.astype(np.uint8) * np.uint8(255),
         f"{stem}_normal.png": normals,
         f"{stem}_instance.png": (frame.instances + 1).astype(np.uint16),

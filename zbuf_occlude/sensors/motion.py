@@ -10,6 +10,7 @@ from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed, shap
 from zbuf_occlude.documents import read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
 from zbuf_occlude.sensors.sensor import Rays
+from zbuf_occlude.views.cameras import rotations_of
 
 STRAIGHT = 1e-9
 """Radians a second below which an arc is computed as a line."""
@@ -93,9 +94,9 @@ class Motion:
             np.where(angle < 1e-9, 1.0 - share, np.sin((1.0 - share) * angle) / sine),
             np.where(angle < 1e-9, share, np.sin(share * angle) / sine),
         )
-        rotations = _rotations(weights[0] * first + weights[1] * last)
-        start = _rotations(turned[:1])[0]
-        return np.asarray(start.T @ rotations), np.asarray((positions - places[0]) @ start)
+        quaternions = np.concatenate([turned[:1], weights[0] * first + weights[1] * last])
+        rotations = rotations_of(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+        return np.asarray(rotations[0].T @ rotations[1:]), np.asarray((positions - places[0]) @ rotations[0])
 
     def applied(self, rays: Rays) -> Rays:
         """Return rays as they are cast by the moving sensor, in its frame at time 0."""
@@ -117,17 +118,6 @@ def _fault(rows: FloatArray) -> str:
             row = int(bad.argmax())
             return f"row {row + 1} must {must}; got {' '.join(f'{number:g}' for number in rows[row])}"
     return ""
-
-
-def _rotations(quaternions: FloatArray) -> FloatArray:
-    """Return the rotations (n, 3, 3) of quaternions (n, 4), x y z w, of any length but 0."""
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def read_trajectory(path: str | Path) -> FloatArray:

@@ -417,7 +417,7 @@ def _returns(
     directions = rays.directions @ rotation.T
     hits = _beams(occluder, rays, rotation, origin, sensor.imperfections)
     found = _echoes(hits, sensor.imperfections, scene.passing)
-    offsets = np.zeros((len(rays), 3)) if rays.origins is None else rays.origins @ rotation.T
+    offsets = _offsets(rays, rotation)
     if len(sensor.imperfections.second_eyes):
         starts = origin + offsets[found.rays]
         points = starts + found.ranges[:, None] * directions[found.rays]
@@ -467,8 +467,13 @@ def _as_at_rest(scan: Scan, rays: Rays, motion: Motion, rotation: FloatArray) ->
     """Return a scan as a sensor reports it that knows nothing of its motion: all `rays` are cast from its pose."""
     turned, _ = motion.poses(scan.times)
     local = np.einsum("nji,nj->ni", turned, scan.normals @ rotation)
-    offsets = np.zeros((len(scan), 3)) if rays.origins is None else rays.origins @ rotation.T
-    return replace(scan, directions=rays.directions @ rotation.T, offsets=offsets, normals=local @ rotation.T)
+    offsets, directions = _offsets(rays, rotation), rays.directions @ rotation.T
+    return replace(scan, directions=directions, offsets=offsets, normals=local @ rotation.T)
+
+
+def _offsets(rays: Rays, rotation: FloatArray) -> FloatArray:
+    """Return from the sensor's origin to where each ray begins (n, 3), world space."""
+    return np.zeros((len(rays), 3)) if rays.origins is None else np.asarray(rays.origins @ rotation.T)
 
 
 def _seen_twice(
@@ -586,16 +591,16 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
     echo = np.zeros(ranges.shape, dtype=np.int32)
     np.cumsum(apart & met[1:], axis=0, out=echo[1:])
     n_returns = np.where(met[0], 1 + np.where(met, echo, 0).max(axis=0), 0).astype(np.int32)
+    numbers = range(max(int(n_returns.max(initial=0)), 1))
     energy = np.where(met, returning / np.where(met, ranges, 1.0) ** 2, 0.0)
     if faults.returns == "first":
         kept = [np.zeros(ranges.shape[1], dtype=int)]
     elif faults.returns == "last":
         kept = [np.maximum(n_returns - 1, 0)]
     elif faults.returns == "all":
-        kept = [np.full(ranges.shape[1], number) for number in range(int(n_returns.max(initial=0)))]
+        kept = [np.full(ranges.shape[1], number) for number in numbers]
     else:
-        most = max(int(n_returns.max(initial=0)), 1)
-        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in range(most)]).argmax(axis=0)]
+        kept = [np.stack([(energy * (echo == number)).sum(axis=0) for number in numbers]).argmax(axis=0)]
     parts = []
     for chosen in kept:
         mine = met & (echo == chosen)
@@ -606,22 +611,17 @@ def _echoes(hits: FirstHits, faults: Imperfections, passing: FloatArray | None) 
         with np.errstate(invalid="ignore"):
             best = np.where(mine, np.abs(ranges - mean), np.inf).argmin(axis=0)
         rays = np.flatnonzero(total > 0)
-        face_ids, numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
+        face_ids, return_numbers = faces[best[rays], rays].astype(np.int32), (chosen[rays] + 1).astype(np.int32)
         n_met = mine.sum(axis=0)
         if n_layers > 1:  # a ray that meets a pane and what stands just behind it counts once
             n_met = np.sum([(mine & (ray_of == number)).any(axis=0) for number in range(n_rays)], axis=0)
         met_by, back = ((mine * each).sum(axis=0) if light else n_met for each in (meeting, returning))
         shares, lights = met_by[rays] / n_rays, back[rays] / n_met[rays]
-        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], numbers, shares, lights))
+        parts.append(_Echoes(rays, face_ids, mean[rays], n_returns[rays], return_numbers, shares, lights))
     if len(parts) == 1:
         return parts[0]
-    whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True)) if parts else _NONE
+    whole = _Echoes._make(np.concatenate(each) for each in zip(*parts, strict=True))
     return whole.select(np.argsort(whole.rays, kind="stable"))
-
-
-_NO_NUMBERS = np.empty(0, dtype=np.int32)
-_NO_SHARES = np.empty(0)
-_NONE = _Echoes(np.empty(0, dtype=np.intp), _NO_NUMBERS, _NO_SHARES, _NO_NUMBERS, _NO_NUMBERS, _NO_SHARES, _NO_SHARES)
 
 
 def _beams(
@@ -633,9 +633,7 @@ def _beams(
     if faults.divergence == 0.0 or faults.noise == 0.0:
         beams = directions[:, None]
     else:
-        least = np.eye(3)[np.abs(directions).argmin(axis=1)]
-        across = _unit(np.cross(directions, least))
-        upwards = np.cross(directions, across)
+        across, upwards = _square_to(directions)
         spread = _SPREAD * faults.divergence / 2.0
         beams = np.empty((len(directions), len(_CROSS), 3))
         for number, (x, y) in enumerate(_CROSS):
@@ -652,6 +650,12 @@ def _beams(
 
 def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny))
+
+
+def _square_to(directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors (n, 3) square to each of some directions (n, 3) and to each other."""
+    across = _unit(np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)]))
+    return across, np.cross(directions, across)
 
 
 def imperfect(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
@@ -731,14 +735,9 @@ def blurred(scan: Scan, sensor: Sensor, rng: np.random.Generator) -> Scan:
         return scan
     angle = np.minimum(scan.incidences, STEEPEST)
     sigma = (offset + slope * angle / (np.pi / 2 - angle)) * sensor.imperfections.noise / sensor.pixels
-    least = np.eye(3)[np.abs(scan.directions).argmin(axis=1)]
-    across = np.cross(scan.directions, least)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    upwards = np.cross(scan.directions, across)
-    turned = scan.directions + sigma[:, None] * (
-        rng.standard_normal((len(scan), 1)) * across + rng.standard_normal((len(scan), 1)) * upwards
-    )
-    return replace(scan, directions=turned / np.linalg.norm(turned, axis=1, keepdims=True))
+    across, upwards = _square_to(scan.directions)
+    shift = rng.standard_normal((len(scan), 1)) * across + rng.standard_normal((len(scan), 1)) * upwards
+    return replace(scan, directions=_unit(scan.directions + sigma[:, None] * shift))
 
 
 def quantised(scan: Scan, faults: Imperfections) -> Scan:

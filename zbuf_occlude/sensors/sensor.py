@@ -60,22 +60,19 @@ class Rays:
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
         if not (lengths > 0).all():
             raise ArgumentError(f"directions must have a length; row {int(lengths.argmin())} is zero. Leave it out.")
-        object.__setattr__(self, "directions", sealed(directions / lengths))
+        checked: dict[str, NDArray[Any]] = {"directions": sealed(directions / lengths)}
         for name in ("rings", "columns"):
-            values = as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max)
+            checked[name] = frozen(as_indices(getattr(self, name), name, columns=None, upper=np.iinfo(np.int32).max))
+        if self.origins is not None:
+            checked["origins"] = sealed(as_vectors(self.origins, "origins"))
+        if self.times is not None:
+            checked["times"] = sealed(np.asarray(self.times, dtype=np.float64))
+            if checked["times"].ndim != 1 or not np.isfinite(checked["times"]).all():
+                raise ArgumentError(f"times must be finite numbers, (n,); got {checked['times'].shape}.")
+        for name, values in checked.items():
             if len(values) != len(directions):
                 raise ArgumentError(f"{name} must be one per direction ({len(directions)}); got {len(values)}.")
-            object.__setattr__(self, name, frozen(values))
-        if self.origins is not None:
-            origins = as_vectors(self.origins, "origins")
-            if len(origins) != len(directions):
-                raise ArgumentError(f"origins must be one per direction ({len(directions)}); got {len(origins)}.")
-            object.__setattr__(self, "origins", sealed(origins))
-        if self.times is not None:
-            times = np.asarray(self.times, dtype=np.float64)
-            if times.shape != (len(directions),) or not np.isfinite(times).all():
-                raise ArgumentError(f"times must be one number per direction ({len(directions)}); got {times.shape}.")
-            object.__setattr__(self, "times", sealed(times))
+        vars(self).update(checked)
 
     def __len__(self) -> int:
         return len(self.directions)
@@ -165,14 +162,10 @@ def spinning(
     flat = np.cos(elevation)
     directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
     firings, rings = np.divmod(np.arange(columns * len(angles), dtype=np.int32), len(angles))
-    origins = None if offsets is None else _beside(azimuth, np.tile(_one_each(offsets, lasers), (columns, 1)))
-    return Rays(directions, rings, firings, origins, times=firings / (columns * turns))
-
-
-def _one_each(offsets: Sequence[Sequence[float]], lasers: Sequence[Sequence[float]]) -> FloatArray:
-    if len(offsets) != len(lasers):
+    if offsets is not None and len(offsets) != len(lasers):
         raise OptionError(f"offsets must be one per laser ({len(lasers)}); got {len(offsets)}. Give both, or neither.")
-    return np.asarray(offsets, dtype=np.float64)
+    origins = None if offsets is None else _beside(azimuth, np.tile(np.asarray(offsets, np.float64), (columns, 1)))
+    return Rays(directions, rings, firings, origins, times=firings / (columns * turns))
 
 
 def _beside(azimuths: FloatArray, offsets: FloatArray) -> FloatArray:
@@ -402,9 +395,7 @@ class Imperfections:
     @property
     def second_eyes(self) -> FloatArray:
         """The baselines, (m, 3); none where there is no second eye."""
-        rows = (
-            np.asarray(self.baseline, dtype=np.float64).reshape(-1, 3) if np.ndim(self.baseline) else np.empty((0, 3))
-        )
+        rows = np.asarray(self.baseline if np.ndim(self.baseline) else [], dtype=np.float64).reshape(-1, 3)
         return rows[rows.any(axis=1)]
 
     def range_sigma(self, ranges: ArrayLike, incidence: ArrayLike = 0.0) -> FloatArray:
@@ -455,10 +446,8 @@ class Sensor:
         for name in pattern:
             check_word(f"a number of the kind {self.kind}", name, known)
         object.__setattr__(self, "pattern", {name: _number(name, value) for name, value in pattern.items()})
-        missing = [
-            name for name, default in known.items() if default is inspect.Parameter.empty and name not in self.pattern
-        ]
-        if missing:
+        needed = [name for name, default in known.items() if default is inspect.Parameter.empty]
+        if missing := [name for name in needed if name not in self.pattern]:
             raise OptionError(f"sensor {self.name!r} of kind {self.kind} must have {', '.join(missing)}; it has not.")
 
     def __repr__(self) -> str:
@@ -550,7 +539,7 @@ class Sensor:
             check_word(f"a number of the sensor {self.name}", name, known)
             (faults if name in faults else pattern)[name] = value
             sources[name] = "given by the user"
-        if {"fov", "f"} <= {name for name in numbers if numbers[name] is not None}:
+        if numbers.get("fov") is not None and numbers.get("f") is not None:
             raise OptionError("a pinhole must be given fov or f, and not both.")
         for one, other in (("fov", "f"), ("f", "fov")):
             if numbers.get(one) is not None:

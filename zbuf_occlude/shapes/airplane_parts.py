@@ -12,9 +12,12 @@ from zbuf_occlude.shapes.draw import Draw
 from zbuf_occlude.shapes.kit import MeshPart, Point, around, boxes, ellipsoid, join, loft, pair, quad_grid, revolve, rod
 
 
-def fuselage(draw: Draw, stations: ArrayLike, *, length: float = 1.0, power: float = 2.0) -> MeshPart:
-    """Return a body from rows of (fraction of the length from the nose, half width, half height, middle's height)."""
-    rows = smooth(stations, draw.round(26))
+def fuselage(draw: Draw, stations: ArrayLike, r: float = 1.0, length: float = 1.0, power: float = 2.0) -> MeshPart:
+    """Return a body from rows of (fraction of the length from the nose, half width, half height, middle's height).
+
+    All but the fractions are multiples of `r`.
+    """
+    rows = smooth(np.asarray(stations) * (1, r, r, r), draw.round(26))
     n = draw.round(18)
     ring = circle(n, 90) if power == 2.0 else superellipse(n, power, 90)
     rings = np.empty((len(rows), n, 3))
@@ -28,29 +31,17 @@ def airliner_body(draw: Draw, r: float, *, upsweep: float = 0.6, droop: float = 
     """Return a tube of radius r with a blunt nose and a tail drawn up."""
     tall, nose, start = draw.between(0.9, 1.2), draw.between(0.07, 0.16), draw.between(0.58, 0.7)
     rows = [
-        (0.0, 0.03, 0.03, -droop),
-        (0.25 * nose, 0.5, 0.45, -0.7 * droop),
-        (0.6 * nose, 0.85, 0.8 * tall, 0.0),
-        (nose, 1.0, tall, 0.0),
-        (0.4, 1.0, tall, 0.0),
-        (start, 1.0, tall, 0.0),
-        (0.55 * start + 0.42, 0.8, 0.75, 0.3 * upsweep),
-        (0.92, 0.42, 0.42, 0.75 * upsweep),
-        (1.0, 0.08, 0.12, upsweep),
-    ]
-    return fuselage(draw, np.array(rows) * (1, r, r, r))
+        (0.0, 0.03, 0.03, -droop), (0.25 * nose, 0.5, 0.45, -0.7 * droop), (0.6 * nose, 0.85, 0.8 * tall, 0.0),
+        (nose, 1.0, tall, 0.0), (0.4, 1.0, tall, 0.0), (start, 1.0, tall, 0.0),
+        (0.55 * start + 0.42, 0.8, 0.75, 0.3 * upsweep), (0.92, 0.42, 0.42, 0.75 * upsweep), (1.0, 0.08, 0.12, upsweep),
+    ]  # fmt: skip
+    return fuselage(draw, rows, r)
 
 
-def pod(draw: Draw, r: float, length: float, *, nose: float = 0.1) -> MeshPart:
+def pod(draw: Draw, r: float, length: float) -> MeshPart:
     """Return a slim closed body about the y axis: a tank, a float, a missile."""
-    rows = [
-        (0.0, 0.05, 0.05, 0.0),
-        (nose, 0.75, 0.75, 0.0),
-        (0.4, 1.0, 1.0, 0.0),
-        (0.75, 0.8, 0.8, 0.0),
-        (1.0, 0.1, 0.1, 0.0),
-    ]
-    return fuselage(draw, np.array(rows) * (1, r, r, r), length=length)
+    rows = [(0.0, 0.05, 0.05, 0), (0.1, 0.75, 0.75, 0), (0.4, 1.0, 1.0, 0), (0.75, 0.8, 0.8, 0), (1.0, 0.1, 0.1, 0)]
+    return fuselage(draw, rows, r, length)
 
 
 # ---- surfaces ----------------------------------------------------------------------------------------------------
@@ -149,13 +140,9 @@ def jet(draw: Draw, r: float, length: float) -> MeshPart:
     """Return a nacelle about the y axis from y = 0: an open barrel with a lip, a fan within, a cone behind."""
     n = draw.round(14)
     skin = [(0.78, 0.12), (0.86, 0.0), (0.95, 0.02), (1.0, 0.2), (0.92, 0.6), (0.7, 0.95)]
-    rows = (
-        skin,
-        [(0.78, 0.12), (0.76, 0.3), (0.0, 0.3)],
-        [(0.0, 0.14), (0.25, 0.3)],
-        [(0.68, 0.8), (0.45, 1.0), (0.0, 1.25)],
-    )
-    parts = [revolve(np.array(row) * (r, length), n) for row in rows]
+    fan, spinner = [(0.78, 0.12), (0.76, 0.3), (0.0, 0.3)], [(0.0, 0.14), (0.25, 0.3)]
+    cone = [(0.68, 0.8), (0.45, 1.0), (0.0, 1.25)]
+    parts = [revolve(np.array(profile) * (r, length), n) for profile in (skin, fan, spinner, cone)]
     if draw.chance(0.3):
         vane = boxes((0.2 * r, -0.03 * r, 0.26 * length), (0.77 * r, 0.03 * r, 0.3 * length))
         parts.append(around(vane, draw.whole(8, 16)))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.shapes.families import make
 
@@ -47,13 +47,11 @@ def benchmark_mesh(n_faces: int, label: str = "airplane", index: int = 0) -> Mes
 
 def soup(n_faces: int, size: float = 0.1, seed: int = 0) -> Mesh:
     """Return random triangles in a unit cube, about `size` long: everything crosses everything."""
-    if n_faces < 1:
-        raise OptionError(f"n_faces must be at least 1; got {n_faces}.")
+    check_int("n_faces", n_faces, 1)
     rng = np.random.default_rng(seed)
     corners = rng.random((n_faces, 1, 3)) + rng.normal(scale=size / 2, size=(n_faces, 3, 3))
-    return Mesh(
-        corners.reshape(-1, 3), np.arange(3 * n_faces, dtype=np.int32).reshape(-1, 3), name=f"soup_{n_faces}"
-    ).normalized()
+    faces = np.arange(3 * n_faces, dtype=np.int32).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3), faces, name=f"soup_{n_faces}").normalized()
 
 
 def refined(mesh: Mesh, n_faces: int) -> Mesh:
@@ -128,6 +126,5 @@ def _divided(faces: Indices, middles: Indices) -> Indices:
         2: [(ab, b, bc), (a, ab, bc), (a, bc, c)],
         3: [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)],
     }
-    return np.concatenate(
-        [np.stack(piece, axis=1)[count == number] for number, rows in pieces.items() for piece in rows]
-    )
+    divided = [np.stack(piece, axis=1)[count == number] for number, rows in pieces.items() for piece in rows]
+    return np.concatenate(divided)

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from zbuf_occlude.shapes.bookshelf_parts import book_fill, case, contents, display_pole, tray
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.furniture import doors, drawers, four_legs
+from zbuf_occlude.shapes.furniture import books, doors, drawers, four_legs
 from zbuf_occlude.shapes.kit import (
     MeshPart,
     along,
@@ -24,9 +24,86 @@ from zbuf_occlude.shapes.kit import (
     prism,
     quad_grid,
     repeated,
+    revolve,
     rod,
     shell,
 )
+
+Corner = tuple[float, float, float]
+
+
+def book_fill(draw: Draw) -> float:
+    """Return how full a whole shelf is: empty, half, full."""
+    return draw.pick((0.0, draw.between(0.2, 0.6), draw.between(0.7, 1.0)))
+
+
+def contents(draw: Draw, low: Corner, high: Corner, odds: float) -> list[MeshPart]:
+    """Return what stands in one compartment, with some odds: books, a vase, a box."""
+    if not draw.chance(odds):
+        return []
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    room = z1 - z0
+    if draw.chance(0.75) or room < 0.15:
+        return [books(draw, low, high, draw.between(0.3, 1.0))]
+    x, size = draw.between(0.35, 0.65) * (x0 + x1), min(0.35 * room, 0.3 * (x1 - x0), 0.4 * (y1 - y0))
+    x = min(max(x, x0 + 1.2 * size), x1 - 1.2 * size)
+    if draw.chance(0.5):
+        vase = smooth([(0.5, 0), (1.0, 0.7), (0.45, 1.5), (0.6, 1.9)], draw.round(8)) * size
+        return [revolve(vase, draw.round(10)).at(x, (y0 + y1) / 2, z0)]
+    return [cuboid((x - 1.2 * size, y0 + 0.03, z0), (x + 1.2 * size, y1 - 0.02, z0 + draw.between(0.5, 0.9) * room))]
+
+
+def levels_between(draw: Draw, z0: float, z1: float, count: int) -> FloatArray:
+    """Return heights of count + 1 boards from z0 to z1: even, or wider below."""
+    grade = draw.pick((0.0, 0.0, draw.between(0.1, 0.6)))
+    steps = 1.0 - grade * np.linspace(0.0, 1.0, count)
+    return z0 + (z1 - z0) * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
+
+
+def case(
+    draw: Draw,
+    plan: tuple[float, float],
+    span: tuple[float, float],
+    thick: float,
+    bays: int,
+    rows: int,
+    odds: float,
+    back: float,
+) -> MeshPart:
+    """Return sides, boards, upright walls, perhaps a back, and what stands in it.
+
+    `plan` is width and depth, `span` the heights of bottom and top, `odds` those of a compartment being filled,
+    `back` those of a back: thin plywood, or one sheet without thickness.
+    """
+    (w, d), (z0, z1) = plan, span
+    x, y, t = w / 2, d / 2, thick
+    levels, walls = levels_between(draw, z0, z1 - t, rows), np.linspace(-x, x - t, bays + 1)
+    side, board = cuboid((0, -y, z0), (t, y, z1)), cuboid((-x, 0.004 - y, 0), (x, y, t))
+    parts = [repeated(side, along("x", walls)), repeated(board, along("z", levels))]
+    if draw.chance(back):
+        if draw.chance(0.5):
+            parts.append(cuboid((-x, y - 0.006, z0), (x, y, z1)))
+        else:
+            across, height = np.meshgrid((-x, x), (z0, z1), indexing="ij")
+            parts.append(quad_grid(np.stack([across, np.full((2, 2), y), height], axis=2)))
+    for bottom, top in zip(levels[:-1] + t, levels[1:], strict=True):
+        for left, right in zip(walls[:-1] + t, walls[1:], strict=True):
+            parts += contents(draw, (left, -y, bottom), (right, y, top), odds)
+    return join(parts)
+
+
+def display_pole(draw: Draw, r: float, h: float) -> MeshPart:
+    """Return thin posts around a tower of radius r."""
+    return around(rod((r * 0.7, 0, 0.04), (r * 0.7, 0, h), 0.01, 6), draw.pick((3, 4)), 45)
+
+
+def tray(draw: Draw, r: float, z: float, room: float) -> MeshPart:
+    """Return books standing across a tray of radius r at height z."""
+    half = 0.5 * r
+    return books(draw, (-half, -0.4 * r, z + 0.03), (half, 0.4 * r, z + 0.85 * room), draw.between(0.5, 1.0))
+
+
+# ---- styles --------------------------------------------------------------------------------------------------------
 
 
 def _plain(draw: Draw) -> MeshPart:
@@ -58,14 +135,11 @@ def _classic(draw: Draw) -> MeshPart:
         tall, z = draw.between(0.1, 0.4), h + rise * steps
         round_top = draw.chance(0.5)
         angle = np.linspace(0, 180, draw.round(14))
-        edge = (
-            np.column_stack([x * cosd(angle), tall * sind(angle)])
-            if round_top
-            else np.array([(x, 0), (0, tall), (-x, 0)])
-        )
-        parts.append(
-            loft(np.stack([np.column_stack([edge[:, 0], np.full(len(edge), k), z + edge[:, 1]]) for k in (-y, y)]))
-        )
+        edge = np.array([(x, 0), (0, tall), (-x, 0)])
+        if round_top:
+            edge = np.column_stack([x * cosd(angle), tall * sind(angle)])
+        rings = [np.column_stack([edge[:, 0], np.full(len(edge), k), z + edge[:, 1]]) for k in (-y, y)]
+        parts.append(loft(np.stack(rings)))
     return join(parts)
 
 
@@ -75,9 +149,8 @@ def _doored(draw: Draw) -> MeshPart:
     low, upper, bays, x, y = draw.between(0.4, 1.05), d * draw.between(0.5, 1.0), draw.whole(1, 3), w / 2, d / 2
     corner, end = (-x, -y, 0.06), (x, y, low)
     parts = [cuboid(corner, end), cuboid((0.03 - x, 0.04 - y, 0), (x - 0.03, y, 0.06))]
-    parts.append(
-        case(draw, (w, upper), (low, h), t, bays, draw.whole(2, 5), book_fill(draw), 0.9).at(y=(d - upper) / 2)
-    )
+    shelves = case(draw, (w, upper), (low, h), t, bays, draw.whole(2, 5), book_fill(draw), 0.9)
+    parts.append(shelves.at(y=(d - upper) / 2))
     if draw.chance(0.65):
         parts.append(doors(draw, corner, end, bays * 2))
     else:
@@ -199,20 +272,15 @@ def _tower(draw: Draw) -> MeshPart:
         r, n, sides = draw.between(0.18, 0.42), draw.round(26), draw.pick((0, 4, 6))
         outline = (circle(n) if sides == 0 else polygon(sides, 45)) * r
         levels = np.linspace(draw.between(0.05, 0.2), h, rows)
-        parts = [
-            repeated(prism(outline, 0, draw.between(0.015, 0.05)), along("z", levels)),
-            cylinder(0.035, 0, h, draw.round(12)),
-        ]
+        boards = repeated(prism(outline, 0, draw.between(0.015, 0.05)), along("z", levels))
+        parts = [boards, cylinder(0.035, 0, h, draw.round(12))]
         parts.append(display_pole(draw, r, h) if draw.chance(0.7) else cylinder(0.7 * r, 0, 0.05, n))
         parts += [tray(draw, r, z, (h - levels[0]) / rows) for z in levels[:-1] if draw.chance(0.4)]
         return join(parts)
     w, t, d = draw.between(0.4, 0.75), 0.02, draw.between(0.18, 0.25)
     one = case(draw, (w, d), (0.1, h), t, draw.pick((1, 2)), rows, draw.between(0.4, 1.0), 1.0).at(y=(d - w) / 2)
-    core = (
-        cuboid((d - w / 2, d - w / 2, 0.1), (w / 2 - d, w / 2 - d, h))
-        if w > 2 * d + 0.05
-        else cylinder(0.05, 0.1, h, 8)
-    )
+    half = w / 2 - d
+    core = cuboid((-half, -half, 0.1), (half, half, h)) if w > 2 * d + 0.05 else cylinder(0.05, 0.1, h, 8)
     lid = cuboid((-w / 2 - 0.03, -w / 2 - 0.03, h), (w / 2 + 0.03, w / 2 + 0.03, h + 0.03), edge=0.008)
     feet = around(bar((0, 0, 0.07), (w / 2, 0, 0.03), 0.06, 0.06), 4, 45)
     return join([one, one.turned("z", 180), core, lid, feet, cylinder(0.05, 0, 0.1, 12)])
@@ -257,12 +325,8 @@ def _zigzag(draw: Draw) -> MeshPart:
 
 def _hung(draw: Draw) -> MeshPart:
     """Boards or boxes on a wall, with brackets; the wall is not there."""
-    d, t, w, gap = (
-        draw.between(0.18, 0.34),
-        draw.between(0.018, 0.055),
-        draw.between(0.5, 1.7),
-        draw.between(0.25, 0.48),
-    )
+    d, t = draw.between(0.18, 0.34), draw.between(0.018, 0.055)
+    w, gap = draw.between(0.5, 1.7), draw.between(0.25, 0.48)
     boxed, rails, count, y = draw.chance(0.35), draw.chance(0.5), draw.whole(2, 6), d / 2
     parts = []
     for z in gap * np.arange(count):
@@ -281,23 +345,17 @@ def _hung(draw: Draw) -> MeshPart:
 def _curved(draw: Draw) -> MeshPart:
     """An arch on top, bowed ends, one bent board, wavy sides."""
     w, d, h = draw.between(0.5, 1.4), draw.between(0.22, 0.42), draw.between(1.2, 2.2)
-    t, rows, n, kind = (
-        draw.between(0.018, 0.04),
-        draw.whole(3, 6),
-        draw.round(12),
-        draw.pick(("arch", "ends", "bent", "wave")),
-    )
+    t, rows, n = draw.between(0.018, 0.04), draw.whole(3, 6), draw.round(12)
+    kind = draw.pick(("arch", "ends", "bent", "wave"))
     x, y, levels = w / 2, d / 2, np.linspace(0.0, h - t, rows + 1)
     if kind == "arch":
         angle = np.linspace(0, 180, n)
-        arc = np.column_stack(
-            [(x - t / 2) * cosd(angle), 0 * angle, h - 0.02 + draw.between(0.15, 0.5) * w * sind(angle)]
-        )
+        rise = draw.between(0.15, 0.5) * w * sind(angle)
+        arc = np.column_stack([(x - t / 2) * cosd(angle), 0 * angle, h - 0.02 + rise])
         net = np.stack([arc - (0, y, 0), arc - (0, -y, 0)])
         back = quad_grid(np.stack([net[1], net[1] * (1, 1, 0) + [0, 0, h - 0.02]]))
-        return join(
-            [case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, book_fill(draw), 0.8), shell(net, t), back]
-        )
+        body = case(draw, (w, d), (0.0, h), t, draw.whole(1, 2), rows, book_fill(draw), 0.8)
+        return join([body, shell(net, t), back])
     if kind == "ends":
         half = draw.between(0.15, 0.4)
         curve = smooth([(0, y), (0.7 * half, 0.8 * y), (half, -0.2 * y), (0.6 * half, -0.84 * y), (0, -y)], n)

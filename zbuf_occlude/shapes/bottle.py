@@ -1,11 +1,98 @@
 """Bottles: wine, beer, water, jugs, flasks, sprays, dispensers and more. Upright, decimetres."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from zbuf_occlude.shapes.bottle_parts import closure, glass, handle, label, notched, rounded
+from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth, superellipse
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.kit import MeshPart, cuboid, cylinder, ellipsoid, join, loft, pair, prism, revolve, rod, tube
+from zbuf_occlude.shapes.kit import (
+    MeshPart,
+    cuboid,
+    cylinder,
+    ellipsoid,
+    join,
+    loft,
+    pair,
+    prism,
+    quad_grid,
+    revolve,
+    rod,
+    tube,
+)
+
+
+def rounded(profile: ArrayLike, draw: Draw) -> FloatArray:
+    """Return a profile of (radius, z) corners with its corners rounded a little, as glass is."""
+    return bent(profile, draw.between(0.03, 0.12), max(2, draw.round(5) - 2))
+
+
+def notched(count: int, depth: float) -> FloatArray:
+    """Return a circle whose every other point stands out by `depth`: ribs, teeth, flutes."""
+    return circle(count) * np.where(np.arange(count) % 2, 1.0, 1.0 + depth)[:, None]
+
+
+def closure(draw: Draw, r: float, z: float, kind: str) -> MeshPart:
+    """Return what closes a neck of radius r whose mouth is at height z."""
+    n = draw.round(20)
+    if kind == "cork":
+        return cylinder(0.92 * r, z - 0.2, z + draw.between(0.05, 0.3), n, r * draw.between(0.92, 1.2))
+    if kind == "crown":
+        return revolve([(1.15 * r, z - 0.06), (1.02 * r, z + 0.06), (0, z + 0.08)], 42, notched(42, 0.1))
+    if kind == "screw":
+        half = draw.between(0.06, 0.22)
+        ribs = notched(2 * draw.round(16), 0.05)
+        return revolve([(1.15 * r, z - half), (1.15 * r, z + half), (0, z + half)], 0, ribs)
+    if kind == "ball":
+        s = draw.between(1.1, 2.2) * r
+        return ellipsoid((0, 0, z + 0.9 * s), (s, s, s), n) + cylinder(0.9 * r, z - 0.15, z + 0.2, n)
+    if kind == "cone":
+        tip = z + draw.between(0.3, 0.85)
+        return revolve([(1.1 * r, z - 0.05), (1.1 * r, z + 0.08), (0.25 * r, tip), (0.0, tip + 0.03)], n)
+    if kind == "flip":
+        lid = cylinder(1.25 * r, 0, 0.05, n).at(y=-1.25 * r).turned("x", -draw.between(0, 110))
+        return cylinder(1.25 * r, z - 0.15, z + 0.15, n) + lid.at(0, 1.25 * r, z + 0.17)
+    if kind == "foil":
+        return revolve([(1.06 * r, z - 1.0), (1.08 * r, z - 0.1), (1.22 * r, z), (1.1 * r, z + 0.12), (0, z + 0.14)], n)
+    return revolve([(1.15 * r, z - 0.12), (1.22 * r, z - 0.06), (1.15 * r, z), (0.8 * r, z)], n)
+
+
+def glass(draw: Draw, profile: FloatArray, closures: tuple[str, ...], section: FloatArray | None = None) -> MeshPart:
+    """Return a bottle from its profile: outer skin, sometimes inner skin and label, and one of the closures."""
+    n = draw.round(28)
+    parts = [revolve(profile, n, section)]
+    kind = draw.pick(closures)
+    if kind == "open" or draw.chance(0.15):
+        wall = draw.between(0.02, 0.05)
+        inner = np.maximum(profile - (wall, 0), (0.02, profile[:, 1].min() + 2 * wall))
+        parts.append(revolve(inner, n, section))
+    if kind != "open":
+        parts.append(closure(draw, float(profile[-1, 0]), float(profile[-1, 1]), kind))
+    if section is None and draw.chance(0.4):
+        parts.append(label(draw, profile))
+    return join(parts)
+
+
+def label(draw: Draw, profile: FloatArray) -> MeshPart:
+    """Return paper around part of the belly: a second sheet just off the glass."""
+    height = np.ptp(profile[:, 1])
+    low = profile[:, 1].min() + draw.between(0.12, 0.25) * height
+    z = np.linspace(low, low + draw.between(0.1, 0.28) * height, 6)
+    order = np.argsort(profile[:, 1], kind="stable")
+    r = np.interp(z, profile[order, 1], profile[order, 0])[:, None] * 1.012 + 0.004
+    angle = np.linspace(-90, draw.pick((90, 180, 270)), draw.round(24))
+    return quad_grid(np.stack([r * cosd(angle), r * sind(angle), z[:, None] * np.ones(len(angle))], axis=2))
+
+
+def handle(draw: Draw, low: tuple[float, float], high: tuple[float, float], out: float, thick: float) -> MeshPart:
+    """Return an ear in the xz plane from the point (x, z) `low` to the point `high`, standing off by `out`."""
+    (x0, z0), (x1, z1) = low, high
+    x = max(x0, x1) + out
+    knots = [(x0 - 0.03, 0, z0), (x, 0, 0.6 * z0 + 0.4 * z1), (x, 0, 0.15 * z0 + 0.85 * z1), (x1 - 0.03, 0, z1)]
+    return tube(smooth(knots, draw.round(14)), thick, draw.round(8), flat=draw.pick((1.0, 0.6)))
+
+
+# ---- styles --------------------------------------------------------------------------------------------------------
 
 
 def _wine(draw: Draw) -> MeshPart:
@@ -24,10 +111,8 @@ def _wine(draw: Draw) -> MeshPart:
     else:
         r, s = 1.15 * r, draw.between(0.32, 0.45) * h
         body = [(r, 0.12), (r, s), (0.7 * r, s + 0.18 * h), (neck * 1.15, s + 0.38 * h), (neck, h - 0.15)]
-    punt, lip = (
-        [(0, 0.25), (0.6 * r, 0.02), (0.9 * r, 0)],
-        [(neck * 1.25, h - 0.11), (neck * 1.25, h - 0.03), (neck, h)],
-    )
+    punt = [(0, 0.25), (0.6 * r, 0.02), (0.9 * r, 0)]
+    lip = [(neck * 1.25, h - 0.11), (neck * 1.25, h - 0.03), (neck, h)]
     profile = np.vstack([punt, smooth(body, draw.round(24)), lip])
     return glass(draw, profile, ("open", "cork", "foil", "none", "foil", "ball"))
 
@@ -60,13 +145,8 @@ def _water(draw: Draw) -> MeshPart:
     wave = r * (1 - depth * (0.5 + 0.5 * np.cos(2 * np.pi * rings * (z - z[0]) / np.ptp(z))))
     wave *= 1 - draw.pick((0.0, 0.15, 0.28)) * np.exp(-(((z / h - 0.42) / 0.09) ** 2))
     top = h - z[-1]
-    knots = [
-        (wave[-1], z[-1]),
-        (0.9 * r, z[-1] + 0.2 * top),
-        (0.5 * r, h - 0.35 * top),
-        (neck, h - 0.2 * top),
-        (neck, h),
-    ]
+    throat = [(0.5 * r, h - 0.35 * top), (neck, h - 0.2 * top), (neck, h)]
+    knots = [(wave[-1], z[-1]), (0.9 * r, z[-1] + 0.2 * top), *throat]
     profile = np.vstack([np.column_stack([wave, z]), smooth(knots, draw.round(12))[1:]])
     n = 5 * draw.round(8)
     petals = 0.5 + 0.5 * np.cos(5 * np.radians(360 * np.arange(n) / n))
@@ -85,10 +165,8 @@ def _water(draw: Draw) -> MeshPart:
 def _spirit(draw: Draw) -> MeshPart:
     """Square, oval, many-sided or flat: whisky, gin, hip flask, scent."""
     h, wide, n = draw.between(1.1, 2.9), draw.between(0.32, 0.85), draw.round(32)
-    flat, kind = (
-        draw.pick((1.0, 1.0, draw.between(0.3, 0.75))),
-        draw.pick(("square", "oval", "sides", "flutes", "squircle")),
-    )
+    flat = draw.pick((1.0, 1.0, draw.between(0.3, 0.75)))
+    kind = draw.pick(("square", "oval", "sides", "flutes", "squircle"))
     section = {
         "square": rectangle(2, 2, draw.between(0.1, 0.5), draw.round(5)),
         "oval": circle(n),
@@ -96,12 +174,8 @@ def _spirit(draw: Draw) -> MeshPart:
         "squircle": superellipse(n, 4.0),
         "flutes": notched(4 * draw.round(9), 0.08),
     }[kind]
-    s, slope, taper, neck = (
-        draw.between(0.4, 0.78) * h,
-        draw.between(0.02, 0.4),
-        draw.between(0.75, 1.25),
-        draw.between(0.1, 0.22),
-    )
+    s, slope = draw.between(0.4, 0.78) * h, draw.between(0.02, 0.4)
+    taper, neck = draw.between(0.75, 1.25), draw.between(0.1, 0.22)
     throat = neck / wide * 1.3
     shoulder = [(1.0, s), (0.9, s + 0.04 + 0.3 * slope), (throat, s + slope + 0.08)]
     profile = np.array([(0, 0), (0.92 * taper, 0), (taper, 0.06), *shoulder]) * (wide, 1)
@@ -125,17 +199,10 @@ def _bulb(draw: Draw) -> MeshPart:
     """Round bellies: chianti, carafe, flask, decanter, gourd."""
     r, h, neck = draw.between(0.5, 1.0), draw.between(1.6, 3.0), draw.between(0.09, 0.22)
     kind = draw.pick(("ball", "gourd", "cone", "drop", "ship"))
-    end = [(neck * 1.2, 0.84 * h), (neck, h)]
+    end, top = [(neck * 1.2, 0.84 * h), (neck, h)], [(0.25 * r, 0.86 * h), (neck, h)]
     body = {
         "ball": [(0.5 * r, 0.0), (0.95 * r, 0.35 * r), (r, r), (0.7 * r, 1.65 * r), (neck, 2.05 * r), (neck, h)],
-        "gourd": [
-            (0.5 * r, 0),
-            (0.85 * r, 0.3 * h),
-            (0.35 * r, 0.52 * h),
-            (0.5 * r, 0.68 * h),
-            (0.25 * r, 0.86 * h),
-            (neck, h),
-        ],
+        "gourd": [(0.5 * r, 0), (0.85 * r, 0.3 * h), (0.35 * r, 0.52 * h), (0.5 * r, 0.68 * h), *top],
         "cone": [(0.97 * r, 0.0), (r, 0.1), (0.55 * r, 0.45 * h), (neck * 1.2, 0.72 * h), *end],
         "drop": [(0.3 * r, 0.0), (0.7 * r, 0.25 * h), (0.75 * r, 0.4 * h), (0.4 * r, 0.65 * h), *end],
         "ship": [(0.95 * r, 0), (1.15 * r, 0.08 * h), (0.9 * r, 0.25 * h), (neck * 1.3, 0.5 * h), *end],
@@ -143,13 +210,8 @@ def _bulb(draw: Draw) -> MeshPart:
     h = max(h, body[-2][1] + 0.1)
     body[-1] = (body[-1][0], h)
     lip = [(neck * 1.25, h), (neck * 1.25, h + 0.06), (neck, h + 0.06)]
-    parts = [
-        glass(
-            draw,
-            np.vstack([[(0.0, 0.06)], smooth(body, draw.round(28)), lip]),
-            ("open", "ball", "cork", "cone", "open"),
-        )
-    ]
+    profile = np.vstack([[(0.0, 0.06)], smooth(body, draw.round(28)), lip])
+    parts = [glass(draw, profile, ("open", "ball", "cork", "cone", "open"))]
     if draw.chance(0.3):
         parts.append(handle(draw, (0.75 * r, 0.4 * h), (neck, 0.92 * h), draw.between(0.1, 0.3), 0.06))
     if kind == "ball" and draw.chance(0.5):  # a straw basket
@@ -161,12 +223,8 @@ def _bulb(draw: Draw) -> MeshPart:
 
 def _jug(draw: Draw) -> MeshPart:
     """A gallon with an ear at the neck; an amphora with two; a ewer with a lip."""
-    r, h, neck, kind = (
-        draw.between(0.45, 0.9),
-        draw.between(1.6, 3.0),
-        draw.between(0.13, 0.3),
-        draw.pick(("gallon", "amphora", "ewer")),
-    )
+    r, h, neck = draw.between(0.45, 0.9), draw.between(1.6, 3.0), draw.between(0.13, 0.3)
+    kind = draw.pick(("gallon", "amphora", "ewer"))
     if kind == "gallon":
         s, top = draw.between(0.45, 0.68) * h, draw.between(0.8, 0.9) * h
         knots = [(0.97 * r, 0.05), (r, 0.15), (r, s), (0.7 * r, 0.5 * (s + top)), (neck, top), (neck, h)]
@@ -175,31 +233,15 @@ def _jug(draw: Draw) -> MeshPart:
         return glass(draw, profile, ("screw", "cork", "open")) + (pair(ear) if draw.chance(0.4) else ear)
     if kind == "amphora":
         belly, collar = draw.between(0.45, 0.65) * h, draw.between(0.78, 0.84) * h
-        knots = [
-            (0.12 * r, 0.0),
-            (0.2 * r, 0.1),
-            (0.6 * r, 0.5 * belly),
-            (0.85 * r, belly),
-            (0.55 * r, 0.5 * (belly + collar)),
-        ]
-        profile = smooth([*knots, (neck, collar), (neck, 0.95 * h), (neck * 1.5, h)], draw.round(28))
+        knots = [(0.12 * r, 0.0), (0.2 * r, 0.1), (0.6 * r, 0.5 * belly), (0.85 * r, belly)]
+        knots += [(0.55 * r, 0.5 * (belly + collar)), (neck, collar), (neck, 0.95 * h), (neck * 1.5, h)]
+        profile = smooth(knots, draw.round(28))
         ears = pair(handle(draw, (0.75 * r, belly + 0.06 * h), (neck, 0.95 * h), draw.between(0.0, 0.25), 0.05))
-        return join(
-            [
-                glass(draw, profile, ("open", "open", "cork")),
-                ears,
-                cylinder(0.35 * r, -0.06, 0.03, draw.round(20), 0.2 * r),
-            ]
-        )
+        skin = glass(draw, profile, ("open", "open", "cork"))
+        return join([skin, ears, cylinder(0.35 * r, -0.06, 0.03, draw.round(20), 0.2 * r)])
     belly = draw.between(0.15, 0.4) * h
-    knots = [
-        (0.55 * r, 0),
-        (0.8 * r, belly),
-        (0.65 * r, belly + 0.2 * h),
-        (neck, 0.75 * h),
-        (neck * 1.1, 0.9 * h),
-        (neck * 1.8, h),
-    ]
+    knots = [(0.55 * r, 0), (0.8 * r, belly), (0.65 * r, belly + 0.2 * h)]
+    knots += [(neck, 0.75 * h), (neck * 1.1, 0.9 * h), (neck * 1.8, h)]
     skin = glass(draw, np.vstack([[(0, 0.03)], smooth(knots, draw.round(26))]), ("open",))
     lip = skin.points.copy()
     lip[:, 0] -= 0.5 * neck * np.clip((lip[:, 2] / h - 0.88) / 0.12, 0, 1) ** 2 * np.clip(-lip[:, 0] / neck, 0, 2)
@@ -238,15 +280,8 @@ def _squeeze(draw: Draw) -> MeshPart:
     """Ketchup, glue, mustard, lotion: soft bodies with a nozzle; standing on the cap at times."""
     wide, h, n, flat = draw.between(0.28, 0.65), draw.between(1.1, 2.5), draw.round(26), draw.between(0.35, 1.0)
     shoulder, neck = draw.between(0.6, 1.0), draw.between(0.25, 0.6)
-    knots = [
-        (0.0, 0.02),
-        (0.9, 0.0),
-        (1.0, 0.08),
-        (draw.between(0.75, 1.25), 0.45),
-        (shoulder, 0.8),
-        (0.5 * (shoulder + neck), 0.95),
-        (neck, 1.0),
-    ]
+    knots = [(0.0, 0.02), (0.9, 0.0), (1.0, 0.08), (draw.between(0.75, 1.25), 0.45)]
+    knots += [(shoulder, 0.8), (0.5 * (shoulder + neck), 0.95), (neck, 1.0)]
     profile = np.maximum(smooth(knots, draw.round(24)) * (wide, h), (0.0, -1.0))
     body = revolve(profile, n, superellipse(n, 2.4) * (1, flat))
     if draw.chance(0.3):
@@ -257,24 +292,17 @@ def _squeeze(draw: Draw) -> MeshPart:
 
 def _canister(draw: Draw) -> MeshPart:
     """Thermos, sports bottle, shaker, pill jar, baby bottle, gas bottle."""
-    r, n, kind = (
-        draw.between(0.32, 0.65),
-        draw.round(28),
-        draw.pick(("thermos", "sport", "pills", "baby", "gas", "shaker")),
-    )
+    r, n = draw.between(0.32, 0.65), draw.round(28)
+    kind = draw.pick(("thermos", "sport", "pills", "baby", "gas", "shaker"))
     h = draw.between(0.9, 1.5) if kind == "pills" else draw.between(1.7, 3.0)
     if kind == "gas":
         z, angle = draw.between(0.6, 0.8) * h, np.linspace(0, 78, 9)
         dome = np.column_stack([r * cosd(angle), z + 0.8 * r * sind(angle)])
         skin = revolve(np.vstack([[(0, 0.1), (0.8 * r, 0.05), (r, 0.2)], dome]), n)
-        collar, base = (
-            revolve([(0.6 * r, z + 0.6 * r), (0.6 * r, z + r + 0.1)], n),
-            revolve([(0.8 * r, 0.0), (0.8 * r, 0.2)], n),
-        )
-        valve = cylinder(0.16, z + 0.75 * r, z + 0.75 * r + 0.3, n) + cuboid(
-            (-0.25, -0.05, z + r), (0.1, 0.05, z + r + 0.1)
-        )
-        return join([skin, collar, base, valve])
+        collar = revolve([(0.6 * r, z + 0.6 * r), (0.6 * r, z + r + 0.1)], n)
+        base = revolve([(0.8 * r, 0.0), (0.8 * r, 0.2)], n)
+        valve = cylinder(0.16, z + 0.75 * r, z + 0.75 * r + 0.3, n)
+        return join([skin, collar, base, valve, cuboid((-0.25, -0.05, z + r), (0.1, 0.05, z + r + 0.1))])
     if kind == "pills":
         steps = [(0, 0), (r, 0), (r, 0.75 * h), (0.8 * r, 0.8 * h), (0.8 * r, 0.9 * h)]
         return revolve(rounded(steps, draw), n) + closure(draw, 0.85 * r, h - 0.1, draw.pick(("screw", "flip")))
@@ -339,11 +367,8 @@ def _vial(draw: Draw) -> MeshPart:
     if kind == "ball":
         parts.append(ellipsoid((0, 0, top + 0.8 * s), (s, s, s), n))
     elif kind == "crystal":
-        parts.append(
-            revolve(np.array([(0.3, 0), (1.0, 0.7), (0.6, 1.6), (0.0, 1.8)]) * s, 0, polygon(draw.whole(4, 8))).at(
-                z=top
-            )
-        )
+        profile = np.array([(0.3, 0), (1.0, 0.7), (0.6, 1.6), (0.0, 1.8)]) * s
+        parts.append(revolve(profile, 0, polygon(draw.whole(4, 8))).at(z=top))
     elif kind == "disc":
         parts.append(cylinder(1.3 * s, -0.06, 0.06, n).turned("x", 90).at(z=top + 1.2 * s))
     else:
@@ -352,17 +377,5 @@ def _vial(draw: Draw) -> MeshPart:
 
 
 STYLES = (
-    _wine,
-    _beer,
-    _water,
-    _spirit,
-    _bulb,
-    _dispenser,
-    _jug,
-    _squeeze,
-    _canister,
-    _wine,
-    _spirit,
-    _detergent,
-    _vial,
-)
+    _wine, _beer, _water, _spirit, _bulb, _dispenser, _jug, _squeeze, _canister, _wine, _spirit, _detergent, _vial
+)  # fmt: skip

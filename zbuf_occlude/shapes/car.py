@@ -26,10 +26,8 @@ def _rack(draw: Draw, f: Form) -> MeshPart:
     """Rails on the roof, perhaps with a box on them."""
     x, a, b, z = 0.36 * f.width, f.y(f.roof_front) + 0.25, f.y(f.roof_rear) - 0.2, f.height
     rail = bent([(x, a, z - 0.03), (x, a + 0.05, z + 0.07), (x, b - 0.05, z + 0.07), (x, b, z - 0.03)], 0.05)
-    parts = [
-        pair(tube(rail, 0.02, 6)),
-        *(cuboid((-x, y, z + 0.06), (x, y + 0.05, z + 0.08)) for y in (a + 0.3, b - 0.35)),
-    ]
+    bars = [cuboid((-x, y, z + 0.06), (x, y + 0.05, z + 0.08)) for y in (a + 0.3, b - 0.35)]
+    parts = [pair(tube(rail, 0.02, 6)), *bars]
     if draw.chance(0.5):
         load = draw.between(0.15, 0.5)
         parts.append(cuboid((-0.8 * x, a + 0.2, z + 0.07), (0.8 * x, b - 0.2, z + load), edge=0.06, steps=2))
@@ -81,9 +79,8 @@ def _muscle(draw: Draw) -> MeshPart:
         extras.append(_wing(draw, f))
     if draw.chance(0.5):  # an air scoop
         y, w, z = f.y(0.6 * f.cowl), draw.between(0.15, 0.35), f.belt
-        extras.append(
-            cuboid((-w, y - 0.3, f.hood - 0.1), (w, y + 0.3, z + draw.between(0.0, 0.15)), edge=0.04, steps=2)
-        )
+        high = z + draw.between(0.0, 0.15)
+        extras.append(cuboid((-w, y - 0.3, f.hood - 0.1), (w, y + 0.3, high), edge=0.04, steps=2))
     return _closed(draw, f, *extras)
 
 
@@ -118,11 +115,8 @@ def _open(draw: Draw) -> MeshPart:
         np.column_stack([0.42 * f.width * k * u, f.y(f.cowl) + lean + 0.12 * u**2, np.full(len(u), z)])
         for k, lean, z in ((1.0, 0.0, f.belt), (0.9, 0.9 * rise, f.belt + rise))
     )
-    parts += [
-        quad_grid(np.stack([low, high])),
-        tube(high, 0.02, 6),
-        *(bar(low[i], high[i], 0.04, 0.04) for i in (0, -1)),
-    ]
+    parts += [quad_grid(np.stack([low, high])), tube(high, 0.02, 6)]
+    parts += [bar(low[i], high[i], 0.04, 0.04) for i in (0, -1)]
     rear, z = f.y(draw.between(0.6, 0.7)), f.belt
     if draw.chance(0.5):
         hoop = bent([(-0.5, rear, z), (-0.5, rear, z + 0.4), (0.5, rear, z + 0.4), (0.5, rear, z)], 0.15)

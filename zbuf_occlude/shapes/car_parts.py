@@ -215,9 +215,8 @@ def trim(draw: Draw, f: Form) -> MeshPart:
     if draw.chance(0.8):
         z, high, deep = f.clearance + 0.1, draw.between(0.1, 0.2), draw.between(0.06, 0.14)
         for y in (y0 - deep / 2, y1 - deep / 2):
-            parts.append(
-                cuboid((-0.42 * w, y, z), (0.42 * w, y + deep, z + high), edge=0.3 * deep, steps=draw.whole(1, 3))
-            )
+            far = (0.42 * w, y + deep, z + high)
+            parts.append(cuboid((-0.42 * w, y, z), far, edge=0.3 * deep, steps=draw.whole(1, 3)))
     x, z, s = 0.33 * w, f.clearance + 0.68 * (f.hood - f.clearance), draw.between(0.07, 0.11)
     kind = draw.pick(("round", "slit", "box", "none"))
     if kind == "round":

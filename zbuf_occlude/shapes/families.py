@@ -7,14 +7,14 @@ from types import MappingProxyType
 
 import numpy as np
 
-from zbuf_occlude.errors import OptionError, check_word
+from zbuf_occlude.arrays import FloatArray, IntArray
+from zbuf_occlude.errors import OptionError, check_int, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.meshes.collection import MeshCollection, MeshEntry
 from zbuf_occlude.provenance import Origin
 from zbuf_occlude.shapes import airplane, bed, bookshelf, bottle, car, chair, lamp, table
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.finish import finished
-from zbuf_occlude.shapes.kit import MeshPart
+from zbuf_occlude.shapes.kit import MeshPart, quartered
 
 Style = Callable[[Draw], MeshPart]
 
@@ -37,6 +37,9 @@ VERSION = 1
 
 CLASSES = tuple(STYLES)
 """The paper's ModelNet8 (section 4.3), in alphabetical order."""
+
+FEWEST_FACES = 200
+"""Of a member."""
 
 TRAIN, VAL, TEST = 40, 10, 25
 MEMBERS = TRAIN + VAL + TEST
@@ -85,6 +88,43 @@ def make(label: str, index: int, seed: int = 0, *, detail: float | None = None) 
     return Mesh(vertices, faces, name=f"{label}_{index:04d}", origin=origin).cleaned()
 
 
+def finished(part: MeshPart, draw: Draw) -> tuple[FloatArray, IntArray]:
+    """Do to a modelled part what real CAD files do to a shape; return the vertices (v, 3) and faces (f, 3) of a file.
+
+    Notes
+    -----
+    Faces are quartered at their edges' midpoints until there are `FEWEST_FACES`; winding turns over for none of the
+    faces, for a run of them or for any; vertices are shared as modelled or every face has its own three, as in many
+    files of ModelNet; at times a run of faces is there twice. The unit is anything from 0.05 to 500 times the
+    modelled one, coordinates are single precision; the shape rests on z = 0 or is centred at the origin. The front
+    stays towards -y.
+    """
+    # all is drawn before anything depends on the number of faces, so that another detail changes nothing else
+    winding, start = draw.pick(("modelled", "modelled", "run", "any")), draw.between(0.0, 0.5)
+    twice, first = draw.chance(0.15), draw.between(0.0, 1.0)
+    unshared, centred = draw.chance(0.35), draw.chance(0.5)
+    unit = float(np.exp(draw.between(np.log(0.05), np.log(500.0))))
+    points, faces = part.points, part.faces
+    while len(faces) < FEWEST_FACES:
+        points, faces = quartered(points, faces)
+    n = len(faces)
+    if winding == "run":
+        run = slice(int(start * n), int(2 * start * n))
+        faces = np.concatenate([faces[: run.start], faces[run, ::-1], faces[run.stop :]])
+    elif winding == "any":
+        faces = np.where(draw.rng.random(n)[:, None] < 0.5, faces[:, ::-1], faces)
+    if twice:
+        again = int(first * n)
+        faces = np.concatenate([faces, faces[again : again + n // 40]])
+    if unshared:
+        points, faces = points[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2
+    origin = middle if centred else np.array([middle[0], middle[1], low[2]])
+    # single precision, as files have it; it also makes the last bits alike on all processors
+    return ((points - origin) * unit).astype(np.float32).astype(np.float64), faces
+
+
 def split_of(index: int) -> str:
     """Return the split of a member: of each `MEMBERS` the first 40 are "train", 10 "val", 25 "test"."""
     place = index % MEMBERS
@@ -118,8 +158,7 @@ def collection(*, n_members: int = MEMBERS, seed: int = 0) -> MeshCollection:
     OptionError
         `n_members` is less than 1, or the seed negative.
     """
-    if n_members < 1:
-        raise OptionError(f"n_members must be at least 1; got {n_members}.")
+    check_int("n_members", n_members, 1)
     return MeshCollection(
         MeshEntry(
             key_of(label, index, seed),
@@ -139,6 +178,5 @@ def _origin(label: str, index: int, seed: int, detail: float | None) -> Origin:
 
 def _check(label: str, index: int, seed: int) -> None:
     check_word("label", label, CLASSES)
-    for name, value in (("index", index), ("seed", seed)):
-        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 0:
-            raise OptionError(f"{name} must be an int of at least 0; got {value!r}.")
+    check_int("index", index, 0)
+    check_int("seed", seed, 0)

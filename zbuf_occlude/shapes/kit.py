@@ -159,6 +159,18 @@ def tube(path: FloatArray, radius: ArrayLike, segments: int, *, closed: bool = F
     return quad_grid(rings, wrap_rows=True, wrap_columns=True) if closed else loft(rings)
 
 
+def quartered(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Divide every triangle into four at the midpoints of its edges; the surface stays."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    unique, which = np.unique(edges, axis=0, return_inverse=True)
+    middles = which.reshape(-1, 3) + len(points)
+    a, b, c = faces.T
+    ab, bc, ca = middles.T
+    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    divided = np.concatenate([np.stack(corner, axis=1) for corner in corners])
+    return np.concatenate([points, points[unique].mean(axis=1)]), divided.astype(np.int32)
+
+
 # ---- solids ------------------------------------------------------------------------------------------------------
 
 _BOX_FACES = np.array(
@@ -251,10 +263,8 @@ def bar(a: Point, b: Point, width: float, height: float, end: float = 1.0) -> Me
     """Return a rectangular bar from a to b, its height as upright as can be; `end` scales its section at b."""
     ends = np.array([a, b], dtype=np.float64)
     along = ends[1] - ends[0]
-    upright = (
-        np.array([0.0, 1.0, 0.0]) if np.hypot(along[0], along[1]) < 1e-9 * abs(along[2]) else np.array([0, 0, 1.0])
-    )
-    side = np.cross(along, upright)
+    stands = np.hypot(along[0], along[1]) < 1e-9 * abs(along[2])
+    side = np.cross(along, [0.0, 1.0, 0.0] if stands else [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, along)
     up /= np.linalg.norm(up)

@@ -1,6 +1,7 @@
 """Lamps: floor, desk, table, pendant, chandelier, street and more. Standing lamps on z = 0, metres."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from zbuf_occlude.shapes.curves import bent, circle, cosd, polygon, rectangle, sind, smooth
 from zbuf_occlude.shapes.draw import Draw
@@ -20,22 +21,116 @@ from zbuf_occlude.shapes.kit import (
     shell,
     tube,
 )
-from zbuf_occlude.shapes.lamp_parts import foot, lamp_stand, lampshade, lantern, spot
+
+SHADES = ("drum", "empire", "coolie", "bell", "pleated", "square", "sides", "dome")
+
+
+def lampshade(draw: Draw, r: float, h: float, kinds: tuple[str, ...] = SHADES) -> MeshPart:
+    """Return an open shade of lower radius r and height h with bulb and spider, its lower rim at z = 0.
+
+    Cloth has no thickness; some shades are lined.
+    """
+    n, kind, k = draw.round(30), draw.pick(kinds), draw.between(0.85, 1.1)
+    top = k * {"drum": 0.95, "empire": 0.6, "coolie": 0.22, "pleated": 0.65, "square": 0.7, "sides": 0.6}.get(kind, 0.4)
+    if kind == "bell":
+        skin = revolve(smooth([(r, 0), (0.78 * r, 0.3 * h), (0.62 * r, 0.65 * h), (0.45 * r, h)], draw.round(12)), n)
+    elif kind == "dome":
+        angle = np.linspace(0, 84, draw.round(10))
+        skin = revolve(np.column_stack([r * cosd(angle), h * sind(angle)]), n)
+    elif kind == "pleated":
+        folds = 4 * draw.round(12)
+        wavy = circle(folds) * (1 + 0.035 * np.cos(np.arange(folds) * np.pi))[:, None]
+        skin = revolve([(r, 0), (top * r, h)], folds, wavy)
+    elif kind in ("square", "sides"):
+        corners = 4 if kind == "square" else draw.pick((6, 8))
+        skin = revolve([(r, 0), (0.5 * (1 + top) * r, 0.5 * h), (top * r, h)], 0, polygon(corners, 45, 3))
+    else:
+        skin = revolve([(r, 0), (top * r, h)], n)
+        if draw.chance(0.5):
+            skin = skin + revolve([(0.985 * r, 0.002), (0.985 * top * r, h - 0.002)], n)
+    wide = min(0.035, 0.3 * r)
+    bulb = ellipsoid((0, 0, 0.5 * h), (wide, wide, min(0.055, 0.25 * h)), draw.round(10))
+    if kind == "dome":
+        return join([skin, bulb, rod((0, 0, 0.5 * h), (0, 0, h), 0.01, 6)])
+    arm = rod((0, 0, 0.85 * h), (0.9 * r * (0.15 + 0.85 * top), 0, 0.85 * h), 0.003, 5)
+    return join([skin, bulb, around(arm, 3)])
+
+
+def foot(draw: Draw, r: float) -> MeshPart:
+    """Return what a stand stands on: a plate, a dome, a block, steps, three claws."""
+    n, kind = draw.round(26), draw.pick(("plate", "dome", "block", "stepped", "claws"))
+    if kind == "plate":
+        return cylinder(r, 0, draw.between(0.01, 0.04), n, 0.97 * r)
+    if kind == "dome":
+        return revolve(smooth([(r, 0), (r, 0.012), (0.6 * r, 0.25 * r), (0.1 * r, 0.4 * r)], draw.round(10)), n)
+    if kind == "block":
+        return prism(rectangle(1.8 * r, 1.8 * r, 0.1 * r), 0, draw.between(0.02, 0.07))
+    if kind == "stepped":
+        return join(cylinder(r * k, 0.025 * i, 0.025 * (i + 1), n) for i, k in enumerate((1.0, 0.75, 0.5)))
+    knots = [(0.01, 0, 0.5 * r), (0.5 * r, 0, 0.4 * r), (0.9 * r, 0, 0.05 * r), (1.1 * r, 0, 0.04 * r)]
+    path = smooth(knots, draw.round(8))
+    return around(tube(path, 0.09 * r, draw.round(7)), draw.pick((3, 4)))
+
+
+def lamp_stand(draw: Draw, z0: float, z1: float, r: float) -> MeshPart:
+    """Return a post from z0 to z1: plain, tapering, with knobs, turned, twisted, bamboo."""
+    n, h, kind = draw.round(12), z1 - z0, draw.pick(("plain", "taper", "knobs", "turned", "twist", "bamboo"))
+    if kind == "plain":
+        return cylinder(r, z0, z1, n)
+    if kind == "taper":
+        return cylinder(draw.between(1.5, 3.5) * r, z0, z1, n, 0.7 * r)
+    if kind == "twist":
+        t, turn = np.linspace(0, 1, draw.round(40)), 360 * draw.between(2, 7)
+        path = np.column_stack([1.2 * r * cosd(turn * t), 1.2 * r * sind(turn * t), z0 + h * t])
+        return tube(path, 0.8 * r, 6) + tube(path * (-1, -1, 1), 0.8 * r, 6)
+    if kind == "bamboo":
+        z = np.linspace(z0, z1, draw.whole(5, 9))[:, None] + [-0.01, 0, 0.01]
+        return revolve(np.column_stack([r * np.tile([1.0, 1.35, 1.0], len(z)), z.ravel()]), n)
+    spots = np.sort(draw.rng.uniform(0.05, 0.95, size=draw.whole(1, 4)))
+    if kind == "knobs":
+        size = draw.between(1.8, 3.5) * r
+        knobs = [ellipsoid((0, 0, z0 + h * s), (size, size, 0.8 * size), n) for s in spots]
+        return join([cylinder(r, z0, z1, n), *knobs])
+    z = np.linspace(0, 1, draw.round(36))
+    beads = np.exp(-(((z[:, None] - spots) / 0.05) ** 2)).sum(axis=1)
+    profile = r * (1 + draw.between(0.5, 1.2) * beads + 0.8 * np.exp(-(((z - 0.15) / 0.15) ** 2)))
+    return revolve(np.column_stack([profile, z0 + h * z]), n)
+
+
+def spot(draw: Draw, r: float, tilt: float) -> MeshPart:
+    """Return a reflector, its socket at the origin, its opening downwards, turned by `tilt` degrees about x."""
+    n, h, kind = draw.round(22), r * draw.between(0.9, 1.9), draw.pick(("cone", "bell", "can", "bowl"))
+    angle = np.linspace(85, 0, 8)
+    profiles: dict[str, ArrayLike] = {
+        "cone": [(0.25 * r, 0.25 * h), (0.3 * r, 0), (r, -h)],
+        "can": [(0.5 * r, 0.1 * h), (0.75 * r, 0), (0.75 * r, -1.3 * h)],
+        "bell": smooth([(0.2 * r, 0.25 * h), (0.35 * r, 0), (0.8 * r, -0.45 * h), (r, -h)], 9),
+        "bowl": np.column_stack([r * cosd(angle), h * 0.6 * sind(angle) - 0.5 * h]),
+    }
+    bulb = ellipsoid((0, 0, -0.5 * h), (0.35 * r, 0.35 * r, 0.4 * r), draw.round(10))
+    return join([revolve(profiles[kind], n), bulb, cylinder(0.22 * r, 0, 0.4 * h, 8)]).turned("x", tilt)
+
+
+def lantern(draw: Draw, r: float, h: float, sides: int) -> MeshPart:
+    """Return bars, panes without thickness, a roof, a candle."""
+    ring, flare = polygon(sides, 180 / sides), draw.between(0.75, 1.35)
+    panes = revolve([(0.97 * r, 0.02), (0.97 * flare * r, 0.75 * h)], 0, ring)
+    bars = [rod((r * x, r * y, 0), (flare * r * x, flare * r * y, 0.75 * h), 0.05 * r, 6) for x, y in ring]
+    roof = revolve([(flare * r * 1.2, 0.74 * h), (flare * r * 0.6, 0.9 * h), (0.1 * r, h)], 0, ring)
+    candle = cylinder(0.2 * r, 0.03 * h, 0.4 * h, draw.round(10))
+    flame = ellipsoid((0, 0, 0.45 * h), (0.1 * r, 0.1 * r, 0.07 * h), 8)
+    return join([panes, *bars, roof, prism(ring * r * 1.1, 0, 0.03 * h), candle, flame])
+
+
+# ---- styles --------------------------------------------------------------------------------------------------------
 
 
 def _floor(draw: Draw) -> MeshPart:
     """A post with a shade at the height of a person."""
-    h, r, wide, high = (
-        draw.between(1.1, 1.9),
-        draw.between(0.009, 0.035),
-        draw.between(0.13, 0.36),
-        draw.between(0.15, 0.5),
-    )
-    parts = [
-        foot(draw, draw.between(0.1, 0.24)),
-        lamp_stand(draw, 0.01, h - 0.4 * high, r),
-        lampshade(draw, wide, high).at(z=h - high),
-    ]
+    h, r = draw.between(1.1, 1.9), draw.between(0.009, 0.035)
+    wide, high = draw.between(0.13, 0.36), draw.between(0.15, 0.5)
+    parts = [foot(draw, draw.between(0.1, 0.24)), lamp_stand(draw, 0.01, h - 0.4 * high, r)]
+    parts.append(lampshade(draw, wide, high).at(z=h - high))
     if draw.chance(0.3):  # a tray
         z = draw.between(0.3, 0.6) * h
         parts.append(cylinder(draw.between(0.15, 0.28), z, z + 0.02, draw.round(24)))
@@ -148,15 +243,10 @@ def _torchiere(draw: Draw) -> MeshPart:
 def _tripod(draw: Draw) -> MeshPart:
     """Three legs, wood or pipe, under a shade or a studio light."""
     h, spread, t = draw.between(0.7, 1.45), draw.between(0.15, 0.45), draw.between(0.012, 0.03)
-    wood = draw.chance(0.5)
-    one = (
-        bar((0.03, 0, h), (spread, 0, 0), t, t) if wood else rod((0.03, 0, h), (spread, 0, 0), 0.6 * t, draw.round(10))
-    )
-    parts = [
-        around(one, draw.pick((3, 3, 4)), 90),
-        cylinder(0.05, h - 0.03, h + 0.02, draw.round(14)),
-        cylinder(0.01, h, h + 0.15, 8),
-    ]
+    wood, upper, lower = draw.chance(0.5), (0.03, 0, h), (spread, 0, 0)
+    one = bar(upper, lower, t, t) if wood else rod(upper, lower, 0.6 * t, draw.round(10))
+    parts = [around(one, draw.pick((3, 3, 4)), 90), cylinder(0.05, h - 0.03, h + 0.02, draw.round(14))]
+    parts.append(cylinder(0.01, h, h + 0.15, 8))
     if draw.chance(0.3):
         z = draw.between(0.3, 0.6)
         parts.append(cylinder((1 - z) * spread, z * h, z * h + 0.015, draw.round(20)))
@@ -173,11 +263,8 @@ def _pendant(draw: Draw) -> MeshPart:
     """It hangs: a rose at the ceiling, a cord, a shade, a globe, a saucer or a cage."""
     wide, n = draw.between(0.1, 0.34), draw.round(26)
     drop, kind = wide * draw.between(0.8, 4.5), draw.pick(("shade", "dome", "globe", "cage", "saucer", "lantern"))
-    parts = [
-        cylinder(0.05, drop, drop + 0.025, draw.round(16)),
-        rod((0, 0, 0), (0, 0, drop), 0.004, 6),
-        cylinder(0.02, -0.06, 0.02, 10),
-    ]
+    parts = [cylinder(0.05, drop, drop + 0.025, draw.round(16)), rod((0, 0, 0), (0, 0, drop), 0.004, 6)]
+    parts.append(cylinder(0.02, -0.06, 0.02, 10))
     if kind in ("shade", "dome"):
         high = wide * draw.between(0.5, 1.7)
         kinds = ("dome",) if kind == "dome" else ("drum", "empire", "coolie", "bell", "pleated", "sides")
@@ -196,14 +283,8 @@ def _pendant(draw: Draw) -> MeshPart:
         parts.append(ellipsoid((0, 0, -0.45 * tall), (0.3 * wide, 0.3 * wide, 0.28 * tall), n))
     elif kind == "saucer":
         k = draw.between(0.6, 1.5)
-        rim = [
-            (0.05, 0),
-            (0.4 * wide, -0.1 * k),
-            (1.6 * wide, -0.16 * k),
-            (1.5 * wide, -0.2 * k),
-            (0.5 * wide, -0.24 * k),
-            (0, -0.25 * k),
-        ]
+        rim = [(0.05, 0), (0.4 * wide, -0.1 * k), (1.6 * wide, -0.16 * k)]
+        rim += [(1.5 * wide, -0.2 * k), (0.5 * wide, -0.24 * k), (0, -0.25 * k)]
         parts += [revolve(smooth(rim, 22), n), ellipsoid((0, 0, -0.24 * k), (0.4 * wide, 0.4 * wide, 0.1 * k), n)]
     else:
         high = wide * draw.between(1.2, 2.6)
@@ -214,10 +295,8 @@ def _pendant(draw: Draw) -> MeshPart:
 def _chandelier(draw: Draw) -> MeshPart:
     """Arms with candles, shades or globes around a turned stem; on a chain or on a post."""
     count, reach = draw.whole(3, 9), draw.between(0.2, 0.6)
-    stem = smooth(
-        [(0, -0.22), (0.03, -0.2), (0.015, -0.1), (0.06, -0.02), (0.02, 0.1), (0.05, 0.2), (0.012, 0.3)], draw.round(24)
-    )
-    stem = np.maximum(stem, (0.0, -1.0)) * (draw.between(0.7, 1.6), 1)
+    knobs = [(0, -0.22), (0.03, -0.2), (0.015, -0.1), (0.06, -0.02), (0.02, 0.1), (0.05, 0.2), (0.012, 0.3)]
+    stem = np.maximum(smooth(knobs, draw.round(24)), (0.0, -1.0)) * (draw.between(0.7, 1.6), 1)
     sag, end, n = draw.between(0.02, 0.25), draw.between(-0.1, 0.2), draw.round(12)
     knots = [(0.02, 0, 0), (0.4 * reach, 0, -sag), (0.85 * reach, 0, -0.3 * sag), (reach, 0, end)]
     arm = tube(smooth(knots, draw.round(12)), 0.008, draw.round(6))
@@ -238,13 +317,8 @@ def _chandelier(draw: Draw) -> MeshPart:
         parts.append(around(upper, max(3, count // 2), 180 / count).at(z=0.2))
     if draw.chance(0.3):
         h = draw.between(0.5, 1.5)
-        return join(
-            [
-                *(part.at(z=h) for part in parts),
-                lamp_stand(draw, 0.01, h - 0.1, 0.012),
-                foot(draw, draw.between(0.12, 0.2)),
-            ]
-        )
+        post = lamp_stand(draw, 0.01, h - 0.1, 0.012)
+        return join([*(part.at(z=h) for part in parts), post, foot(draw, draw.between(0.12, 0.2))])
     drop, links = draw.between(0.35, 0.9), 2 * draw.whole(4, 7)
     ring = np.column_stack([0.012 * circle(8)[:, 0], np.zeros(8), 0.02 * circle(8)[:, 1]])
     link = tube(ring, 0.003, 4, closed=True)
@@ -258,11 +332,8 @@ def _glowing(draw: Draw) -> MeshPart:
     h, r = draw.between(0.2, 0.6), draw.between(0.08, 0.2)
     if kind == "mushroom":
         stem = smooth([(0.6 * r, 0), (0.35 * r, 0.4 * h), (0.4 * r, 0.75 * h)], 12)
-        cap = smooth(
-            [(0.4 * r, 0.62 * h), (1.4 * r, 0.58 * h), (1.35 * r, 0.75 * h), (0.8 * r, 0.95 * h), (0.0, h)],
-            draw.round(20),
-        )
-        return revolve(np.vstack([[(0, 0)], stem]), n) + revolve(cap, n)
+        cap = [(0.4 * r, 0.62 * h), (1.4 * r, 0.58 * h), (1.35 * r, 0.75 * h), (0.8 * r, 0.95 * h), (0.0, h)]
+        return revolve(np.vstack([[(0, 0)], stem]), n) + revolve(smooth(cap, draw.round(20)), n)
     if kind == "globe":
         ball = cylinder(0.6 * r, 0, 0.05, n, 0.5 * r) + ellipsoid((0, 0, r + 0.04), (r, r, r), n)
         if draw.chance(0.4):
@@ -275,9 +346,8 @@ def _glowing(draw: Draw) -> MeshPart:
         return join([revolve([(r, 0.01), (r * k, tall)], 0, section), *ribs])
     if kind == "lava":
         steps = [(0, 0), (0.75, 0), (0.4, 0.25), (0.55, 0.3), (0.35, 0.85), (0.38, 0.86), (0.2, 1.05), (0, 1.05)]
-        blobs = [
-            ellipsoid((0, 0, z * h), (0.25 * r, 0.25 * r, 0.06 * h), 10) for z in draw.rng.uniform(0.4, 1.0, size=3)
-        ]
+        places, radii = draw.rng.uniform(0.4, 1.0, size=3), (0.25 * r, 0.25 * r, 0.06 * h)
+        blobs = [ellipsoid((0, 0, z * h), radii, 10) for z in places]
         return join([revolve(np.array(steps) * (r, 1.3 * h), n), *blobs])
     if kind == "lantern":
         arc = smooth([(-0.8 * r, 0, 1.1 * h), (0, 0, 1.6 * h), (0.8 * r, 0, 1.1 * h)], 12)
@@ -304,9 +374,8 @@ def _street(draw: Draw) -> MeshPart:
         one = tube(smooth(knots, 14), 0.035, draw.round(8)) + cuboid(low, high, edge=0.06, steps=draw.whole(1, 3))
         return join([*parts, pair(one) if draw.chance(0.4) else one])
     if kind == "lantern":
-        return join(
-            [*parts, lantern(draw, draw.between(0.16, 0.36), draw.between(0.4, 0.9), draw.pick((4, 6))).at(z=h)]
-        )
+        light = lantern(draw, draw.between(0.16, 0.36), draw.between(0.4, 0.9), draw.pick((4, 6)))
+        return join([*parts, light.at(z=h)])
     r, x = draw.between(0.13, 0.28), draw.between(0.35, 0.6)
     curve = smooth([(0, 0, h - 0.5), (0.7 * x, 0, h - 0.55), (x, 0, h - 0.3)], 10)
     one = tube(curve, 0.025, 6) + ellipsoid((x, 0, h - 0.3 + r), (r, r, r), draw.round(16))
@@ -325,11 +394,8 @@ def _sconce(draw: Draw) -> MeshPart:
         return join(parts)
     plate = prism(rectangle(0.1, draw.between(0.08, 0.35), 0.04, draw.round(4)), 0, 0.02).turned("x", 90)
     out, up, wide = draw.between(0.08, 0.3), draw.between(-0.05, 0.16), draw.between(0.06, 0.16)
-    arm = tube(
-        smooth([(0, 0, 0), (0, -0.5 * out, -0.08), (0, -out, up - 0.08), (0, -out, up)], draw.round(14)),
-        0.009,
-        draw.round(8),
-    )
+    knots = [(0, 0, 0), (0, -0.5 * out, -0.08), (0, -out, up - 0.08), (0, -out, up)]
+    arm = tube(smooth(knots, draw.round(14)), 0.009, draw.round(8))
     cup = cylinder(0.03, up - 0.01, up, draw.round(12)).at(0, -out)
     light = join([arm, lampshade(draw, wide, wide * draw.between(0.8, 2.0)).at(0, -out, up), cup])
     return plate + (light if draw.chance(0.5) else light.turned("z", 32) + light.turned("z", -32))

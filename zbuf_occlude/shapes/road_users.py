@@ -118,11 +118,10 @@ def _bicycle(length: float, width: float, height: float) -> MeshPart:
 
 def _motorcycle(length: float, width: float, height: float) -> MeshPart:
     tyres = join(_wheel(0.32, 0.07).scaled(x=1.3).at(0, y, 0.32) for y in (-0.7, 0.7))
-    body = ellipsoid((0, 0, 0.58), (0.17, 0.5, 0.24), 2 * SEGMENTS) + ellipsoid(
-        (0, 0.35, 0.78), (0.14, 0.4, 0.08), SEGMENTS
-    )
+    body = ellipsoid((0, 0, 0.58), (0.17, 0.5, 0.24), 2 * SEGMENTS)
+    saddle = ellipsoid((0, 0.35, 0.78), (0.14, 0.4, 0.08), SEGMENTS)
     front = rod((0, -0.7, 0.32), (0, -0.42, 1.0), 0.06, 6) + rod((-0.36, -0.42, 1.05), (0.36, -0.42, 1.05), 0.03, 6)
-    parts = [tyres, body, front, cuboid((-0.16, -0.62, 0.8), (0.16, -0.46, 1.12), edge=0.05)]
+    parts = [tyres, body, saddle, front, cuboid((-0.16, -0.62, 0.8), (0.16, -0.46, 1.12), edge=0.05)]
     return join([*parts, _rider(0.85)] if height >= RIDDEN_FROM else parts)
 
 
@@ -143,10 +142,9 @@ def _tractor(length: float, width: float, height: float) -> MeshPart:
 def _trailer(length: float, width: float, height: float) -> MeshPart:
     """Return a box on a frame, wheels below its rear, an underrun bar."""
     x, rear, r = width / 2, length / 2, min(0.5, 0.16 * height)
-    box = boxes(
-        [(-x, -rear, 2.1 * r), (-0.95 * x, rear - 0.1, 0.8 * r)], [(x, rear, height), (0.95 * x, rear, 1.4 * r)]
-    )
-    return box + _axles([rear - 0.18 * length, rear - 0.18 * length - 2.1 * r], width, r)
+    low = [(-x, -rear, 2.1 * r), (-0.95 * x, rear - 0.1, 0.8 * r)]
+    high = [(x, rear, height), (0.95 * x, rear, 1.4 * r)]
+    return boxes(low, high) + _axles([rear - 0.18 * length, rear - 0.18 * length - 2.1 * r], width, r)
 
 
 def _truck(length: float, width: float, height: float) -> MeshPart:

@@ -6,8 +6,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray, IntArray, as_vectors
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.geometry.mesh import Mesh
-from zbuf_occlude.shapes.finish import quartered
-from zbuf_occlude.shapes.kit import MeshPart, boxes, ellipsoid, join, quad_grid
+from zbuf_occlude.shapes.kit import MeshPart, boxes, ellipsoid, join, quad_grid, quartered
 
 _PHI = (1 + 5**0.5) / 2
 _ICOSAHEDRON = np.array(

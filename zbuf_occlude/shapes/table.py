@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from zbuf_occlude.shapes.curves import bent, circle, rectangle
+from zbuf_occlude.arrays import FloatArray
+from zbuf_occlude.shapes.curves import bent, circle, polygon, rectangle, smooth, superellipse
 from zbuf_occlude.shapes.draw import Draw
-from zbuf_occlude.shapes.furniture import doors, drawers, four_legs, leg, splayed, stretchers
+from zbuf_occlude.shapes.furniture import doors, drawers, four_legs, frame, leg, splayed, stretchers
 from zbuf_occlude.shapes.kit import (
     MeshPart,
     along,
@@ -23,7 +24,97 @@ from zbuf_occlude.shapes.kit import (
     shell,
     tube,
 )
-from zbuf_occlude.shapes.table_parts import LEGS, four_legged, table_pedestal, top
+
+LEGS = ("square", "tapered", "round", "conical", "turned", "cabriole")
+
+
+def outline(draw: Draw, kind: str, w: float, d: float) -> FloatArray:
+    """Return the plan of a table top, w by d: rectangle, rounded, ellipse, barrel, polygon or kidney."""
+    n = draw.round(32)
+    if kind == "rounded":
+        return rectangle(w, d, draw.between(0.1, 0.45) * d, draw.round(6))
+    if kind == "ellipse":
+        return circle(n) * (w / 2, d / 2)
+    if kind == "barrel":
+        return superellipse(n, draw.between(2.6, 5.0)) * (w / 2, d / 2)
+    if kind == "polygon":
+        sides = draw.pick((6, 8))
+        return polygon(sides, 180 / sides) * (w / 2, d / 2)
+    if kind == "kidney":
+        xy = circle(n) * (w / 2, d / 2)
+        dent = draw.between(0.2, 0.5) * d * np.exp(-((xy[:, 0] / (0.3 * w)) ** 2))
+        xy[:, 1] -= dent * (xy[:, 1] < 0) - dent * 0.5
+        return xy
+    return rectangle(w, d)
+
+
+def top(draw: Draw, w: float, d: float, z: float, kinds: tuple[str, ...]) -> MeshPart:
+    """Return a table top of one of some kinds, 2 to 6 cm thick, whose upper side is at z.
+
+    Besides those of `outline` there are "planks" with gaps and "pane": a sheet without thickness in a frame.
+    """
+    thick, kind, x, y = draw.between(0.018, 0.065), draw.pick(kinds), w / 2, d / 2
+    if kind == "planks":
+        count = draw.whole(3, 8)
+        plank = cuboid((-x, 0, z - thick), (x, d / count - draw.between(0.004, 0.025), z))
+        battens = pair(cuboid((0.3 * w, -0.48 * d, z - thick - 0.03), (0.36 * w, 0.48 * d, z - thick)))
+        return repeated(plank, along("y", np.linspace(-y, y, count + 1)[:-1])) + battens
+    if kind == "pane":
+        rail = draw.between(0.04, 0.12) * d
+        rails = frame(w, d, rail, thick).turned("x", 90).at(0, y, z - thick / 2)
+        across, deep = np.meshgrid((rail - x, x - rail), (rail - y, y - rail), indexing="ij")
+        return rails + quad_grid(np.stack([across, deep, np.full((2, 2), z - thick / 3)], axis=2))
+    if kind == "rectangle":
+        return cuboid((-x, -y, z - thick), (x, y, z), edge=draw.pick((0.0, 0.006, thick / 3)), steps=2)
+    return prism(outline(draw, kind, w, d), z - thick, z, edge=draw.pick((0.0, 0.25 * thick)))
+
+
+def four_legged(draw: Draw, w: float, d: float, z: float, tops: tuple[str, ...], thick: float) -> MeshPart:
+    """Return a top on four legs, with an apron and stretchers as it comes."""
+    inset, splay = draw.between(0.6, 3.0) * thick, draw.pick((0.0, 0.0, 0.0, draw.between(3, 14)))
+    x, y, t = w / 2 - inset, d / 2 - inset, 0.012
+    parts = [top(draw, w, d, z, tops), four_legs(draw, draw.pick(LEGS), x, y, z - 0.02, thick, splay)]
+    if draw.chance(0.6):
+        low = z - 0.02 - draw.between(0.04, 0.18)
+        parts.append(pair(cuboid((-x, y - t, low), (x, y + t, z - 0.02)), "y"))
+        parts.append(pair(cuboid((x - t, -y, low), (x + t, y, z - 0.02))))
+    if draw.chance(0.3) and splay == 0.0:
+        plan = draw.pick(("H", "box", "X"))
+        parts.append(stretchers(draw, x, y, draw.between(0.08, 0.35) * z, thick * 0.6, plan))
+    return join(parts)
+
+
+def table_pedestal(draw: Draw, w: float, z: float) -> MeshPart:
+    """Return one foot for a round top of width w at height z."""
+    n, kind = draw.round(26), draw.pick(("trumpet", "column", "turned", "cross", "drum", "hourglass"))
+    if kind == "trumpet":
+        foot, waist = draw.between(0.2, 0.38) * w, draw.between(0.02, 0.1)
+        knots = [(foot, 0), (foot * 0.9, 0.015), (0.4 * foot + waist, 0.08)]
+        knots += [(waist, 0.45 * z), (waist * 2, 0.9 * z), (0.2 * w, z)]
+        return revolve(smooth(knots, draw.round(18)), n)
+    if kind == "column":
+        plate = cylinder(draw.between(0.22, 0.38) * w, 0, draw.between(0.015, 0.06), n)
+        return join([plate, cylinder(draw.between(0.02, 0.1), 0, z, draw.round(16)), cylinder(0.2 * w, z - 0.03, z, n)])
+    if kind == "drum":
+        r = draw.between(0.12, 0.34) * w
+        return cylinder(r, 0, z, n, r * draw.between(0.5, 1.4))
+    if kind == "hourglass":
+        a, b, waist = draw.between(0.25, 0.4) * w, draw.between(0.25, 0.4) * w, draw.between(0.06, 0.18) * w
+        return revolve(smooth([(a, 0), (waist, 0.5 * z), (b, z)], draw.round(16)), n)
+    reach = draw.between(0.3, 0.42) * w
+    if kind == "cross":
+        feet = bar((0, 0, 0.06), (reach, 0, 0.03), 0.07, 0.07)
+        arms = bar((0, 0, z - 0.03), (0.8 * reach, 0, z - 0.03), 0.06, 0.05)
+        t = draw.between(0.03, 0.09)
+        return cuboid((-t, -t, 0), (t, t, z)) + around(feet, 4) + around(arms, 4)
+    beads = [(0.4, 0.12), (0.9, 0.16), (1.0, 0.28), (0.5, 0.36), (0.45, 0.6), (0.8, 0.68), (0.45, 0.74), (0.6, 1)]
+    column = revolve(smooth(beads, draw.round(22)) * (draw.between(0.04, 0.13), z), draw.round(16))
+    claw = [(0.03, 0, 0.24 * z), (0.45 * reach, 0, 0.2 * z), (0.85 * reach, 0, 0.03), (reach, 0, 0.02)]
+    path = smooth(claw, draw.round(9))
+    return column + around(tube(path, np.linspace(0.045, 0.025, len(path)), draw.round(8)), draw.pick((3, 4)))
+
+
+# ---- styles --------------------------------------------------------------------------------------------------------
 
 
 def _dining(draw: Draw) -> MeshPart:
@@ -48,15 +139,12 @@ def _coffee(draw: Draw) -> MeshPart:
     if kind == "kidney":
         one, wide = leg(draw, "conical", z - 0.02, 0.045), draw.between(0.25, 0.34) * w
         side = pair(splayed(one, z, 12, 8).at(wide, 0.22 * d))
-        return join(
-            [top(draw, w, d, z, ("kidney", "ellipse", "barrel")), side, splayed(one, z, 0, -12).at(0, -0.08 * d)]
-        )
+        plate, front = top(draw, w, d, z, ("kidney", "ellipse", "barrel")), splayed(one, z, 0, -12)
+        return join([plate, side, front.at(0, -0.08 * d)])
     if kind == "slabs":
         wall, level, at = draw.between(0.03, 0.2), draw.between(0.1, 0.6) * z, draw.between(0.24, 0.4) * w
-        parts = [
-            top(draw, w, d, z, ("rectangle", "rounded")),
-            pair(cuboid((at, -0.4 * d, 0), (at + wall, 0.4 * d, z - 0.02))),
-        ]
+        sides = pair(cuboid((at, -0.4 * d, 0), (at + wall, 0.4 * d, z - 0.02)))
+        parts = [top(draw, w, d, z, ("rectangle", "rounded")), sides]
         return join([*parts, cuboid((-at - 0.01, -0.38 * d, level), (at + 0.01, 0.38 * d, level + 0.02))])
     kinds = ("pane", "rounded") if kind == "glass" else ("rectangle", "planks", "rounded")
     parts = [top(draw, w, d, z, kinds), four_legs(draw, draw.pick(LEGS), x, y, z - 0.02, thick)]
@@ -65,10 +153,8 @@ def _coffee(draw: Draw) -> MeshPart:
         parts.append(cuboid((-x, -y, low), (x, y, low + 0.025)))
     if draw.chance(0.4):
         low = z - draw.between(0.1, 0.2)
-        parts += [
-            cuboid((-x, -y, low), (x, y, z - 0.02)),
-            drawers(draw, (-x, -y, low), (x, y, z - 0.03), 1, draw.whole(1, 3)),
-        ]
+        parts.append(cuboid((-x, -y, low), (x, y, z - 0.02)))
+        parts.append(drawers(draw, (-x, -y, low), (x, y, z - 0.03), 1, draw.whole(1, 3)))
     return join(parts)
 
 
@@ -92,9 +178,8 @@ def _round_legs(draw: Draw) -> MeshPart:
     elif choice == "shelf":
         parts.append(cylinder(r * 1.02, level * z, level * z + 0.02, n))
     elif choice == "ring":
-        parts.append(
-            tube(np.column_stack([circle(n) * r * (1 + 0.01 * splay), np.full(n, level * z)]), 0.012, 6, closed=True)
-        )
+        path = np.column_stack([circle(n) * r * (1 + 0.01 * splay), np.full(n, level * z)])
+        parts.append(tube(path, 0.012, 6, closed=True))
     return join(parts)
 
 
@@ -103,9 +188,8 @@ def _trestle(draw: Draw) -> MeshPart:
     x, y, kind = draw.between(0.22, 0.42) * w, draw.between(0.3, 0.46) * d, draw.pick(("A", "X", "T", "U"))
     if kind == "A":
         lean = bar((0.1, 0.03, z - 0.04), (0.18, y, 0), t, t)
-        side = (
-            pair(pair(lean), "y") + pair(bar((0.13, -0.25 * d, 0.35 * z), (0.13, 0.25 * d, 0.35 * z), t * 0.5, t))
-        ).at(x)
+        rail = bar((0.13, -0.25 * d, 0.35 * z), (0.13, 0.25 * d, 0.35 * z), t * 0.5, t)
+        side = (pair(pair(lean), "y") + pair(rail)).at(x)
     elif kind == "X":
         side = pair(bar((x, -y, 0), (x, y, z - 0.03), t, t), "y")
     elif kind == "T":
@@ -137,10 +221,8 @@ def _desk(draw: Draw) -> MeshPart:
         parts.append(unit.at(-(2 * x0 + case)))
     else:
         one = leg(draw, draw.pick(("square", "tapered", "round")), z - 0.02, draw.between(0.03, 0.08))
-        parts += [
-            pair(one.at(0.06 - x, y - 0.06), "y"),
-            cuboid((0.06 - x, 0.05 - y, z - 0.12), (x0, y - 0.05, z - 0.02)),
-        ]
+        parts.append(pair(one.at(0.06 - x, y - 0.06), "y"))
+        parts.append(cuboid((0.06 - x, 0.05 - y, z - 0.12), (x0, y - 0.05, z - 0.02)))
     if draw.chance(0.6):
         parts.append(cuboid((0.03 - x, y - 0.06, draw.between(0.05, 0.5)), (x - 0.03, y - 0.045, z - 0.02)))
     if draw.chance(0.35):
@@ -163,11 +245,8 @@ def _corner(draw: Draw) -> MeshPart:
         one = leg(draw, draw.pick(("square", "round", "conical")), z - t, draw.between(0.04, 0.09)).at(0.06, 0.06)
         return tops + repeated(one, [(*spot, 0) for spot in spots])
     low = draw.between(0.05, 0.4)
-    parts = [
-        tops,
-        cuboid((x - t, y - d + 0.02, 0), (x, y - 0.02, z - t)),
-        cuboid((0.02 - x, -y, 0), (d - x - 0.02, t - y, z - t)),
-    ]
+    parts = [tops, cuboid((x - t, y - d + 0.02, 0), (x, y - 0.02, z - t))]
+    parts.append(cuboid((0.02 - x, -y, 0), (d - x - 0.02, t - y, z - t)))
     parts += [cuboid((-x, -y, low), (0.02 - x, y, z - t)), cuboid((-x, y - 0.02, low), (x, y, z - t))]
     if kind == "case":
         unit = (x - draw.between(0.35, 0.55), y - d + 0.04, 0.02), (x - t, y - 0.04, z - t)
@@ -202,10 +281,8 @@ def _waterfall(draw: Draw) -> MeshPart:
             reach = x + lean * (1 - k)
             return sheet + cuboid((-reach, 0.02 - d / 2, k * z), (reach, d / 2 - 0.02, k * z + t))
         return sheet
-    parts = [
-        pair(tube(path - [0, 0, t], t * 0.6, draw.round(8)).at(y=d * 0.36), "y"),
-        top(draw, w, d, z, ("rectangle", "rounded", "planks")),
-    ]
+    pipes = pair(tube(path - [0, 0, t], t * 0.6, draw.round(8)).at(y=d * 0.36), "y")
+    parts = [pipes, top(draw, w, d, z, ("rectangle", "rounded", "planks"))]
     if draw.chance(0.5):
         reach = x + lean * 0.8
         parts.append(pair(bar((reach, -d * 0.36, 0.12), (reach, d * 0.36, 0.12), 0.02, 0.02)))
@@ -238,24 +315,17 @@ def _game(draw: Draw) -> MeshPart:
     if kind == "net":
         h, out = draw.between(0.1, 0.24), y + 0.08
         net = np.array([[(0, -out, z), (0, out, z)], [(0, -out, z + h), (0, out, z + h)]], dtype=np.float64)
-        parts = [
-            top(draw, w, d, z, ("rectangle",)),
-            quad_grid(net),
-            pair(rod((0, out, z - 0.05), (0, out, z + h), 0.01, 6), "y"),
-        ]
-        at = draw.between(0.25, 0.44) * w
-        parts.append(
-            four_legs(draw, draw.pick(("square", "round", "tapered")), at, 0.4 * d, z, draw.between(0.04, 0.09))
-        )
+        posts = pair(rod((0, out, z - 0.05), (0, out, z + h), 0.01, 6), "y")
+        parts = [top(draw, w, d, z, ("rectangle",)), quad_grid(net), posts]
+        at, shape = draw.between(0.25, 0.44) * w, draw.pick(("square", "round", "tapered"))
+        parts.append(four_legs(draw, shape, at, 0.4 * d, z, draw.between(0.04, 0.09)))
         return join([*parts, pair(stretchers(draw, 0.0, 0.4 * d, 0.15, 0.03, "sides").at(at))])
     if kind == "bench":
         a, b, t = 0.88 * x, 0.56 * y, draw.between(0.06, 0.13)
         parts = [top(draw, w, d * 0.7, z, ("planks", "rectangle")), four_legs(draw, "square", a, b, z - 0.02, t)]
         low = draw.between(0.1, 0.35)
-        parts += [
-            cuboid((-a, -b, low), (a, b, low + 0.04)),
-            cuboid((0.6 * x, -0.84 * y, z - 0.16), (0.84 * x, -0.74 * y, z)),
-        ]
+        parts.append(cuboid((-a, -b, low), (a, b, low + 0.04)))
+        parts.append(cuboid((0.6 * x, -0.84 * y, z - 0.16), (0.84 * x, -0.74 * y, z)))
         parts.append(rod((0.72 * x, -y, z - 0.08), (0.72 * x, -0.6 * y, z - 0.08), 0.015, draw.round(8)))
         if draw.chance(0.5):
             parts.append(cuboid((-0.96 * x, 0.66 * y, z), (0.96 * x, 0.7 * y, z + draw.between(0.2, 0.8))))
@@ -272,29 +342,19 @@ def _game(draw: Draw) -> MeshPart:
 
 def _side(draw: Draw) -> MeshPart:
     """Small: bedside cabinet, nest of tables, C-shaped, tray."""
-    w, d, z, kind = (
-        draw.between(0.3, 0.65),
-        draw.between(0.28, 0.55),
-        draw.between(0.4, 0.75),
-        draw.pick(("case", "nest", "C", "tray")),
-    )
-    x, y = w / 2, d / 2
+    w, d, z = draw.between(0.3, 0.65), draw.between(0.28, 0.55), draw.between(0.4, 0.75)
+    kind, x, y = draw.pick(("case", "nest", "C", "tray")), w / 2, d / 2
     if kind == "nest":
-        shape, t, parts, gap = (
-            draw.pick(("square", "round", "tapered")),
-            draw.between(0.02, 0.04),
-            [],
-            draw.between(0.05, 0.4),
-        )
+        shape, parts = draw.pick(("square", "round", "tapered")), []
+        t, gap = draw.between(0.02, 0.04), draw.between(0.05, 0.4)
         for i in range(draw.whole(2, 4)):
             a, b, c = x * (1.25 - 0.22 * i), y * (1 - 0.1 * i), z * (1 - 0.13 * i)
             one = cuboid((-a, -b, c - 0.02), (a, b, c)) + four_legs(draw, shape, a - t, b - t, c, t)
             parts.append(one.at(y=-gap * d * i))
         return join(parts)
     if kind == "C":
-        side = tube(
-            bent([(-x, -y, z), (-x, y - 0.02, z), (-x, y - 0.02, 0.02), (-x, -y, 0.02)], 0.03), 0.012, draw.round(8)
-        )
+        path = bent([(-x, -y, z), (-x, y - 0.02, z), (-x, y - 0.02, 0.02), (-x, -y, 0.02)], 0.03)
+        side = tube(path, 0.012, draw.round(8))
         back = cuboid((0.03 - x, y - 0.03, 0.01), (x - 0.03, y - 0.01, 0.03))
         return join([pair(side), top(draw, w, d, z + 0.02, ("rectangle", "rounded")), back])
     if kind == "tray":
@@ -306,9 +366,8 @@ def _side(draw: Draw) -> MeshPart:
     low = draw.between(0.05, 0.45) * z
     corner, end = (0.02 - x, 0.02 - y, low), (x - 0.02, y - 0.02, z - 0.02)
     legs = four_legs(draw, draw.pick(LEGS), x - 0.04, y - 0.04, low + 0.02, 0.04)
-    return join(
-        [top(draw, w, d, z, ("rectangle",)), cuboid(corner, end), drawers(draw, corner, end, draw.whole(1, 3)), legs]
-    )
+    plate, front = top(draw, w, d, z, ("rectangle",)), drawers(draw, corner, end, draw.whole(1, 3))
+    return join([plate, cuboid(corner, end), front, legs])
 
 
 STYLES = (

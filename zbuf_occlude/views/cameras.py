@@ -212,18 +212,24 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics)
 
 
+def rotations_of(quaternions: FloatArray) -> FloatArray:
+    """Return the rotations (n, 3, 3) of unit quaternions (n, 4), x y z w."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
 def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
     quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
     if not quaternion.any():
         raise ValueError("a quaternion must not be zero, and one is")
     quaternion /= np.abs(quaternion).max()  # its square may overflow
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    rotation = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    intrinsics = None
+    rotation, intrinsics = rotations_of(np.array([[x, y, z, w]]))[0], None
     if models:
         _, model, width, height, *words = models[f"camera {row[8]}"]
         parameters = [float(word) for word in words]

@@ -1,7 +1,7 @@
 """Views: where cameras stand, how they are turned, and what their pictures show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -155,17 +155,9 @@ class Views(Sealed):
 
     def select(self, which: ArrayLike) -> "Views":
         """Return the views that a boolean mask or an index array picks, in its order."""
-        chosen = np.asarray(which)
-        rotations, windows = (None if v is None else v[chosen] for v in (self.rotations, self.windows))
-        return Views(
-            self.azimuth[chosen],
-            self.elevation[chosen],
-            self.distance[chosen],
-            self.target,
-            np.asarray(self.roll)[chosen],
-            rotations,
-            windows,
-        )
+        chosen, given = np.asarray(which), vars(self)
+        per_view = {name: given[name] for name in given if name != "target" and given[name] is not None}
+        return replace(self, **{name: values[chosen] for name, values in per_view.items()})
 
     def around(self, centre: ArrayLike, scale: float) -> "Views":
         """Return the views about another target, all distances multiplied by `scale`.
@@ -176,7 +168,7 @@ class Views(Sealed):
         target = np.asarray(centre, dtype=np.float64)
         if self.rotations is not None:
             return Views.of_cameras(self.eyes, self.rotations, self.windows, target)
-        return Views(self.azimuth, self.elevation, self.distance * scale, target, self.roll, None, self.windows)
+        return replace(self, distance=self.distance * scale, target=target)
 
     def looking(self, at: ArrayLike | None = None, field_of_view: float | None = None) -> "Views":
         """Return the views turned to look at a point (3,), with square pictures of an angle in radians."""
@@ -186,7 +178,7 @@ class Views(Sealed):
         if field_of_view is not None:
             side = np.tan(field_of_view / 2)
             windows = np.tile([-side, side, -side, side], (len(self), 1))
-        return Views(self.azimuth, self.elevation, self.distance, self.target, self.roll, rotations, windows)
+        return replace(self, rotations=rotations, windows=windows)
 
     @classmethod
     def of_cameras(

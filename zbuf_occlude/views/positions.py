@@ -5,7 +5,7 @@ To add a specification: a row in `SPECIFICATIONS`, with its function here or in 
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -308,7 +308,7 @@ def parse(spec: str, *, distance: float = PAPER_DISTANCE, seed: Seed = 0, farthe
     lengths = np.random.default_rng(root.spawn(1)[0]).uniform(distance, farthest, len(views))
     own = views.distance == row.make(found, farthest, seed).distance  # of a table with a column of distances
     lengths = np.where(own, views.distance, lengths)
-    return Views(views.azimuth, views.elevation, lengths, views.target, views.roll)
+    return replace(views, distance=lengths)
 
 
 def for_mesh(
