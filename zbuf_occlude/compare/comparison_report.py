@@ -274,11 +274,8 @@ def subject_shown_first(ranking: Sequence[Standing]) -> str:
 
 def pack_outcomes(outcomes: Any) -> str:
     """Pack outcomes 0..3 four to a byte, the first lowest, as base64."""
-    codes = np.zeros(-(-len(outcomes) // 4) * 4, dtype=np.uint8)
-    codes[: len(outcomes)] = outcomes
-    four = codes.reshape(-1, 4)
-    packed = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
-    return base64.b64encode(packed.astype(np.uint8).tobytes()).decode()
+    bits = outcomes[:, None] >> np.arange(2) & 1
+    return base64.b64encode(np.packbits(bits, bitorder="little").tobytes()).decode()
 
 
 # ---- plots -----------------------------------------------------------------------------------------------------------
@@ -485,9 +482,8 @@ def _pooled(rows: Sequence[Row], subject: str, key: str) -> tuple[list[float], l
                 pair = totals.setdefault(one["upto"], [0, 0])
                 pair[0] += one["n"]
                 pair[1] += one["false_visible"] + one["false_hidden"]
-    bins = sorted(upto for upto in totals if upto is not None) + ([None] if None in totals else [])
-    errors = [totals[upto][1] / totals[upto][0] if totals[upto][1] else float("nan") for upto in bins]
-    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in bins]
+    errors = [wrong / n if wrong else float("nan") for n, wrong in totals.values()]
+    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in totals]
 
 
 def time_against_size(rows: Sequence[Row]) -> Figure:

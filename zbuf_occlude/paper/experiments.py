@@ -6,6 +6,7 @@ by two eyes; tested on all.
 """
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial, reduce
@@ -311,12 +312,11 @@ class Elevation(Experiment):
 
 def _divided(meshes: MeshCollection) -> MeshCollection:
     """Return the meshes with the splits of `PARTS`, class by class."""
-    seen: dict[str, int] = {}
+    seen = Counter[str]()
     entries = []
     for entry in meshes:
-        place = seen.get(entry.label, 0)
-        seen[entry.label] = place + 1
-        entries.append(replace(entry, split=PARTS[place % len(PARTS)]))
+        entries.append(replace(entry, split=PARTS[seen[entry.label] % len(PARTS)]))
+        seen[entry.label] += 1
     return MeshCollection(entries)
 
 
