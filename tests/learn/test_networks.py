@@ -24,8 +24,6 @@ from zbuf_occlude.learn.networks import (  # noqa: E402
     occupancy,
 )
 
-every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-
 
 def count(model: "torch.nn.Module") -> int:
     return sum(parameter.numel() for parameter in model.parameters())
@@ -53,7 +51,7 @@ def test_parameters_are_as_published_for_40_classes(name: str, exact: int, publi
     assert abs(n_parameters - published) <= 0.01 * published
 
 
-@every_model
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_logits_do_not_depend_on_the_order_of_the_points(model: Model) -> None:
     torch.manual_seed(0)
     network = model.build(5).eval()
