@@ -18,13 +18,11 @@ from zbuf_occlude.learn.networks import (  # noqa: E402
     GridConv,
     MaxLinear,
     PointNet,
+    SphereClassifier,
     ThreeDmFV,
     fisher_vectors,
     occupancy,
-    unit_sphere,
 )
-
-every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 
 
 def count(model: "torch.nn.Module") -> int:
@@ -53,7 +51,7 @@ def test_parameters_are_as_published_for_40_classes(name: str, exact: int, publi
     assert abs(n_parameters - published) <= 0.01 * published
 
 
-@every_model
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_logits_do_not_depend_on_the_order_of_the_points(model: Model) -> None:
     torch.manual_seed(0)
     network = model.build(5).eval()
@@ -139,11 +137,11 @@ def test_normalisations() -> None:
     boxed = Classifier(2).normalise(points)
     assert torch.allclose(boxed.amax(dim=1), -boxed.amin(dim=1), atol=1e-6)
     assert torch.allclose((boxed.amax(dim=1) - boxed.amin(dim=1)).amax(dim=1), torch.ones(4))
-    ball = unit_sphere(points)
+    ball = SphereClassifier(2).normalise(points)
     assert torch.allclose(ball.mean(dim=1), torch.zeros(4, 3), atol=1e-6)
     assert torch.allclose(torch.linalg.norm(ball, dim=2).amax(dim=1), torch.ones(4))
-    for place in (Classifier(2).normalise(torch.ones(1, 5, 3)), unit_sphere(torch.ones(1, 5, 3))):
-        assert torch.equal(place, torch.zeros(1, 5, 3)), "a cloud that is one place"
+    for network in (Classifier(2), SphereClassifier(2)):
+        assert torch.equal(network.normalise(torch.ones(1, 5, 3)), torch.zeros(1, 5, 3)), "a cloud that is one place"
 
 
 def test_numbers_that_make_no_network_are_refused() -> None:

@@ -1,10 +1,8 @@
-"""Training: it learns, stops early, goes on after a kill to the same weights, and refuses what is not its own."""
+"""Training: it learns, stops early, goes on after a stop to the same weights, and refuses what is not its own."""
 
+import itertools
 import json
-import os
-import signal
-import subprocess
-import sys
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +13,6 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
-import zbuf_occlude.learn.training as train_module  # noqa: E402
 from zbuf_occlude import OptionError  # noqa: E402
 from zbuf_occlude.errors import ArgumentError, DatasetError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
@@ -52,6 +49,9 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
+SHORT, CLOUDS = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
+
+
 def weights(trained: Trained) -> dict[str, bytes]:
     return {name: value.numpy().tobytes() for name, value in trained.model.state_dict().items()}
 
@@ -77,9 +77,8 @@ def test_it_learns_and_leaves_what_it_learnt(tmp_path: Path, model: str) -> None
 
 
 def test_seeds_decide(tmp_path: Path) -> None:
-    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
     one, same, other = (
-        weights(train(replace(config, seed=seed), *clouds, tmp_path / name))
+        weights(train(replace(SHORT, seed=seed), *CLOUDS, tmp_path / name))
         for name, seed in (("one", 3), ("same", 3), ("other", 4))
     )
     assert one == same
@@ -88,102 +87,68 @@ def test_seeds_decide(tmp_path: Path) -> None:
 
 def test_it_stops_early_and_keeps_the_first_of_equals(tmp_path: Path) -> None:
     config = replace(CONFIG, epochs=50, patience=3, learning_rate=1e-30)
-    trained = train(config, boxes(8, 0), boxes(4, 1), tmp_path)
+    trained = train(config, *CLOUDS, tmp_path)
     assert [epoch.number for epoch in trained.history] == [1, 2, 3, 4]
     assert trained.best.number == 1
 
 
-CHILD = """
-import sys, time, torch
-torch.set_num_threads(1)
-from pathlib import Path
-from tests.learn.test_training import CONFIG, boxes
-from zbuf_occlude.learn.training import train
-
-def tell(epoch):
-    sys.stdout.write(f"{epoch.number}\\n")
-    sys.stdout.flush()
-    time.sleep(0.05 * (epoch.number == int(sys.argv[2])))
-
-train(CONFIG, boxes(24, 0), boxes(8, 1), Path(sys.argv[1]), progress=tell, checkpoint_seconds=0.0)
-"""
+class Killed(Exception):  # noqa: N818  (no error: an end)
+    """As if the process were."""
 
 
-@pytest.mark.long
-def test_killed_and_resumed_it_ends_with_the_same_weights(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "call", "how", "seconds", "left"),
+    [
+        ("zbuf_occlude.learn.networks.Classifier.loss", 11, KeyboardInterrupt, 1e9, [4, 5]),
+        ("zbuf_occlude.learn.networks.Classifier.loss", 11, Killed, 0.0, [4, 5]),
+        ("zbuf_occlude.dataset.atomic.write_json", 1, KeyboardInterrupt, 1e9, []),
+    ],
+    ids=["interrupted", "killed", "interrupted while the model is written"],
+)
+def test_stopped_and_resumed_it_ends_with_the_same_weights(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    place: str,
+    call: int,
+    how: type[BaseException],
+    seconds: float,
+    left: list[int],
+) -> None:
+    """In the midst of the fourth epoch, whose first step has changed the weights; and when all are over."""
     undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
-    folder = tmp_path / "killed"
-    child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(folder), "3"],
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=Path(__file__).parents[2],
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-    )
-    assert child.stdout is not None
-    seen = []
-    for line in child.stdout:
-        seen.append(int(line))
-        if seen[-1] == 3:
-            child.send_signal(signal.SIGKILL)
-            break
-    child.stdout.close()
-    assert child.wait() == -signal.SIGKILL
-    assert seen == [1, 2, 3]
-    assert (folder / CHECKPOINT).exists()
+    folder, whole, calls = tmp_path / "stopped", pkgutil.resolve_name(place), itertools.count(1)
+
+    def stopped(*given: Any) -> Any:
+        if next(calls) == call:
+            raise how
+        return whole(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(place, stopped)
+        with pytest.raises(how):
+            train(CONFIG, boxes(24, 0), boxes(8, 1), folder, checkpoint_seconds=seconds)
+    assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
     with pytest.raises(DatasetError, match=rf"it has no {MODEL}. Its training is not done; run the same command again"):
         load_trained(folder)
     (folder / ".zbuf-0123456789abcdef.part").write_bytes(b"what a kill while writing leaves")
     numbers: list[int] = []
     resumed = train(CONFIG, boxes(24, 0), boxes(8, 1), folder, progress=lambda epoch: numbers.append(epoch.number))
-    assert numbers[0] in (3, 4), "it goes on where the killed one left a checkpoint"
-    assert all(weights(resumed)[name] == weights(undisturbed)[name] for name in weights(undisturbed))
+    assert numbers == left, "every epoch that ended is kept"
+    assert weights(resumed) == weights(undisturbed)
     assert resumed.history == undisturbed.history
     assert sorted(path.name for path in folder.iterdir()) == [HISTORY, MODEL]
 
 
-@pytest.mark.parametrize("early", [True, False])
-def test_an_interrupt_keeps_every_epoch_that_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, early: bool
-) -> None:
-    """In the midst of the fourth epoch, whose steps have changed the weights; and while the model is written."""
-    undisturbed = train(CONFIG, boxes(24, 0), boxes(8, 1), tmp_path / "undisturbed")
-    folder, whole = tmp_path / "interrupted", train_module._Run._pass
-
-    def interrupted(run: Any, number: int) -> float:
-        loss = whole(run, number)
-        if number == 4:
-            raise KeyboardInterrupt
-        return loss
-
-    def refuse(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            *((train_module._Run, "_pass", interrupted) if early else (train_module.atomic, "write_json", refuse))
-        )
-        with pytest.raises(KeyboardInterrupt):
-            train(CONFIG, boxes(24, 0), boxes(8, 1), folder, checkpoint_seconds=1e9)
-    assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
-    numbers: list[int] = []
-    resumed = train(CONFIG, boxes(24, 0), boxes(8, 1), folder, progress=lambda epoch: numbers.append(epoch.number))
-    assert numbers == ([4, 5] if early else [])
-    assert all(weights(resumed)[name] == weights(undisturbed)[name] for name in weights(undisturbed))
-    assert resumed.history == undisturbed.history
-
-
 def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path) -> None:
-    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
-    trained = train(config, *clouds, tmp_path)
+    trained = train(SHORT, *CLOUDS, tmp_path)
     numbers: list[int] = []
-    again = train(config, *clouds, tmp_path, progress=lambda epoch: numbers.append(epoch.number))
+    again = train(SHORT, *CLOUDS, tmp_path, progress=lambda epoch: numbers.append(epoch.number))
     assert weights(again) == weights(trained)
     assert numbers == []
     for other, different in (
-        ((replace(config, seed=1, n_points=40), *clouds), "seed, n_points"),
-        ((config, boxes(8, 5), clouds[1]), "clouds"),
-        ((config, clouds[0], clouds[0]), "clouds"),
+        ((replace(SHORT, seed=1, n_points=40), *CLOUDS), "seed, n_points"),
+        ((SHORT, boxes(8, 5), CLOUDS[1]), "clouds"),
+        ((SHORT, CLOUDS[0], CLOUDS[0]), "clouds"),
     ):
         said = rf"must be empty or of this same training; it holds one with other {different}\. Choose"
         with pytest.raises(DatasetError, match=said):
@@ -191,11 +156,10 @@ def test_a_training_that_is_done_is_returned_and_another_refused(tmp_path: Path)
 
 
 def test_augmentation_is_seen_by_the_network(tmp_path: Path) -> None:
-    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
     switches = {"rotate": False, "rescale": False, "jitter": False}
-    plain = weights(train(replace(config, **switches), *clouds, tmp_path / "plain"))
+    plain = weights(train(replace(SHORT, **switches), *CLOUDS, tmp_path / "plain"))
     for name in switches:
-        changed = train(replace(config, **{**switches, name: True}), *clouds, tmp_path / name)
+        changed = train(replace(SHORT, **{**switches, name: True}), *CLOUDS, tmp_path / name)
         assert weights(changed) != plain, name
 
 
@@ -272,8 +236,7 @@ def test_clouds_that_cannot_be_trained_on(tmp_path: Path) -> None:
 def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=f"must hold a trained model; it has no {MODEL}. See: zbuf-occlude train"):
         load_trained(tmp_path)
-    config, clouds = replace(CONFIG, epochs=1), (boxes(8, 0), boxes(4, 1))
-    train(config, *clouds, tmp_path)
+    train(SHORT, *CLOUDS, tmp_path)
     whole = (tmp_path / MODEL).read_bytes()
     for damaged in (b"", b"nonsense", whole[: len(whole) // 2]):
         (tmp_path / MODEL).write_bytes(damaged)
@@ -281,17 +244,17 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
             load_trained(tmp_path)
     for another in ({"weights": {}}, {"fingerprint": ""}, [], torch.zeros(2)):
         torch.save(another, tmp_path / MODEL)
-        for read in (lambda: load_trained(tmp_path), lambda: train(config, *clouds, tmp_path)):
+        for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
             with pytest.raises(DatasetError, match="must be a file that training wrote; it is another"):
                 read()
     (tmp_path / MODEL).unlink()
     for n_bytes in (1000, 5000):  # PyTorch fails on the second with an OSError that names no file
         (tmp_path / CHECKPOINT).write_bytes(whole[:n_bytes])
         with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be a file that training wrote; it cannot be read"):
-            train(config, *clouds, tmp_path)
+            train(SHORT, *CLOUDS, tmp_path)
     (tmp_path / CHECKPOINT).write_bytes(whole)  # a model is no checkpoint
     with pytest.raises(DatasetError, match=rf"{CHECKPOINT} must be as .* wrote it; it is not \(no 'optimizer'\)"):
-        train(config, *clouds, tmp_path)
+        train(SHORT, *CLOUDS, tmp_path)
     document = torch.load(tmp_path / CHECKPOINT)
     (tmp_path / CHECKPOINT).unlink()
     for part, value, reason in (
@@ -304,7 +267,7 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
         ("best", None, "must be a mapping"),
     ):
         torch.save({**document, part: value}, tmp_path / MODEL)
-        for read in (lambda: load_trained(tmp_path), lambda: train(config, *clouds, tmp_path)):
+        for read in (lambda: load_trained(tmp_path), lambda: train(SHORT, *CLOUDS, tmp_path)):
             with pytest.raises(DatasetError, match=rf"{MODEL} must be as this version's .* it is not \(.*{reason}"):
                 read()
 
@@ -312,7 +275,7 @@ def test_damaged_files_are_errors_in_words(tmp_path: Path) -> None:
 def test_a_training_that_fell_apart_leaves_no_model(tmp_path: Path) -> None:
     """The only step goes astray: its loss was still right, the weights after it are not."""
     with pytest.raises(OptionError, match=r"must stay finite; in epoch 1 it is .*\. Lower the learn"):
-        train(replace(CONFIG, epochs=1, learning_rate=1e38), boxes(8, 0), boxes(4, 1), tmp_path)
+        train(replace(SHORT, learning_rate=1e38), *CLOUDS, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -323,4 +286,4 @@ def test_want_of_memory_is_told_as_that(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr("zbuf_occlude.learn.networks.Classifier.loss", fail)
     with pytest.raises(MemoryError, match="8 clouds of 40 points a step"):
-        train(CONFIG, boxes(8, 0), boxes(4, 1), tmp_path)
+        train(CONFIG, *CLOUDS, tmp_path)

@@ -1,6 +1,9 @@
-"""Results written by hand, and a study small enough for a test."""
+"""Results and real scans written by hand, and a study small enough for a test."""
 
+import struct
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +38,35 @@ TINY = replace(
 DOCUMENT = {
     "n_parameters": 1000, "n_training": 40, "epochs": 3, "seconds": 1.5, "machine": "a machine", "device": "cpu",
 }  # fmt: skip
+
+
+def write_bin(path: Path, points: np.ndarray) -> None:
+    """Written by struct, field by field, as the description of Sydney Urban Objects has it."""
+    rows = [
+        struct.pack("<qBBfffffi", 1320370833971539 + i, 52, 7, *point, 0.5, 9.25, i) for i, point in enumerate(points)
+    ]
+    path.write_bytes(b"".join(rows))
+
+
+def write_csv(path: Path, points: np.ndarray) -> None:
+    lines = [f"20111104T010203.{i:06d},52,7,{x:.6f},{y:.6f},{z:.6f},0.5,9.25,{i}" for i, (x, y, z) in enumerate(points)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_sydney(root: Path, scans: Mapping[str, np.ndarray]) -> Path:
+    """Write scans by their names CLASS.NUMBER.FRAME, trees as CSV, those of number n into fold n % 4; return `root`."""
+    for name in ("objects", "folds"):
+        (root / name).mkdir(parents=True)
+    folds: list[list[str]] = [[], [], [], []]
+    for name, points in scans.items():
+        if name.startswith("tree"):
+            write_csv(root / "objects" / f"{name}.csv", points)
+        else:
+            write_bin(root / "objects" / f"{name}.bin", points)
+        folds[int(name.split(".")[1]) % 4].append(f"{name}.bin\n")
+    for fold, lines in enumerate(folds):
+        (root / "folds" / f"fold{fold}.txt").write_text("".join(lines))
+    return root
 
 
 def confusion(accuracy: float, n: int = 200, truth: tuple[str, ...] = ("bed", "car")) -> Confusion:

@@ -1,6 +1,5 @@
 """Real scans: files written here by struct and by hand, the published counts and folds, and which way is up."""
 
-import struct
 from collections import Counter
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from pyarrow import feather
 
 import zbuf_occlude as zo
 from tests.paper.drives import THINGS, write_argoverse, write_kitti
+from tests.paper.hand_made import write_bin, write_csv, write_sydney
 from tests.scenes import DATA
 from zbuf_occlude import shapes
 from zbuf_occlude.errors import DatasetError
@@ -35,39 +35,16 @@ SYDNEY = DATA / "sydney"
 needs_counts = pytest.mark.skipif(not SYDNEY.is_dir(), reason=f"{SYDNEY} is not there; set ZBUF_OCCLUDE_DATA")
 
 
-def write_bin(path: Path, points: np.ndarray) -> None:
-    """Written by struct, field by field, as the dataset's description has it."""
-    rows = [
-        struct.pack("<qBBfffffi", 1320370833971539 + i, 52, 7, *point, 0.5, 9.25, i) for i, point in enumerate(points)
-    ]
-    path.write_bytes(b"".join(rows))
-
-
-def write_csv(path: Path, points: np.ndarray) -> None:
-    lines = [f"20111104T010203.{i:06d},52,7,{x:.6f},{y:.6f},{z:.6f},0.5,9.25,{i}" for i, (x, y, z) in enumerate(points)]
-    path.write_text("\n".join(lines) + "\n")
-
-
-@pytest.fixture
-def points() -> np.ndarray:
-    return np.random.default_rng(0).uniform(-20, 20, (37, 3)).astype(np.float32)
-
-
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     """Four folds of a car and a tree each, one of each pair as CSV."""
-    rng = np.random.default_rng(1)
-    (tmp_path / "objects").mkdir()
-    (tmp_path / "folds").mkdir()
-    for fold in range(4):
-        names = [f"car.{fold}.10{fold}", f"tree.{fold}.20{fold}"]
-        write_bin(tmp_path / "objects" / f"{names[0]}.bin", rng.uniform(0, 4, (300, 3)))
-        write_csv(tmp_path / "objects" / f"{names[1]}.csv", rng.uniform(0, 4, (13, 3)))
-        (tmp_path / "folds" / f"fold{fold}.txt").write_text("".join(f"{name}.bin\n" for name in names))
-    return tmp_path
+    rng, sizes = np.random.default_rng(1), {"car.{0}.10{0}": 300, "tree.{0}.20{0}": 13}
+    scans = {name.format(i): rng.uniform(0, 4, (n, 3)) for i in range(4) for name, n in sizes.items()}
+    return write_sydney(tmp_path, scans)
 
 
-def test_both_formats_give_the_same_points_with_z_up(tmp_path: Path, points: np.ndarray) -> None:
+def test_both_formats_give_the_same_points_with_z_up(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform(-20, 20, (37, 3)).astype(np.float32)
     write_bin(tmp_path / "a.bin", points)
     write_csv(tmp_path / "a.csv", points)
     binary, text = (read_scan(tmp_path / name, "-z") for name in ("a.bin", "a.csv"))
@@ -193,17 +170,7 @@ def signs() -> list[np.ndarray]:
 
 
 def write(root: Path, scans: dict[str, list[np.ndarray]]) -> Path:
-    """Write a dataset of one fold's worth in each."""
-    (root / "objects").mkdir(parents=True)
-    (root / "folds").mkdir()
-    names: list[list[str]] = [[], [], [], []]
-    for label, clouds in scans.items():
-        for number, points in enumerate(clouds):
-            write_bin(root / "objects" / f"{label}.{number}.1.bin", points)
-            names[number % 4].append(f"{label}.{number}.1.bin")
-    for fold, lines in enumerate(names):
-        (root / "folds" / f"fold{fold}.txt").write_text("\n".join(lines))
-    return root
+    return write_sydney(root, {f"{label}.{i}.1": points for label, of in scans.items() for i, points in enumerate(of)})
 
 
 def test_the_frame_is_found_and_scans_are_turned_by_it(tmp_path: Path, cars: list[np.ndarray]) -> None:

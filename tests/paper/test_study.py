@@ -15,14 +15,13 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'zbuf-occlude[learn]'")
 
 from tests.paper import light  # noqa: E402
-from tests.paper.hand_made import TINY  # noqa: E402
+from tests.paper.hand_made import TINY, write_sydney  # noqa: E402
 from zbuf_occlude import shapes  # noqa: E402
 from zbuf_occlude.dataset.plan import Plan, Recipe  # noqa: E402
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, UnavailableError  # noqa: E402
 from zbuf_occlude.learn.data import CloudSet  # noqa: E402
 from zbuf_occlude.meshes import MeshCollection  # noqa: E402
 from zbuf_occlude.paper import experiments as experiments_module  # noqa: E402
-from zbuf_occlude.paper import real_scans  # noqa: E402
 from zbuf_occlude.paper.design import (  # noqa: E402
     AUGMENTATION,
     CLOUDS,
@@ -42,6 +41,7 @@ from zbuf_occlude.paper.experiments import (  # noqa: E402
     degrees,
     find_objects,
 )
+from zbuf_occlude.paper.real_scans import CLASSES  # noqa: E402
 from zbuf_occlude.paper.results import FOLDER, Result, Trial, read_results, read_study  # noqa: E402
 from zbuf_occlude.paper.study import run_study, run_trials  # noqa: E402
 from zbuf_occlude.paper.study_report import write_study  # noqa: E402
@@ -141,18 +141,9 @@ def test_stopped_or_not_in_one_process_or_two_the_results_are_the_same(
 
 
 def test_scans_given_later_are_a_test_more(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = tmp_path / "scans"
-    (root / "objects").mkdir(parents=True)
-    (root / "folds").mkdir()
     rng = np.random.default_rng(0)
-    for fold in range(4):
-        names = [f"{label}.{fold}.1" for label in real_scans.CLASSES]
-        for name in names:
-            records = np.zeros(20, real_scans.RECORD)
-            for axis in "xyz":
-                records[axis] = rng.normal(size=20)
-            records.tofile(root / "objects" / f"{name}.bin")
-        (root / "folds" / f"fold{fold}.txt").write_text("".join(f"{name}.bin\n" for name in names))
+    noise = {f"{label}.{number}.1": rng.normal(size=(20, 3)) for label in CLASSES for number in range(4)}
+    root = write_sydney(tmp_path / "scans", noise)
     before = {result.document["seconds"] for result in read_results(folder)}
     monkeypatch.setattr("zbuf_occlude.learn.training._Run", None)  # training anything would fail
     n_worked = run_study(folder, TINY, experiments=[AUGMENTATION], scans=root, workers=1)

@@ -3,8 +3,7 @@
 import base64
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from zbuf_occlude.compare.metrics import (
     Row,
     Standing,
     advice,
-    fit_power,
+    fit_exponent,
     front,
     milliseconds,
     representatives,
@@ -39,8 +38,7 @@ OUTCOMES = (
     ("false hidden: dropped, but visible", (148, 0, 130), True),
 )
 """Name, colour and whether it is shown at first, by the outcome's number in `metrics`."""
-CAPTIONS = {
-    "pareto": "Left and low is good. The grey staircase joins what nothing beats in both error and time.",
+HEADINGS = {
     "resolution": "Error against resolution and against the size of the grid",
     "elevation": "Error against the camera's elevation",
     "where": "Where the errors lie: distance from the nearest silhouette, angle of incidence",
@@ -81,12 +79,21 @@ def write_report(folder: Path, extra_tables: Callable[[Sequence[Row]], list[Tabl
         )
     of_meshes = [row for row in rows if row["suite"] == "meshes"]
     ranking = standings(of_meshes)
-    plots = {name: Picture(name, as_png(figure), CAPTIONS[name]) for name, figure in all_plots(rows).items()}
-    first: list[Section] = [table_of_answers(ranking)] if ranking else []
-    first += [replace(plots["pareto"], heading="", caption=CAPTIONS["pareto"])] if ranking else []
-    sections: list[Section] = [plots[name] for name in ("resolution", "elevation", "where") if name in plots]
+    first: list[Section] = []
+    if ranking:
+        best = "Left and low is good. The grey staircase joins what nothing beats in both error and time."
+        first += [table_of_answers(ranking), Picture("pareto", as_png(pareto(ranking)), caption=best)]
+    figures = {
+        "resolution": error_against_setting(of_meshes),
+        "elevation": error_against_elevation(of_meshes, ranking),
+        "where": error_by_place(of_meshes, ranking),
+    }
+    sections: list[Section] = [
+        Picture(name, as_png(figure), HEADINGS[name]) for name, figure in figures.items() if figure
+    ]
     sections += extra_tables(rows)
-    sections += [plots["scaling"]] if "scaling" in plots else []
+    if timed := [row for row in rows if row["suite"] == "scaling" and row["status"] == "ok"]:
+        sections.append(Picture("scaling", as_png(time_against_size(timed)), HEADINGS["scaling"]))
     sections += [table_of_subjects(ranking), table_by_mesh(of_meshes)] if ranking else []
     sections += [*table_of_failures(rows), definitions(rows)]
     return pages.write_pages(
@@ -267,29 +274,11 @@ def subject_shown_first(ranking: Sequence[Standing]) -> str:
 
 def pack_outcomes(outcomes: Any) -> str:
     """Pack outcomes 0..3 four to a byte, the first lowest, as base64."""
-    codes = np.zeros(-(-len(outcomes) // 4) * 4, dtype=np.uint8)
-    codes[: len(outcomes)] = outcomes
-    four = codes.reshape(-1, 4)
-    packed = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
-    return base64.b64encode(packed.astype(np.uint8).tobytes()).decode()
+    bits = outcomes[:, None] >> np.arange(2) & 1
+    return base64.b64encode(np.packbits(bits, bitorder="little").tobytes()).decode()
 
 
 # ---- plots -----------------------------------------------------------------------------------------------------------
-
-
-def all_plots(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Return every plot that the rows have data for, by file name without its ending."""
-    of_meshes = [row for row in rows if row["suite"] == "meshes"]
-    ranking = standings(of_meshes)
-    timed = [row for row in rows if row["suite"] == "scaling" and row["status"] == "ok"]
-    figures = {
-        "pareto": pareto(ranking) if ranking else None,
-        "resolution": error_against_setting(of_meshes),
-        "elevation": error_against_elevation(of_meshes, ranking),
-        "where": error_by_place(of_meshes, ranking),
-        "scaling": time_against_size(timed) if timed else None,
-    }
-    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def colour(method: str) -> str:
@@ -372,19 +361,15 @@ def label_points(
     shifts = [sign * 9.0 * step for step in range(12) for sign in (1.0, -1.0)]
     for (x, y), (place, text, tint) in sorted(zip(places, labels, strict=True), key=lambda item: -item[0][1]):
         span = width * len(text)
-        free = None
-        for shift in shifts:
-            for side in sides:
-                left = x + 8 if side == "left" else x - 8 - span
-                candidate = (left, y + shift - height / 2, left + span, y + shift + height / 2)
-                inside = candidate[0] > box.x0 * to_points and candidate[2] < box.x1 * to_points
-                inside &= candidate[1] > box.y0 * to_points and candidate[3] < box.y1 * to_points + height
-                if inside and not any(_overlap(candidate, other) for other in taken):
-                    free = (candidate, shift, side)
-                    break
-            if free:
+        for shift, side in product(shifts, sides):
+            left = x + 8 if side == "left" else x - 8 - span
+            candidate = (left, y + shift - height / 2, left + span, y + shift + height / 2)
+            inside = candidate[0] > box.x0 * to_points and candidate[2] < box.x1 * to_points
+            inside &= candidate[1] > box.y0 * to_points and candidate[3] < box.y1 * to_points + height
+            if inside and not any(_overlap(candidate, other) for other in taken):
                 break
-        candidate, shift, side = free or ((x, y, x, y), 0.0, "left")
+        else:
+            candidate, shift, side = (x, y, x, y), 0.0, "left"
         taken.append(candidate)
         offset = (8 if side == "left" else -8, shift)
         axes.annotate(
@@ -497,9 +482,8 @@ def _pooled(rows: Sequence[Row], subject: str, key: str) -> tuple[list[float], l
                 pair = totals.setdefault(one["upto"], [0, 0])
                 pair[0] += one["n"]
                 pair[1] += one["false_visible"] + one["false_hidden"]
-    bins = sorted(upto for upto in totals if upto is not None) + ([None] if None in totals else [])
-    errors = [totals[upto][1] / totals[upto][0] if totals[upto][1] else float("nan") for upto in bins]
-    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in bins]
+    errors = [wrong / n if wrong else float("nan") for n, wrong in totals.values()]
+    return errors, [f"{upto:g}" if upto is not None else "beyond" for upto in totals]
 
 
 def time_against_size(rows: Sequence[Row]) -> Figure:
@@ -520,7 +504,7 @@ def time_against_size(rows: Sequence[Row]) -> Figure:
             x, y = [float(a) for a, _ in line], [1e3 * b for _, b in line]
             tint = colour(subject.split(":")[0])
             axes.plot(x, y, color=tint, marker="o", markersize=4, linewidth=1.4)
-            _, exponent = fit_power(x[-3:], y[-3:])
+            exponent = fit_exponent(x[-3:], y[-3:])
             labels.append(
                 ((x[-1], y[-1]), f"{brief(subject)}  ∝ {'N' if sweep == 'points' else 'M'}^{exponent:.2f}", tint)
             )

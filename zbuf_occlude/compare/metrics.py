@@ -164,7 +164,6 @@ class Standing:
 
     subject: str
     method: str
-    exact: bool  # whether the method claims to equal the oracle outside the boundary band
     n_meshes: int
     pairs: int  # of view and point, outside the boundary band
     wrong: float
@@ -196,7 +195,6 @@ def _standing(rows: Sequence[Row]) -> Standing:
     return Standing(
         subject=rows[0]["subject"],
         method=rows[0]["method"],
-        exact=rows[0]["exact"],
         n_meshes=len(rows),
         pairs=sum(o["n"] for o in outside),
         wrong=_mean(1.0 - o["agreement"] for o in outside),
@@ -296,10 +294,9 @@ def representatives(ranking: Sequence[Standing]) -> list[Standing]:
     return shown
 
 
-def fit_power(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Fit y = a x^b by least squares of the logarithms; return (a, b)."""
-    slope, offset = np.polyfit(np.log(np.asarray(x)), np.log(np.asarray(y)), 1)
-    return float(np.exp(offset)), float(slope)
+def fit_exponent(x: Sequence[float], y: Sequence[float]) -> float:
+    """Return the b of y = a x^b that fits best, by least squares of the logarithms."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def _mean(values: Iterable[float]) -> float:

@@ -11,7 +11,7 @@ import statistics
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -26,9 +26,9 @@ from zbuf_occlude.compare.child import Child, ChildFailed
 from zbuf_occlude.compare.metrics import ReferenceAnswer
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.errors import DatasetError, OccludeError
-from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.provenance import n_cores, versions
+from zbuf_occlude.shapes.solids import box
 from zbuf_occlude.visibility import find_method, prepare
 from zbuf_occlude.visibility.interface import Occluder
 
@@ -327,10 +327,7 @@ def affordable(occluder: Occluder, question: Question, budget: float) -> tuple[A
 
 def warm(method: str, options: dict[str, Any]) -> None:
     """Run the method on a cube, so that what happens only once has happened."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    cube = Mesh(corners, np.array(faces), name="cube")
+    cube = box()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with prepare(cube, method, gl=_gl_for(method), **options) as occluder:
@@ -355,20 +352,15 @@ def _gl_for(method: str) -> Any:
 
 def _process_memory(name: str) -> int:
     """Return a field of /proc/self/status in bytes; 0 where there is none."""
-    try:
-        with open("/proc/self/status", encoding="utf-8") as file:
-            return next((int(line.split()[1]) * 1024 for line in file if line.startswith(name)), 0)
-    except OSError:
-        return 0
+    with suppress(OSError), open("/proc/self/status", encoding="utf-8") as file:
+        return next((int(line.split()[1]) * 1024 for line in file if line.startswith(name)), 0)
+    return 0
 
 
 def _reset_peak() -> None:
     """Let the peak start again from what is resident now; where that is not allowed peaks only grow."""
-    try:
-        with open("/proc/self/clear_refs", "w", encoding="utf-8") as file:
-            file.write("5")
-    except OSError:
-        pass
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
 
 
 # ---- the comparison --------------------------------------------------------------------------------------------------
@@ -497,9 +489,6 @@ def compare_masks(measured: Measurement, expected: ReferenceAnswer, question: Qu
 def machine() -> str:
     """The processor's name and number of cores."""
     name = platform.processor() or platform.machine()
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            name = next((line.split(":")[1].strip() for line in file if line.startswith("model name")), name)
-    except OSError:
-        pass
+    with suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
+        name = next((line.split(":")[1].strip() for line in file if line.startswith("model name")), name)
     return f"{name}, {n_cores()} cores"

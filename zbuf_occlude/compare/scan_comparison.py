@@ -8,7 +8,7 @@ points there are by range and incidence (density).
 import json
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -208,29 +208,26 @@ def compare_scans(
         return [question.ask(*each) for each in zip(names, clouds, matrices, strict=True)]
 
 
+@dataclass(eq=False)
 class _Question:
     """What is the same for all scans."""
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        occluder: Occluder,
-        sensor: Sensor,
-        mounted: FloatArray,
-        tolerance: float | None,
-        slack: float | None,
-        refine: bool,
-        seed: int,
-    ) -> None:
-        self.mesh, self.occluder, self.sensor, self.mounted = mesh, occluder, sensor, mounted
-        self.tolerance, self.slack, self.refine, self.seed = tolerance, slack, refine, seed
-        self.used = np.unique(mesh.faces)
+    mesh: Mesh
+    occluder: Occluder
+    sensor: Sensor
+    mounted: FloatArray
+    tolerance: float | None
+    slack: float | None
+    refine: bool
+    seed: int
+
+    def __post_init__(self) -> None:
+        mesh, used = self.mesh, np.unique(self.mesh.faces)
         normals = np.zeros_like(mesh.vertices)
         for corner in range(3):
             np.add.at(normals, mesh.faces[:, corner], mesh.face_normals)
-        normals = normals[self.used]
-        self.vertices, self.outward = mesh.vertices[self.used], outward(mesh)
-        normals *= self.outward or 1.0
+        self.vertices, self.outward = mesh.vertices[used], outward(mesh)
+        normals = normals[used] * (self.outward or 1.0)
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
 
     def ask(self, name: str, cloud: FloatArray, pose: FloatArray) -> ScanComparison:
@@ -254,8 +251,7 @@ class _Question:
         residuals = ranges - hits.distances
         hidden = residuals > slack
         near = np.abs(residuals) <= slack
-        cosines = np.zeros(len(points))
-        cosines[near] = self._cosines(hits.face_ids[near], towards[near])
+        cosines = self._cosines(hits.face_ids[near], towards[near])
         incidences = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
         seen, vertex_incidences = self._predicted(stands)
         scanned = _distances(self.vertices, points, 1)[:, 0] <= tolerance
@@ -264,7 +260,7 @@ class _Question:
             warnings.simplefilter("ignore")  # within the bounding box of a street, say
             made = scan(Scene.of(self.mesh), self.sensor, stands, seed=self.seed, occluder=self.occluder)
         middle, sigma = _spread(residuals[near])
-        sensor_sigma = self.sensor.imperfections.range_sigma(ranges[near], np.radians(incidences[near]))
+        sensor_sigma = self.sensor.imperfections.range_sigma(ranges[near], np.radians(incidences))
         return ScanComparison(
             name=name,
             n_real=len(points),
@@ -282,9 +278,8 @@ class _Question:
                     "from": low,
                     "to": high,
                     **_counted(cases, vertex_incidences, low, high),
-                    "sigma": _spread(residuals[near][_within(incidences[near], low, high)])[1],
-                    "real": int(_within(incidences[near], low, high).sum()),
-                    "simulated": int(_within(np.degrees(made.incidences), low, high).sum()),
+                    "sigma": _spread(residuals[near][_within(incidences, low, high)])[1],
+                    **_numbers(incidences, np.degrees(made.incidences), low, high),
                 }
                 for low, high in pairwise(INCIDENCES)
             ),
@@ -399,18 +394,14 @@ def _counted(cases: NDArray[np.uint8], incidences: FloatArray, low: float, high:
     return {name: int((mine == case).sum()) for case, name in enumerate(CASES[:NEITHER])}
 
 
+def _numbers(real: FloatArray, made: FloatArray, low: float, high: float) -> dict[str, int]:
+    return {"real": int(_within(real, low, high).sum()), "simulated": int(_within(made, low, high).sum())}
+
+
 def _by_range(real: FloatArray, made: FloatArray) -> list[dict[str, Any]]:
     edges = np.quantile(real, np.linspace(0.0, 1.0, N_RANGES + 1))
     edges[-1] = np.nextafter(edges[-1], np.inf)
-    return [
-        {
-            "from": float(low),
-            "to": float(high),
-            "real": int(_within(real, low, high).sum()),
-            "simulated": int(_within(made, low, high).sum()),
-        }
-        for low, high in pairwise(edges)
-    ]
+    return [{"from": float(low), "to": float(high), **_numbers(real, made, low, high)} for low, high in pairwise(edges)]
 
 
 def _spread(values: FloatArray) -> tuple[float, float]:
@@ -444,38 +435,24 @@ def write_scan_report(folder: Path, found: Sequence[ScanComparison], sensor: Sen
 
 
 def _table_of_scans(found: Sequence[ScanComparison]) -> Table:
-    header = (
-        "scan",
-        "points",
-        "simulated",
-        "agreement",
-        "predicted only",
-        "scanned only",
-        "hidden",
-        "residual",
-        "spread",
-    )
-    rows = [
-        (
-            verbatim(each.name),
-            f"{each.n_real:,}",
-            f"{each.n_simulated:,}",
-            f"{each.agreement:.1%}",
-            f"{each.share(NOT_SCANNED):.1%}",
-            f"{each.share(NOT_SEEN):.1%}",
-            f"{each.false_hidden:.2%}",
-            f"{each.residual:.2g}",
-            f"{each.sigma:.2g}",
-        )
-        for each in found
-    ]
+    columns: dict[str, Callable[[ScanComparison], str]] = {
+        "scan": lambda each: verbatim(each.name),
+        "points": lambda each: f"{each.n_real:,}",
+        "simulated": lambda each: f"{each.n_simulated:,}",
+        "agreement": lambda each: f"{each.agreement:.1%}",
+        "predicted only": lambda each: f"{each.share(NOT_SCANNED):.1%}",
+        "scanned only": lambda each: f"{each.share(NOT_SEEN):.1%}",
+        "hidden": lambda each: f"{each.false_hidden:.2%}",
+        "residual": lambda each: f"{each.residual:.2g}",
+        "spread": lambda each: f"{each.sigma:.2g}",
+    }
     one = found[0]
     note = (
         f"Tolerance {one.tolerance:.3g} and slack {one.slack:.3g} in the first scan. Agreement, predicted only and "
         "scanned only: of the vertices. Hidden: of the real points. Residual: median of real minus mesh along the ray; "
         f"its spread is a standard deviation, where the sensor's model has {one.sensor_sigma:.2g}."
     )
-    return Table("Scans", header, rows, note)
+    return Table("Scans", list(columns), [[cell(each) for cell in columns.values()] for each in found], note)
 
 
 def _table_by_incidence(found: Sequence[ScanComparison]) -> Table:
@@ -511,11 +488,8 @@ def _densities(spans: Sequence[dict[str, Any]]) -> tuple[str, str, str]:
 def draw_cases(found: ScanComparison) -> Any:
     """Return a figure of the mesh as the sensor sees it, its vertices coloured by case."""
     with importing("matplotlib", "pictures"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    figure = Figure(figsize=(8, 6.5), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
+        from zbuf_occlude.drawing.pictures import canvas
+    figure, (axes,) = canvas(8, 6.5)
     size = float(np.clip(60_000 / max((found.cases != NEITHER).sum(), 1), 1.0, 14.0))
     for case in (BOTH, NOT_SCANNED, NOT_SEEN):
         label = f"{CASES[case]}: {found.share(case):.1%}"

@@ -79,14 +79,9 @@ class SphereClassifier(Classifier):
     """A classifier of clouds that are scaled into the unit sphere; the order of the points does not matter."""
 
     def normalise(self, points: torch.Tensor) -> torch.Tensor:
-        """Scale clouds (b, n, 3) into the unit sphere, their centroids at its centre."""
-        return unit_sphere(points)
-
-
-def unit_sphere(points: torch.Tensor) -> torch.Tensor:
-    """Move the centroids of clouds (b, n, 3) to the origin; scale the farthest point of each to the unit sphere."""
-    centred = points - points.mean(dim=1, keepdim=True)
-    return centred / _positive(torch.linalg.norm(centred, dim=2, keepdim=True).amax(dim=1, keepdim=True))
+        """Move the centroids of clouds (b, n, 3) to the origin; scale the farthest point of each to the unit sphere."""
+        centred = points - points.mean(dim=1, keepdim=True)
+        return centred / _positive(torch.linalg.norm(centred, dim=2, keepdim=True).amax(dim=1, keepdim=True))
 
 
 def _positive(lengths: torch.Tensor) -> torch.Tensor:

@@ -6,6 +6,7 @@ by two eyes; tested on all.
 """
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial, reduce
@@ -55,7 +56,7 @@ from zbuf_occlude.paper.design import (
     Size,
     name_of_test,
 )
-from zbuf_occlude.paper.figures import cells_as_mesh, make_mask, projected_areas
+from zbuf_occlude.paper.figures import PLANES, cells_as_mesh, degrees, make_mask, projected_areas
 from zbuf_occlude.paper.real_scans import layout_of, read_objects, read_scans, resampled
 from zbuf_occlude.paper.results import AREAS, Trial
 from zbuf_occlude.provenance import Origin, seed_of
@@ -63,7 +64,6 @@ from zbuf_occlude.sensors import make
 from zbuf_occlude.sensors.scanning import default_caster
 from zbuf_occlude.sensors.setup import Setup
 from zbuf_occlude.views import Views, modelnet8, paper100
-from zbuf_occlude.visibility import find_method
 
 MODELNET40 = "https://modelnet.cs.princeton.edu"
 MODELNET10 = (
@@ -224,8 +224,6 @@ VALIDATION_SHARE = 0.1
 """Of the clouds at the training elevations, where no object is held out."""
 AREA_POINTS = 2_000
 AREA_OBJECTS = 40
-PLANES = ("y-z", "x-z", "x-y")
-"""That areas are projected on, as `projected_areas` orders them."""
 
 
 class Elevation(Experiment):
@@ -292,13 +290,13 @@ class Elevation(Experiment):
 
     def training(self, split_by: str) -> CloudSet:
         """Return the clouds to train on, all at the training elevations."""
-        objects = split_by == "objects"
-        return _at(self._split("train") if objects else self._all.subset(~self._for_validation), *TRAIN_ELEVATIONS)
+        clouds = self._split("train") if split_by == "objects" else self._all.subset(~self._for_validation)
+        return _at(clouds, *TRAIN_ELEVATIONS)
 
     def validation(self, split_by: str) -> CloudSet:
         """Return the clouds to validate with, all at the training elevations."""
-        objects = split_by == "objects"
-        return _at(self._split("val") if objects else self._all.subset(self._for_validation), *TRAIN_ELEVATIONS)
+        clouds = self._split("val") if split_by == "objects" else self._all.subset(self._for_validation)
+        return _at(clouds, *TRAIN_ELEVATIONS)
 
     def test(self, split_by: str, elevation: int) -> CloudSet:
         """Return the clouds to test on at an elevation (degrees)."""
@@ -314,12 +312,11 @@ class Elevation(Experiment):
 
 def _divided(meshes: MeshCollection) -> MeshCollection:
     """Return the meshes with the splits of `PARTS`, class by class."""
-    seen: dict[str, int] = {}
+    seen = Counter[str]()
     entries = []
     for entry in meshes:
-        place = seen.get(entry.label, 0)
-        seen[entry.label] = place + 1
-        entries.append(replace(entry, split=PARTS[place % len(PARTS)]))
+        entries.append(replace(entry, split=PARTS[seen[entry.label] % len(PARTS)]))
+        seen[entry.label] += 1
     return MeshCollection(entries)
 
 
@@ -349,11 +346,6 @@ def areas_seen(meshes: Sequence[MeshEntry]) -> tuple[NDArray[np.int64], FloatArr
         areas = projected_areas(entry.load().normalized(), mask, views, 0, AREA_POINTS)
         curves.append([areas[each == level].mean(axis=0) for level in levels])
     return levels, np.array(curves) / np.max(curves, axis=1, keepdims=True)
-
-
-def degrees(elevations: Any) -> Any:
-    """Return elevations (radians) as whole degrees."""
-    return np.round(np.degrees(elevations)).astype(int)
 
 
 def _at(clouds: CloudSet, *elevations: int) -> CloudSet:
@@ -402,17 +394,12 @@ class Augmentation(Experiment):
 
     def _make(self, name: str, plan: Plan, progress: Callable[[int], None]) -> dict[str, str]:
         """Make a dataset; a method that cannot run here is left out."""
-        reason = "" if name == ORIGINAL else find_method(plan.recipe.method).missing()
-        if not reason:
-            try:
-                return super()._make(name, plan, progress)
-            except (GlError, UnavailableError) as error:
-                if name == ORIGINAL:
-                    raise
-                reason = str(error)
-        self.missing[name] = reason
-        progress(plan.n_clouds)  # there will be none to wait for
-        return {}
+        try:
+            return super()._make(name, plan, progress)
+        except (GlError, UnavailableError) as error:
+            self.missing[name] = str(error)
+            progress(plan.n_clouds)  # there will be none to wait for
+            return {}
 
     def notes(self) -> dict[str, Any]:
         """Return the methods that cannot run here, and why."""

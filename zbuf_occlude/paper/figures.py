@@ -21,6 +21,8 @@ from zbuf_occlude.views import PAPER_DISTANCE, Views, paper100
 from zbuf_occlude.visibility import prepare
 
 ORIGIN = np.zeros(3)
+PLANES = ("y-z", "x-z", "x-y")
+"""That areas are projected on, as `projected_areas` orders them."""
 Mask = Callable[[Mesh, SurfacePoints, FloatArray], BoolArray]
 """How hidden surfaces are removed: (mesh, points, eyes (k, 3)) to (k, n) bool."""
 
@@ -163,10 +165,10 @@ def figure_12(exhibit: Exhibit) -> Figure:
     """Projected area of the visible part on the three coordinate planes against the camera's elevation."""
     views = paper100(exhibit.distance)
     areas = projected_areas(exhibit.mesh, exhibit.mask, views, exhibit.seed)
-    elevations = np.round(np.degrees(views.elevation)).astype(int)
+    elevations = degrees(views.elevation)
     levels = np.unique(elevations)
     figure, axes = canvas(11.0, 3.6, 3)
-    for axis, (panel, plane) in enumerate(zip(axes, ("y-z", "x-z", "x-y"), strict=True)):
+    for axis, (panel, plane) in enumerate(zip(axes, PLANES, strict=True)):
         by_level = [areas[elevations == level, axis] for level in levels]
         panel.fill_between(
             levels, [a.min() for a in by_level], [a.max() for a in by_level], color="#0072b2", alpha=0.15
@@ -183,6 +185,11 @@ def figure_12(exhibit: Exhibit) -> Figure:
         color=GREY,
     )
     return figure
+
+
+def degrees(elevations: Any) -> Any:
+    """Return elevations (radians) as whole degrees."""
+    return np.round(np.degrees(elevations)).astype(int)
 
 
 def projected_areas(mesh: Mesh, mask: Mask, views: Views, seed: int, n_points: int = 20_000) -> FloatArray:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
+from zbuf_occlude.compare.scan_files import rotation_of
 from zbuf_occlude.dataset.records import draw, fit
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
@@ -443,11 +444,13 @@ def read_argoverse(path: Path) -> Sweep:
         numbers = np.array([annotations[name][row] for name in _BOX])
         if not np.isfinite(numbers).all():
             raise DatasetError(f"boxes in {log / ANNOTATIONS} must be numbers; that of row {row} has others.")
-        boxes.append(
-            LabelledBox(
-                str(annotations["category"][row]), numbers[7:], _rotation(numbers[3:7], log / ANNOTATIONS), numbers[:3]
+        w, x, y, z = numbers[3:7]
+        length = float(np.linalg.norm(numbers[3:7]))
+        if not 0.5 < length < 2.0:
+            raise DatasetError(
+                f"qw, qx, qy, qz in {log / ANNOTATIONS} must be unit quaternions; one has the length {length:g}."
             )
-        )
+        boxes.append(LabelledBox(str(annotations["category"][row]), numbers[7:], rotation_of(x, y, z, w), numbers[:3]))
     return Sweep(f"{log.name}/{path.stem}", points, boxes)
 
 
@@ -469,21 +472,6 @@ def _table(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     except (ArrowException, OSError, ValueError, TypeError) as error:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DatasetError(f"{path} must be a feather file; it cannot be read ({first}). Copy it again.") from None
-
-
-def _rotation(quaternion: FloatArray, path: Path) -> FloatArray:
-    """The rotation matrix of a quaternion w, x, y, z."""
-    length = float(np.linalg.norm(quaternion))
-    if not 0.5 < length < 2.0:
-        raise DatasetError(f"qw, qx, qy, qz in {path} must be unit quaternions; one has the length {length:g}.")
-    w, x, y, z = quaternion / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 _LARGE = "ARTICULATED_BUS BOX_TRUCK BUS LARGE_VEHICLE SCHOOL_BUS TRUCK TRUCK_CAB VEHICULAR_TRAILER"

@@ -716,10 +716,10 @@ def plot_elevation(results: Sequence[Result], areas: dict[str, Any] | None) -> F
                     above.fill_between(levels, curves.min(axis=0), curves.max(axis=0), color=tint, alpha=0.15)
             published = TABLE_3A[paper_name(model)]
             above.plot(levels, published, color=tint, linewidth=1.0, linestyle=(0, (4, 3)), alpha=0.55)
-        for column, tint in enumerate(PLANE_COLOURS if areas else ()):
-            assert areas is not None
-            mean, label = [100 * row[column] for row in areas["mean"]], f"onto {areas['planes'][column]}"
-            below.plot(areas["elevations"], mean, color=tint, marker="o", markersize=3, label=label)
+        if areas:
+            for plane, seen, tint in zip(areas["planes"], np.transpose(areas["mean"]), PLANE_COLOURS, strict=True):
+                label = f"onto {plane}"
+                below.plot(areas["elevations"], 100 * seen, color=tint, marker="o", markersize=3, label=label)
         below.set_xticks(range(-90, 91, 30))
         below.set_xlabel("elevation of the camera, degrees", fontsize=10)
         below.set_ylim(0, 102)
