@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray, as_numbers
 from zbuf_occlude.errors import DatasetError, MeshError, OptionError, in_words, printable
 from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.meshes.ply import read_ply_points
 from zbuf_occlude.sensors.sensor import Sensor
 
@@ -160,18 +161,12 @@ def _of_stanford(text: str, scans: Sequence[Path]) -> list[FloatArray]:
         if words[:1] == ["bmesh"]:
             x, y, z, i, j, k, real = map(float, words[2:9])
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = rotation_of(i, j, k, -real), (x, y, z)  # the files have it negated
+            quaternion = np.array([i, j, k, -real])  # the files have it negated
+            pose[:3, :3], pose[:3, 3] = rotations_of(quaternion / np.linalg.norm(quaternion)), (x, y, z)
             found[Path(words[1]).name] = pose
     if missing := [scan.name for scan in scans if scan.name not in found]:
         raise ValueError(f"no line `bmesh {missing[0]}`")
     return [found[scan.name] for scan in scans]
-
-
-def rotation_of(i: float, j: float, k: float, real: float) -> FloatArray:
-    """Return the rotation matrix (3, 3) of a quaternion, of any length but 0."""
-    i, j, k, real = np.array([i, j, k, real]) / np.linalg.norm([i, j, k, real])
-    cross = np.array([[0.0, -k, j], [k, 0.0, -i], [-j, i, 0.0]])
-    return np.asarray(np.eye(3) + 2.0 * real * cross + 2.0 * cross @ cross)
 
 
 def _of_bop(document: Any) -> list[FloatArray]:

@@ -34,6 +34,17 @@ _CUBE_AXES = np.array(
 )
 
 
+def rotations_of(quaternions: ArrayLike) -> FloatArray:
+    """Return the rotations (..., 3, 3) of unit quaternions (..., 4), x y z w."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
 class Frusta(NamedTuple):
     """Off-centre frusta, one for each of k cameras; (k,) each.
 

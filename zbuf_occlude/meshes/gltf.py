@@ -10,6 +10,7 @@ import numpy as np
 
 from zbuf_occlude.arrays import LARGEST, BoolArray, FloatArray
 from zbuf_occlude.errors import MeshError
+from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.geometry.colors import CLAMP, MIRROR, REPEAT, WHITE, Bytes, Material
 from zbuf_occlude.meshes.gltf_data import Data, Json, whole
 from zbuf_occlude.meshes.looks import Look, Textures
@@ -345,13 +346,8 @@ def _local(node: Json) -> FloatArray | None:
                 )
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = _unit(node.get("rotation", (0.0, 0.0, 0.0, 1.0)))
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = rotations_of(_unit(node.get("rotation", (0.0, 0.0, 0.0, 1.0))))
     matrix[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)))
     matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
     return matrix

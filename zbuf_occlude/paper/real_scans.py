@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.compare.scan_files import rotation_of
 from zbuf_occlude.dataset.records import draw, fit
 from zbuf_occlude.drawing.pictures import new_figure
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.extras import importing
+from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.learn.data import CloudSet
 from zbuf_occlude.provenance import seed_of
 
@@ -450,7 +450,8 @@ def read_argoverse(path: Path) -> Sweep:
             raise DatasetError(
                 f"qw, qx, qy, qz in {log / ANNOTATIONS} must be unit quaternions; one has the length {length:g}."
             )
-        boxes.append(LabelledBox(str(annotations["category"][row]), numbers[7:], rotation_of(x, y, z, w), numbers[:3]))
+        rotation = rotations_of(np.array([x, y, z, w]) / length)
+        boxes.append(LabelledBox(str(annotations["category"][row]), numbers[7:], rotation, numbers[:3]))
     return Sweep(f"{log.name}/{path.stem}", points, boxes)
 
 

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from zbuf_occlude.arrays import FloatArray, as_numbers, as_vectors, sealed, shape_and_dtype
 from zbuf_occlude.documents import read_limited
 from zbuf_occlude.errors import ArgumentError, DatasetError, in_words, printable
+from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.sensors.sensor import Rays
-from zbuf_occlude.views.cameras import rotations_of
 
 STRAIGHT = 1e-9
 """Radians a second below which an arc is computed as a line."""

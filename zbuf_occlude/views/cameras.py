@@ -16,6 +16,7 @@ import numpy as np
 from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.documents import Number, parse_document, read_limited
 from zbuf_occlude.errors import OptionError, in_words, printable
+from zbuf_occlude.geometry.camera import rotations_of
 from zbuf_occlude.views.model import PAPER_DISTANCE, Views
 
 _TO_GL = np.diag([1.0, -1.0, -1.0])
@@ -212,24 +213,13 @@ def _camera_of_frame(frame: Mapping[str, Any]) -> _Camera:
     return _camera(rotation.T, -rotation.T @ to_world[:3, 3], intrinsics)
 
 
-def rotations_of(quaternions: FloatArray) -> FloatArray:
-    """Return the rotations (n, 3, 3) of unit quaternions (n, 4), x y z w."""
-    x, y, z, w = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
 def _camera_of_image(row: Sequence[Any], models: Mapping[Any, Sequence[Any]]) -> _Camera:
     quaternion = np.array(_QUATERNION.read("the quaternion", row[1:5]))
     if not quaternion.any():
         raise ValueError("a quaternion must not be zero, and one is")
     quaternion /= np.abs(quaternion).max()  # its square may overflow
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    rotation, intrinsics = rotations_of(np.array([[x, y, z, w]]))[0], None
+    rotation, intrinsics = rotations_of([x, y, z, w]), None
     if models:
         _, model, width, height, *words = models[f"camera {row[8]}"]
         parameters = [float(word) for word in words]
