@@ -39,8 +39,9 @@ def test_random_scenes(index: int, gl: GlContext) -> None:
     assert differing(mesh, points, eyes, gl) == 0
 
 
-@pytest.mark.parametrize("mesh", [needles(400, 2), sphere(144)], ids=["needles", "82,368 faces"])
-def test_equals_the_oracle(mesh: zo.Mesh, gl: GlContext) -> None:
+@pytest.mark.parametrize("kind", ["needles", "82,368 faces"])
+def test_equals_the_oracle(kind: str, gl: GlContext) -> None:
+    mesh = needles(400, 2) if kind == "needles" else sphere(144)
     points = zo.sample_surface(mesh, n_points=250, seed=1)
     assert differing(mesh, points, eyes_of(mesh, points), gl) == 0
 
