@@ -3,6 +3,7 @@ if it is not exact, its row in AGREEMENT."""
 
 import re
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -306,6 +307,29 @@ def test_two_at_once(prepare: Prepare, answer: np.ndarray) -> None:
     one.close()
     assert (two.visible(points, eyes) == expected).all()
     two.close()
+
+
+def test_threads_at_a_time_give_what_one_gives(method: Method, prepare: Prepare) -> None:
+    """On one occluder and on two. Methods that render have their own story (test_gl_threads.py)."""
+    if method.needs_gl or method.name == "pyrender":
+        return
+    asked = [
+        [(zo.sample_surface(mesh, n_points=150 + 40 * i, seed=i), EYES[i : i + 2]) for i in range(6)]
+        for mesh in (SCENE, sphere(8))
+    ]
+    with prepare(SCENE) as one, prepare(sphere(8)) as other, ThreadPoolExecutor(4) as pool:
+        alone = [[occluder.visible(*each) for each in mine] for occluder, mine in zip((one, other), asked, strict=True)]
+
+        def agree(occluder: Occluder, which: int, order: slice) -> bool:
+            answers = zip(asked[which][order], alone[which][order], strict=True)
+            return all(np.array_equal(occluder.visible(*question), answer) for question, answer in answers)
+
+        running = [
+            pool.submit(agree, occluder, which, slice(None, None, step))
+            for which, occluder in enumerate((one, other))
+            for step in (1, -1)
+        ]
+        assert all(future.result(timeout=300) for future in running)
 
 
 def test_who_renders(method: Method, occluder: Occluder) -> None:

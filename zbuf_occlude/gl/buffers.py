@@ -80,10 +80,6 @@ class Buffers:
         call.clear_part(_COPY_WRITE, _R32UI, 0, n_bytes, _RED_INTEGER, _UNSIGNED_INT, None)
         call.bind_buffer(_COPY_WRITE, 0)
 
-    def write(self, name: str, array: np.ndarray[Any, Any]) -> None:
-        """Write `array` to a buffer's beginning."""
-        self._buffers[name].write(array)
-
     def read_into(self, name: str, array: np.ndarray[Any, Any], offset: int = 0) -> None:
         """Read all of `array` from a buffer, from a byte offset, when all that was asked before is done."""
         call = self._gl.call

@@ -124,7 +124,6 @@ class FaceArrays:
     faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
     corners: FloatArray  # (f, 9) world space
     boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
-    level_start: list[int]
     level_size: list[int]
 
 
@@ -152,7 +151,7 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     boxes = np.zeros((sum(sizes), 8), dtype=np.float32)
     boxes[:, 0:3] = np.concatenate([(low + high) / 2.0 for low, high in levels])
     boxes[:, 4:7] = np.concatenate([(high - low) / 2.0 for low, high in levels])
-    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, [0, *np.cumsum(sizes[:-1]).tolist()], sizes)
+    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, sizes)
 
 
 @dataclass(frozen=True)
@@ -254,7 +253,6 @@ class _FacePart:
 
     first: int
     n_faces: int
-    level_start: list[int]
     level_size: list[int]
     buffers: Buffers
 
@@ -284,9 +282,7 @@ class ExactPass:
             arrays = arrange_faces(mesh.corners[part], self._unit)
             self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
             buffers = Buffers(gl, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
-            self._face_parts.append(
-                _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
-            )
+            self._face_parts.append(_FacePart(part.start, part.stop - part.start, arrays.level_size, buffers))
 
     def upload(self, positions: FloatArray, face_ids: IntArray) -> PointPackets:
         """Put points (world space) and their own faces (-1: none) on the GPU; the caller releases them."""
@@ -353,9 +349,9 @@ class ExactPass:
         program["first_face"].value = part.first
         program["n_faces"].value = part.n_faces
         program["n_levels"].value = len(part.level_size)
-        none = [0] * (MAX_LEVELS - len(part.level_size))
-        program["level_start"].value = (*part.level_start, *none)
-        program["level_size"].value = (*part.level_size, *none)
+        sizes = np.pad(part.level_size, (0, MAX_LEVELS - len(part.level_size)))
+        program["level_size"].value = tuple(sizes.tolist())
+        program["level_start"].value = tuple((np.cumsum(sizes) - sizes).tolist())
         program["n_tasks"].value = 0
         largest = n_packets * n_eyes
         tasks = self._run(program, answers, n_packets, n_eyes)
