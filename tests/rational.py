@@ -7,6 +7,7 @@ from zbuf_occlude.arrays import FloatArray
 from zbuf_occlude.geometry.mesh import Mesh
 
 Rational = list[Fraction]
+Vector = Rational | Sequence[float] | FloatArray
 
 
 def sees(mesh: Mesh, eye: FloatArray, point: FloatArray, own: int, contact: float) -> bool:
@@ -32,31 +33,28 @@ def sees(mesh: Mesh, eye: FloatArray, point: FloatArray, own: int, contact: floa
     signed volumes (`geometry.predicates`) and perpendicular planes (`zbuf_occlude.object_space`): the meeting
     point, then on which side of each edge it lies.
     """
-    e, p = _exact(eye), _exact(point)
-    towards = _minus(e, p)
+    towards = _minus(_exact(eye), _exact(point))
     tau_squared = Fraction(contact) ** 2
-    return not any(
-        _blocks(p, towards, tau_squared, [_exact(corner) for corner in corners])
-        for face, corners in enumerate(mesh.corners)
-        if face != own
-    )
+    met = (meeting(point, towards, corners) for face, corners in enumerate(mesh.corners) if face != own)
+    return not any(t is not None and t < 1 and t * t * _dot(towards, towards) > tau_squared for t in met)
 
 
-def _blocks(p: Rational, towards: Rational, tau_squared: Fraction, corners: list[Rational]) -> bool:
-    a, b, c = corners
+def meeting(origin: Vector, direction: Vector, corners: Sequence[Vector]) -> Fraction | None:
+    """How many times its direction from its origin a ray meets a face, without rounding; None where it does not."""
+    p, towards = _exact(origin), _exact(direction)
+    a, b, c = map(_exact, corners)
     normal = _cross(_minus(b, a), _minus(c, a))
     slope = _dot(towards, normal)
-    if slope == 0:
-        return False
-    t = _dot(_minus(a, p), normal) / slope
-    if not 0 < t < 1 or t * t * _dot(towards, towards) <= tau_squared:
-        return False
+    t = _dot(_minus(a, p), normal) / slope if slope else Fraction(0)
+    if t <= 0:
+        return None
     met = [x + t * y for x, y in zip(p, towards, strict=True)]
-    return all(_dot(_cross(_minus(v, u), _minus(met, u)), normal) >= 0 for u, v in ((a, b), (b, c), (c, a)))
+    inside = all(_dot(_cross(_minus(v, u), _minus(met, u)), normal) >= 0 for u, v in ((a, b), (b, c), (c, a)))
+    return t if inside else None
 
 
-def _exact(values: Sequence[float] | FloatArray) -> Rational:
-    return [Fraction(float(x)) for x in values]
+def _exact(values: Vector) -> Rational:
+    return [Fraction(x if isinstance(x, Fraction) else float(x)) for x in values]
 
 
 def _minus(u: Rational, v: Rational) -> Rational:

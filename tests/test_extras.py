@@ -2,13 +2,12 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import zbuf_occlude as zo
+from tests.processes import python, run_program
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import importing
 
@@ -35,12 +34,7 @@ def broken(tmp_path: Path) -> dict[str, str]:
         (tmp_path / package / "__init__.py").touch()
         (tmp_path / package / f"{module}.py").write_text(code + "\n")
     paths = [str(tmp_path), str(Path(zo.__file__).parents[1])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-
-
-def run(environment: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    return {"PYTHONPATH": os.pathsep.join(paths)}
 
 
 def assert_one_line(said: str, package: str) -> None:
@@ -59,7 +53,7 @@ def refusals(environment: dict[str, str], programs: list[str]) -> list[str]:
         "    except zo.UnavailableError as error:\n"
         "        print(error)\n"
     )
-    done = run(environment, "-c", code)
+    done = run_program(code, **environment)
     assert len(done.stdout.splitlines()) == len(programs), done.stdout + done.stderr
     return done.stdout.splitlines()
 
@@ -84,7 +78,7 @@ def test_a_command_that_needs_a_broken_package(
 ) -> None:
     (tmp_path / "corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
     words = arguments.format(mesh=tmp_path / "corner.obj", out=tmp_path / "out").split()
-    child = run(broken, "-m", "zbuf_occlude", *words)
+    child = python("-m", "zbuf_occlude", *words, **broken)
     assert child.returncode == 1
     errors = [line for line in child.stderr.splitlines() if line.startswith("error: ")]
     assert_one_line("\n".join(errors), package)
@@ -92,7 +86,7 @@ def test_a_command_that_needs_a_broken_package(
 
 
 def test_doctor_tries_packages(broken: dict[str, str]) -> None:
-    child = run(broken, "-m", "zbuf_occlude", "doctor", "--json")
+    child = python("-m", "zbuf_occlude", "doctor", "--json", **broken)
     said = json.loads(child.stdout)["methods"]
     for method, package in METHODS:
         assert_one_line(said[method], package)
@@ -115,7 +109,7 @@ def test_an_empty_package(tmp_path: Path) -> None:
     for package, _ in EMPTY:
         (tmp_path / package).mkdir(exist_ok=True)
         (tmp_path / package / "__init__.py").touch()
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(zo.__file__).parents[1])])}
+    environment = {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(zo.__file__).parents[1])])}
     for line, (package, _) in zip(refusals(environment, [program for _, program in EMPTY]), EMPTY, strict=True):
         assert f"needs the package {package}; it is installed, and its import fails" in line
 
@@ -128,8 +122,8 @@ def test_an_empty_package(tmp_path: Path) -> None:
     ],
 )
 def test_a_module_that_needs_a_package(broken: dict[str, str], package: str, program: str) -> None:
-    assert_one_line(run(broken, "-c", program).stderr.splitlines()[-1], package)
-    child = run(broken, "-c", f"import sys; sys.modules[{package!r}] = None; {program}")
+    assert_one_line(run_program(program, **broken).stderr.splitlines()[-1], package)
+    child = run_program(f"import sys; sys.modules[{package!r}] = None; {program}", **broken)
     extra = {"torch": "learn"}.get(package, package)
     assert child.stderr.splitlines()[-1].endswith(
         f"needs the package {package}; install it: pip install 'zbuf-occlude[{extra}]'"

@@ -1,13 +1,13 @@
 """Importing the package, and listing its methods, loads nothing heavy; the main job needs nothing optional."""
 
 import ast
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import zbuf_occlude
+from tests.processes import run_program
 
 HEAVY = (
     *("moderngl", "glcontext", "OpenGL", "pyrender", "torch", "open3d", "ray", "embreex", "matplotlib", "webdataset"),
@@ -41,8 +41,7 @@ BLOCKED = (
 
 
 def run(program: str) -> str:
-    # ten minutes: kernels may have to be compiled first
-    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False)
+    child = run_program(program)
     assert child.returncode == 0, child.stderr
     return child.stdout.strip()
 
@@ -115,7 +114,7 @@ def test_the_main_job_needs_nothing_optional(tmp_path: Path) -> None:
 
 def test_a_command_that_draws_says_what_it_needs(tmp_path: Path) -> None:
     program = cli("figure", "fig9", "--out", tmp_path / "a.png")
-    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    child = run_program(program)
     assert child.returncode == 1
     assert child.stderr == "error: this needs the package matplotlib; install it: pip install 'zbuf-occlude[report]'\n"
 

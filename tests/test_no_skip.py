@@ -1,11 +1,10 @@
 """Where skips are refused, a skip fails; this is what lets continuous integration prove that everything ran."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import python
 
 ROOT = Path(__file__).parents[1]
 
@@ -31,27 +30,12 @@ def test_a_skip_is_refused_and_what_is_left_out_is_said(tmp_path: Path, refused:
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n  gl\naddopts = -m 'not long'\n")
     for name, body in FILES.items():
         (tmp_path / f"test_{name}.py").write_text(body + "\n")
-    child = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-rA",
-            "--no-fold-skipped",
-            "--continue-on-collection-errors",
-            str(tmp_path),
-        ],
-        capture_output=True,
-        text=True,
+    child = python(
+        *("-m", "pytest", "-q", "-rA", "--no-fold-skipped", "--continue-on-collection-errors", tmp_path),
         cwd=tmp_path,
-        env={
-            **os.environ,
-            "PYTHONPATH": str(ROOT),
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-            "ZBUF_OCCLUDE_NO_SKIP": refused,
-        },
-        check=False,
+        PYTHONPATH=str(ROOT),
+        PYTEST_DISABLE_PLUGIN_AUTOLOAD="1",
+        ZBUF_OCCLUDE_NO_SKIP=refused,
     )
     said = {line.partition("::")[0].partition(" - ")[0].partition(":")[0] for line in child.stdout.splitlines()}
     assert outcomes <= said, child.stdout

@@ -3,13 +3,13 @@
 import ast
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import zbuf_occlude
+from tests.processes import python, run_program
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.provenance import n_cores
 
@@ -38,31 +38,13 @@ def test_modules_that_only_unix_has_are_not_imported(path: Path) -> None:
 
 ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="other systems are imitated on Linux")
 AS_THERE = Path(__file__).parent / "other_systems"
-JOB = (
-    "generate",
-    "--limit",
-    "6",
-    "--views",
-    "ring:4@20",
-    "--points",
-    "400",
-    "--sample-size",
-    "64",
-    "--method",
-    "exact",
-)
+JOB = ["generate", "--limit", "6", "--views", "ring:4@20", "--points", "400"]
+JOB += ["--sample-size", "64", "--method", "exact"]
 
 
 def command(folder: Path, *words: str, **variables: str) -> str:
     """Run zbuf-occlude in a process of its own, in a folder and with these variables; return what it says."""
-    run = subprocess.run(
-        [sys.executable, "-m", "zbuf_occlude", *words],
-        env={**os.environ, **variables},
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    run = python("-m", "zbuf_occlude", *words, cwd=folder, **variables)
     assert run.returncode == 0, run.stdout + run.stderr
     return run.stdout + run.stderr
 
@@ -103,12 +85,6 @@ def test_what_imitates_windows_bites(tmp_path: Path) -> None:
         "    raise SystemExit('not refused')\n"
         "print('refused')\n"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", "import zbuf_occlude"],
-        env={**os.environ, "PYTHONPATH": f"{AS_THERE}{os.pathsep}{tmp_path}", "AS_ON": "win32"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    paths = f"{AS_THERE}{os.pathsep}{tmp_path}"
+    run = run_program("import zbuf_occlude", cwd=tmp_path, PYTHONPATH=paths, AS_ON="win32")
     assert run.stdout == "refused\n", run.stderr

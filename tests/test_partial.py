@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 import trimesh
 
 import zbuf_occlude as zo
-from tests.scenes import box, sphere, two_plates
+from tests.scenes import box, sphere, together, two_plates
 from zbuf_occlude.gl.context import GlContext
 from zbuf_occlude.gl.depth_pass import render_depth
 from zbuf_occlude.meshes.load import load_cloud
@@ -32,17 +33,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         box((0.1, 1, 1)).transformed(1, (0.5, 0, 0.6)),
         box((0.2, 0.2, 1)).transformed(1, (0, 0, -0.6)),
     ]
-    vertices = np.concatenate([part.vertices for part in parts])
-    faces = np.concatenate([part.faces + 8 * i for i, part in enumerate(parts)])
-    lines = [*(f"{x} {y} {z}" for x, y, z in vertices), *(f"3 {a} {b} {c}" for a, b, c in faces)]
-    Path("chair.off").write_text("\n".join([f"OFF\n{len(vertices)} {len(faces)} 0", *lines]))
-    car = box((4, 2, 1))
-    lines = [f"v {x} {y} {z}" for x, y, z in car.vertices] + [f"f {a} {b} {c}" for a, b, c in car.faces + 1]
-    Path("car.obj").write_text("\n".join(lines))
-
-
-def open3d_mesh(mesh: zo.Mesh) -> Any:
-    return mesh.to_open3d()
+    together(*parts).to_trimesh().export("chair.off")
+    box((4, 2, 1)).to_trimesh().export("car.obj")
 
 
 def tensor_mesh(mesh: zo.Mesh) -> Any:
@@ -51,18 +43,11 @@ def tensor_mesh(mesh: zo.Mesh) -> Any:
     return open3d.t.geometry.TriangleMesh.from_legacy(mesh.to_open3d())
 
 
-def named(mesh: zo.Mesh) -> Any:
-    class Named:
-        vertices, triangles = mesh.vertices.tolist(), mesh.faces.tolist()
-
-    return Named()
-
-
 OF_OTHERS: list[Callable[[zo.Mesh], Any]] = [
     zo.Mesh.to_trimesh,
-    open3d_mesh,
+    zo.Mesh.to_open3d,
     tensor_mesh,
-    named,
+    lambda mesh: SimpleNamespace(vertices=mesh.vertices.tolist(), triangles=mesh.faces.tolist()),
     lambda mesh: (mesh.vertices, mesh.faces),
     lambda mesh: [mesh.vertices.tolist(), mesh.faces.tolist()],
 ]
@@ -130,10 +115,7 @@ def test_the_visible_share_of_a_sphere_is_that_of_its_closed_form() -> None:
 
 
 def test_points_are_enough_where_little_is_visible() -> None:
-    inside = sphere(12).transformed(0.98)
-    hull = sphere(12)
-    n = len(hull.vertices)
-    mesh = zo.Mesh(np.concatenate([hull.vertices, inside.vertices]), np.concatenate([hull.faces, inside.faces + n]))
+    mesh = together(sphere(12), sphere(12).transformed(0.98))
     cloud = zo.occlude(mesh, azimuth=10, elevation=10, distance=0.55, n_points=3000)
     assert cloud.visible_fraction < 0.25 / 2
     assert len(np.unique(cloud.points, axis=0)) == 3000

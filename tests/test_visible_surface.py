@@ -8,25 +8,13 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.random_scenes import KINDS, bodies, soup
-from tests.scenes import box
+from tests.scenes import SQUARE, box, stacked, together
 from zbuf_occlude import coverage, visible_faces, visible_mesh, visible_vertices
 from zbuf_occlude.arrays import BoolArray
 from zbuf_occlude.geometry.sampling import points_in_triangles
 
-SHADE = zo.Mesh(
-    [
-        [-2, -2, 0],
-        [2, -2, 0],
-        [2, 2, 0],
-        [-2, 2, 0],
-        [-0.25, -0.25, 1],
-        [0.25, -0.25, 1],
-        [0.25, 0.25, 1],
-        [-0.25, 0.25, 1],
-    ],
-    [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
-    name="a square above a square",
-)
+CENTRED = SQUARE - [0.5, 0.5, 0.0]
+SHADE = stacked(4.0 * CENTRED, 0.5 * CENTRED + [0.0, 0.0, 1.0])
 EYE = np.array([[0.0, 0.0, 3.0]])
 LYING: list[list[float]] = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0]]
 APART = [[0, 1, 2], [3, 4, 5]]
@@ -201,10 +189,7 @@ def test_a_face_seen_edge_on_is_left_out() -> None:
 
 
 def test_hidden_meshes_and_fractions_that_are_none_are_refused() -> None:
-    inner = box()
-    shell = zo.Mesh(
-        np.concatenate([inner.vertices, 3 * inner.vertices]), np.concatenate([inner.faces, inner.faces + 8])
-    )
+    shell = together(box(), box((3.0, 3.0, 3.0)))
     with pytest.raises(zo.OptionError, match="contact must"):
         visible_mesh(shell, EYE[0] * 9, contact=-1.0)
     with pytest.raises(zo.MeshError, match="must be seen"):

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_numbers
 from zbuf_occlude.errors import ArgumentError, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.scenes.scene import Scene
 from zbuf_occlude.visibility import prepare
-from zbuf_occlude.visibility.interface import CONTACT, FARTHEST
+from zbuf_occlude.visibility.interface import CONTACT, FARTHEST, as_eyes
 
 MARGIN = 0.05
 """Of a grid around the mesh, in longest sides, on each side."""
@@ -136,7 +136,7 @@ def visibility_grid(
     """
     mesh = as_mesh(mesh)
     check_int("n", n, 1)
-    places = as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    places = as_eyes(eyes)
     side = mesh.longest_side * (1.0 + 2.0 * MARGIN)
     if side == 0.0:
         raise ArgumentError(f"a mesh must have an extent; all vertices of {mesh.name} coincide.")

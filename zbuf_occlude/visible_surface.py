@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_vectors
+from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
 from zbuf_occlude.errors import ArgumentError, MeshError, check_fraction, check_int
 from zbuf_occlude.geometry.mesh import Mesh, MeshLike, as_mesh
 from zbuf_occlude.geometry.sampling import Seed, SurfacePoints, points_in_triangles, sample_surface
 from zbuf_occlude.provenance import generator
 from zbuf_occlude.visibility import find_method, prepare
-from zbuf_occlude.visibility.interface import CONTACT
+from zbuf_occlude.visibility.interface import CONTACT, as_eyes
 
 WHOLE = 1e-9
 """Share of a face: with less missing it is seen wholly, with less seen it is hidden."""
@@ -108,11 +108,9 @@ def visible_faces(
     >>> found.fraction.shape == (4, len(mesh.faces))
     True
     """
-    mesh, eyes = as_mesh(mesh), _eyes(eyes)
+    mesh, eyes = _with_area(mesh), as_eyes(eyes)
     check_int("points_per_face", points_per_face, 1)
     check_int("n_points", n_points, 0)
-    if not mesh.areas.any():
-        raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
     counts = points_per_face + np.floor(n_points * mesh.areas / mesh.areas.sum()).astype(np.int64)
     every = np.arange(len(mesh.faces), dtype=np.int32)
     points = _on_faces(mesh, points_in_triangles(mesh.corners, counts, generator(seed)), np.repeat(every, counts))
@@ -174,7 +172,7 @@ def coverage(
     >>> bool(found.together[-1] >= found.alone.max())
     True
     """
-    mesh, eyes = as_mesh(mesh), _eyes(eyes)
+    mesh, eyes = as_mesh(mesh), as_eyes(eyes)
     points = sample_surface(mesh, n_points=n_points, seed=seed)
     with prepare(mesh, method, **options) as occluder:
         seen = occluder.visible(points, eyes)
@@ -191,10 +189,8 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
 
     Parameters
     ----------
-    mesh : Mesh
-        Or anything that is one (`occlude`).
-    eyes : (3,) or (k, 3) float
-        World space.
+    mesh, eyes
+        As in `visible_faces`.
     contact : float
         Contact tolerance, diagonals of the mesh's box.
 
@@ -220,21 +216,16 @@ def visible_mesh(mesh: MeshLike, eyes: ArrayLike, *, contact: float = CONTACT) -
     """
     from zbuf_occlude.shadow_cuts import cut_by_shadows  # late: it takes numba along
 
+    mesh = _with_area(mesh)
+    check_fraction("contact", contact)
+    return _joined(mesh, *cut_by_shadows(mesh, as_eyes(eyes), contact * mesh.diagonal))
+
+
+def _with_area(mesh: MeshLike) -> Mesh:
     mesh = as_mesh(mesh)
     if not mesh.areas.any():
         raise MeshError(f"a mesh must have area; {mesh.name} has none. Give another.")
-    check_fraction("contact", contact)
-    part = _joined(mesh, *cut_by_shadows(mesh, _eyes(eyes), contact * mesh.diagonal))
-    if part is None:
-        raise MeshError(
-            f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
-        )
-    return VisiblePart(*part)
-
-
-def _eyes(eyes: ArrayLike) -> FloatArray:
-    """Eyes (k, 3), of one (3,) too."""
-    return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+    return mesh
 
 
 def _on_faces(mesh: Mesh, positions: FloatArray, face_ids: IntArray) -> SurfacePoints:
@@ -242,17 +233,19 @@ def _on_faces(mesh: Mesh, positions: FloatArray, face_ids: IntArray) -> SurfaceP
     return SurfacePoints.of_checked(positions, face_ids, mesh.face_normals[face_ids])
 
 
-def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray, areas: FloatArray) -> tuple[Mesh, IntArray] | None:
-    """A mesh of pieces (n, 3, 3) of faces (n,), with their areas (n,); a face of which all is there is one again."""
+def _joined(mesh: Mesh, pieces: FloatArray, face_ids: IntArray, areas: FloatArray) -> VisiblePart:
+    """Pieces (n, 3, 3) of faces (n,), with their areas (n,), as one mesh; a face of which all is there is one again."""
     seen = np.bincount(face_ids, areas, minlength=len(mesh.faces))
     whole = np.flatnonzero((mesh.areas > 0) & (seen >= (1 - WHOLE) * mesh.areas)).astype(np.int32)
     rest = np.flatnonzero((areas > 0) & ~np.isin(face_ids, whole))
     corners = np.concatenate([mesh.corners[whole], pieces[rest]])
     if len(corners) == 0:
-        return None
+        raise MeshError(
+            f"a part of the mesh must be seen; of {mesh.name} nothing is. Is the eye within a closed shell?"
+        )
     vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     of_face = np.concatenate([whole, face_ids[rest]])
     order = np.argsort(of_face, kind="stable")
     source = None if mesh.source_face_ids is None else mesh.source_face_ids[of_face[order]]
     part = Mesh(vertices, faces.reshape(-1, 3)[order].astype(np.int32), name=mesh.name, source_face_ids=source)
-    return part, of_face[order]
+    return VisiblePart(part, of_face[order])

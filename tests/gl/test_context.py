@@ -1,12 +1,10 @@
 """GlContext: opening, choosing, naming what is missing, releasing. Each backend in a process of its own."""
 
 import os
-import subprocess
-import sys
-import textwrap
 
 import pytest
 
+from tests.processes import run_program
 from zbuf_occlude.errors import GlError, OptionError
 from zbuf_occlude.gl.context import BACKENDS, GlContext
 from zbuf_occlude.gl.probe import Probe, probe
@@ -33,24 +31,16 @@ def working(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process with no GL settings but those given."""
-    clean = {
-        key: value for key, value in os.environ.items() if key not in ("ZBUF_OCCLUDE_GL", "GLCONTEXT_DEVICE_INDEX")
-    }
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        env=clean | environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+@pytest.fixture(autouse=True)
+def no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs find no settings of OpenGL but those given."""
+    for name in ("ZBUF_OCCLUDE_GL", "GLCONTEXT_DEVICE_INDEX"):
+        monkeypatch.delenv(name, raising=False)
 
 
 @pytest.mark.gl
 def test_opens_works_and_closes(working: str) -> None:
-    child = run(ROUND_TRIP.format(backend=working))
+    child = run_program(ROUND_TRIP.format(backend=working))
     assert child.returncode == 0, child.stderr
     backend, _, recent, renderer = child.stdout.split(maxsplit=3)
     assert (backend, recent) == (working, "True")
@@ -59,13 +49,13 @@ def test_opens_works_and_closes(working: str) -> None:
 
 @pytest.mark.gl
 def test_environment_names_the_backend(working: str) -> None:
-    child = run(ROUND_TRIP.format(backend=None), ZBUF_OCCLUDE_GL=working)
+    child = run_program(ROUND_TRIP.format(backend=None), ZBUF_OCCLUDE_GL=working)
     assert child.stdout.startswith(working), child.stderr
 
 
 @pytest.mark.gl
 def test_many_contexts_one_after_another_do_not_pile_up(working: str) -> None:
-    child = run(f"""
+    child = run_program(f"""
         import os, resource
         from zbuf_occlude.gl.context import GlContext
         def open_and_close(times):
@@ -85,7 +75,7 @@ def test_many_contexts_one_after_another_do_not_pile_up(working: str) -> None:
 
 @pytest.mark.gl
 def test_two_contexts_take_turns(working: str) -> None:
-    child = run(f"""
+    child = run_program(f"""
         from zbuf_occlude.gl.context import GlContext
         one, two = GlContext.open({working!r}), GlContext.open({working!r})
         one.make_current()
@@ -102,7 +92,7 @@ def test_two_contexts_take_turns(working: str) -> None:
 
 
 def test_importing_touches_no_gl() -> None:
-    child = run("""
+    child = run_program("""
         import sys
         import zbuf_occlude
         assert "moderngl" not in sys.modules and "glcontext" not in sys.modules
@@ -122,7 +112,7 @@ def test_gl_errors_are_raised_and_cleared(gl: GlContext) -> None:
 
 
 def test_a_closed_context_refuses(working: str) -> None:
-    child = run(f"""
+    child = run_program(f"""
         from zbuf_occlude.gl.context import GlContext
         gl = GlContext.open({working!r})
         gl.close()
@@ -148,7 +138,6 @@ def test_a_closed_context_refuses(working: str) -> None:
 def test_wrong_settings(
     arguments: tuple[object, ...], environment: dict[str, str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(OptionError) as caught:
@@ -160,7 +149,7 @@ def test_wrong_settings(
 def test_a_device_that_is_not_there() -> None:
     if not probe("egl").works:
         pytest.skip("egl does not work here")
-    child = run("from zbuf_occlude.gl.context import GlContext; GlContext.open('egl', 4321)")
+    child = run_program("from zbuf_occlude.gl.context import GlContext; GlContext.open('egl', 4321)")
     assert (
         "GlError: an OpenGL 4.3 core context must open; it does not. Tried egl: requested device index 4321"
         in child.stderr
@@ -172,8 +161,8 @@ def test_a_device_that_is_not_there() -> None:
 def test_an_explicit_device_wins_over_the_environment() -> None:
     if not probe("egl").works:
         pytest.skip("egl does not work here")
-    assert run(ROUND_TRIP.format(backend="egl"), GLCONTEXT_DEVICE_INDEX="4321").returncode == 1
-    child = run(
+    assert run_program(ROUND_TRIP.format(backend="egl"), GLCONTEXT_DEVICE_INDEX="4321").returncode == 1
+    child = run_program(
         "from zbuf_occlude.gl.context import GlContext; print(GlContext.open(device_index=0))",
         GLCONTEXT_DEVICE_INDEX="4321",
     )
@@ -181,8 +170,6 @@ def test_an_explicit_device_wins_over_the_environment() -> None:
 
 
 def test_missing_libraries_name_what_was_tried_and_the_commands(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("ZBUF_OCCLUDE_GL", raising=False)
-    monkeypatch.delenv("GLCONTEXT_DEVICE_INDEX", raising=False)
     monkeypatch.setattr("zbuf_occlude.gl.context.find_library", lambda name: "libEGL_is_not_here.so")
     monkeypatch.setattr("zbuf_occlude.gl.osmesa._SONAMES", ("libOSMesa_is_not_here.so",))
     with pytest.raises(GlError) as caught:

@@ -6,8 +6,7 @@ import pytest
 
 from zbuf_occlude.cli.lists import backend_lines
 from zbuf_occlude.gl import probe as module
-from zbuf_occlude.gl.context import FIXES
-from zbuf_occlude.gl.devices import EglDevice, Hindrance
+from zbuf_occlude.gl.devices import FIXES, EglDevice, Hindrance
 from zbuf_occlude.gl.probe import LIMITS, Probe, probe, probe_all
 
 

@@ -6,32 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from zbuf_occlude.gl import exact_pass
 from zbuf_occlude.gl.depth_pass import MOST_TILES
-from zbuf_occlude.gl.exact_pass import HARDWARE, LEAF, SOFTWARE, WIDTH, Shape
+from zbuf_occlude.gl.exact_pass import HARDWARE, SOFTWARE, shader_constants
 from zbuf_occlude.gl.point_pass import MOST_HIDDEN
-from zbuf_occlude.gl.shaders import shader_folder, shader_text
+from zbuf_occlude.gl.shaders import shader_folder, shader_texts
 from zbuf_occlude.gl.tiles import EYES_PER_BYTE
 
-
-def exact(shape: Shape) -> dict[str, object]:
-    return {
-        "THREADS": shape.threads,
-        "PER_THREAD": shape.per_thread,
-        "STRANDS": shape.strands,
-        "TRIANGLES": shape.triangles,
-        "WIDTH": WIDTH,
-        "LEAF": LEAF,
-        "BUDGET": exact_pass.BUDGET,
-        "EPSILON": exact_pass.EPSILON,
-        "COUNTING": True,
-        "MAX_LEVELS": exact_pass.MAX_LEVELS,
-        "STACK": exact_pass.MAX_LEVELS * max(shape.threads // WIDTH, 1) * (WIDTH + 1),
-    }
-
-
 PROGRAMS: list[tuple[str, dict[str, object]]] = [
-    *[("exact.comp", exact(shape)) for _, shape in (*SOFTWARE, *HARDWARE)],
+    *[("exact.comp", shader_constants(shape, True)) for _, shape in (*SOFTWARE, *HARDWARE)],
     *[("depth.vert", {"TILES": MOST_TILES, "CUBE": cube, "FACES": ids}) for cube in (0, 1) for ids in (0, 1)],
     *[("depth.frag", {"FACES": ids}) for ids in (0, 1)],
     *[
@@ -60,7 +42,7 @@ def test_no_shader_is_left_out() -> None:
 @pytest.mark.parametrize(("name", "constants"), PROGRAMS, ids=[f"{i} {name}" for i, (name, _) in enumerate(PROGRAMS)])
 def test_it_compiles(name: str, constants: dict[str, object], tmp_path: Path) -> None:
     source = tmp_path / name
-    source.write_text(shader_text(name, **constants))
+    source.write_text(shader_texts(name, **constants)[name])
     checked("glslangValidator", source)
     binary = tmp_path / "shader.spv"
     checked("glslangValidator", "-G", "--aml", "--amb", "-o", binary, source)

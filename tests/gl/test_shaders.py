@@ -26,12 +26,12 @@ def test_includes_come_in_once_and_in_order(write: Write) -> None:
     write("include/a.glsl", "A")
     write("include/b.glsl", '#include "a.glsl"\nB')
     write("x.comp", '#version 430\n#include "b.glsl"\n#include "a.glsl"\nX')
-    assert shaders.shader_text("x.comp").split() == ["#version", "430", "A", "B", "X"]
+    assert shaders.shader_texts("x.comp")["x.comp"].split() == ["#version", "430", "A", "B", "X"]
 
 
 def test_constants_are_filled_in(write: Write) -> None:
     write("x.comp", "$N $F $B")
-    assert shaders.shader_text("x.comp", N=3, F=0.5, B=True) == "3 0.5 true"
+    assert shaders.shader_texts("x.comp", N=3, F=0.5, B=True)["x.comp"] == "3 0.5 true"
 
 
 @pytest.mark.parametrize(
@@ -46,9 +46,9 @@ def test_constants_are_filled_in(write: Write) -> None:
 def test_misspelt_names_are_errors(write: Write, text: str, constants: dict[str, int], message: str) -> None:
     write("x.comp", text)
     with pytest.raises(GlError, match=message):
-        shaders.shader_text("x.comp", **constants)
+        shaders.shader_texts("x.comp", **constants)
     with pytest.raises(GlError, match=r"shaders/none\.vert must exist"):
-        shaders.shader_text("none.vert")
+        shaders.shader_texts("none.vert")
 
 
 def test_a_text_that_does_not_compile_names_its_file(write: Write, gl: GlContext) -> None:

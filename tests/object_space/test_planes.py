@@ -1,8 +1,5 @@
 """The paper's formulas for one face and one line: planes, perpendicular planes, rounding at edges and in planes."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -114,17 +111,6 @@ def test_far_from_the_worlds_origin() -> None:
     rng = np.random.default_rng(0)
     points, eye = rng.uniform(-1, 1, (500, 3)), np.array([1.5, 2.0, 3.0])
     assert hidden(mesh.transformed(1.0, place), points + place, eye + place) == hidden(mesh, points, eye)
-
-
-def test_the_definition_is_not_consulted() -> None:
-    """object_space is the independent check of predicates.py, so it must not use it."""
-    code = (
-        "import sys; from zbuf_occlude.visibility import exact_hsr, occupancy_grid, vertex_hsr, vertex_hsr_culled;"
-        "sys.exit('zbuf_occlude.geometry.predicates' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-    meta = "import sys, zbuf_occlude.visibility.oracle; sys.exit('zbuf_occlude.geometry.predicates' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", meta], check=False).returncode == 1  # it would be noticed
 
 
 def rotation(vector: tuple[float, ...]) -> np.ndarray:

@@ -1,13 +1,16 @@
 """The contract: one suite that every row of the table of methods goes through. A new method needs nothing here but,
 if it is not exact, its row in AGREEMENT."""
 
+import re
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from tests.scenes import SQUARE, box, sphere, stacked, wrong_outside_band
+from tests.scenes import SQUARE, box, sphere, stacked, together, wrong_outside_band
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.visibility import METHODS, find_method, oracle
 from zbuf_occlude.visibility.interface import Method, Occluder
@@ -37,11 +40,7 @@ def scene() -> zo.Mesh:
         (SQUARE - [0.5, 0.5, 0]) * [2.4, 1.8, 1] + [0.0, 0.0, 1.0],
         SQUARE[:, [2, 0, 1]] * [1, 1.1, 1.3] + [0.2, 0.0, 1.0],
     )
-    parts = (ball, crate, sheets)
-    vertices = np.concatenate([part.vertices for part in parts])
-    first = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate([part.faces + f for part, f in zip(parts, first, strict=False)])
-    return zo.Mesh(vertices, faces, "scene")
+    return together(ball, crate, sheets)
 
 
 SCENE = scene()
@@ -64,13 +63,6 @@ def method(request: pytest.FixtureRequest) -> Method:
     except UnavailableError as error:
         pytest.skip(str(error))
     return row
-
-
-@pytest.fixture(scope="module")
-def prepare(method: Method, request: pytest.FixtureRequest) -> Prepare:
-    """`zo.prepare` by this method, with the session's GL context where it needs one."""
-    shared = {"gl": request.getfixturevalue("gl")} if method.needs_gl else {}
-    return lambda mesh, **options: zo.prepare(mesh, method.name, **shared, **options)
 
 
 @pytest.fixture(scope="module")
@@ -164,9 +156,11 @@ def test_free_points_where_the_eye_is(occluder: Occluder, n_points: int) -> None
 
 
 def test_each_eye_answers_for_itself(occluder: Occluder, answer: np.ndarray) -> None:
-    """However views are batched, the answers are the same."""
+    """However views are batched, the answers are the same; of one eye (3,) a row."""
+    assert occluder.visible(POINTS, EYES).tobytes() == answer.tobytes()
     assert (occluder.visible(POINTS, EYES[::-1]) == answer[::-1]).all()
     assert (occluder.visible(POINTS, EYES[3:4]) == answer[3:4]).all()
+    assert np.array_equal(occluder.visible(POINTS, EYES[3]), answer[3])
 
 
 def test_no_points_and_no_eyes(occluder: Occluder) -> None:
@@ -175,10 +169,6 @@ def test_no_points_and_no_eyes(occluder: Occluder) -> None:
         found = occluder.visible(points, eyes)
         assert found.shape == (len(eyes), len(points))
         assert found.dtype == np.bool_
-
-
-def test_same_question_same_answer(occluder: Occluder, answer: np.ndarray) -> None:
-    assert occluder.visible(POINTS, EYES).tobytes() == answer.tobytes()
 
 
 def test_what_is_given_is_not_changed(occluder: Occluder) -> None:
@@ -234,9 +224,58 @@ def test_a_mesh_of_one_face(method: Method, prepare: Prepare) -> None:
         occluder.visible(points, eyes)
 
 
-def test_an_unknown_option(method: Method, prepare: Prepare) -> None:
+def test_options_that_are_none(method: Method, prepare: Prepare) -> None:
     with pytest.raises(zo.OptionError, match=rf"method '{method.name}' must be given one of .*; got 'nonsense'\."):
         prepare(SCENE, nonsense=1)
+    for contact in (-1.0, 1.0, float("nan")) if "contact" in method.options() else ():
+        with pytest.raises(zo.OptionError, match=r"contact must lie in \[0, 1\), a fraction of the mesh's diag"):
+            prepare(SCENE, contact=contact)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("depth_buffer", {"resolution": 0}, "resolution must be an int in [16, 8192], pixels along a side; got 0."),
+        ("depth_buffer", {"resolution": 10**6}, "resolution must be an int in"),
+        ("depth_buffer", {"tolerance": -1.0}, "tolerance must lie in [0, 1)"),
+        ("depth_buffer", {"slope_bias": -1.0}, "slope_bias must not be negative"),
+        ("depth_buffer", {"refine": "magic"}, "refine must be one of witness, none; got 'magic'"),
+        ("pyrender", {"resolution": 0}, "resolution must be an int in [1, 8192], pixels along a side; got 0."),
+        ("pyrender", {"resolution": 1e3}, "resolution must be an int in [1, 8192], pixels along a side; got 1000.0."),
+        ("pyrender", {"resolution": 9000}, "resolution must be an int in [1, 8192], pixels along a side; got 9000."),
+        ("pyrender", {"tolerance": -1e-9}, "tolerance must lie in [0, 1), a fraction of the mesh's diagonal; got -1e"),
+        ("pyrender", {"slope_bias": -1.0}, "slope_bias must not be negative and be finite, in pixels; got -1.0."),
+        ("pyrender", {"slope_bias": np.inf}, "slope_bias must not be negative and be finite, in pixels; got inf."),
+        ("vertex_hsr", {"divide": 0.0}, "divide must lie in (0, 1], a fraction of the mesh's area; got 0.0"),
+        ("vertex_hsr", {"max_faces": 0}, "max_faces must be a positive int; got 0"),
+        ("vertex_hsr_culled", {"suggestion": 3}, "suggestion must be 1 or 2, the paper's first or second"),
+        ("vertex_hsr_culled", {"n_samples": -5}, "n_samples must be a positive int; got -5"),
+        ("vertex_hsr_culled", {"seed": 0.5}, "seed must be an int from 0; got 0.5"),
+        ("exact_hsr", {"cull": "third"}, "cull must be one of none, first, second; got 'third'"),
+        ("exact_hsr", {"n_samples": 2.5}, "n_samples must be a positive int; got 2.5"),
+        ("exact_hsr", {"seed": -1}, "seed must be an int from 0; got -1"),
+        ("occupancy_grid", {"n": 1}, "n must be an int in [2, 512], cells along a side; got 1"),
+        ("occupancy_grid", {"n": 32.0}, "n must be an int in [2, 512], cells along a side; got 32.0"),
+        ("occupancy_grid", {"n": 5000}, "n must be an int in [2, 512]"),
+        ("occupancy_grid", {"n_samples": 0}, "n_samples must be a positive int; got 0"),
+        ("occupancy_grid", {"seed": -1}, "seed must be an int from 0; got -1"),
+        *[
+            (
+                "hidden_point_removal",
+                {"radius": radius},
+                f"radius must be positive and finite, in diagonals of the mesh; got {radius}",
+            )
+            for radius in (0.0, -1.0, np.inf, np.nan)
+        ],
+    ],
+)
+def test_options_out_of_range(name: str, options: dict[str, object], message: str, request: Any) -> None:
+    row = find_method(name)
+    if reason := row.missing():
+        pytest.skip(f"{name} {reason}")
+    shared = {"gl": request.getfixturevalue("gl")} if row.needs_gl else {}
+    with pytest.raises(zo.OptionError, match=re.escape(message)):
+        zo.prepare(SCENE, name, **shared, **options)
 
 
 def test_options_can_be_typed_at_a_command_line(method: Method) -> None:
@@ -270,14 +309,33 @@ def test_two_at_once(prepare: Prepare, answer: np.ndarray) -> None:
     two.close()
 
 
+def test_threads_at_a_time_give_what_one_gives(method: Method, prepare: Prepare) -> None:
+    """On one occluder and on two. Methods that render have their own story (test_gl_threads.py)."""
+    if method.needs_gl or method.name == "pyrender":
+        return
+    asked = [
+        [(zo.sample_surface(mesh, n_points=150 + 40 * i, seed=i), EYES[i : i + 2]) for i in range(6)]
+        for mesh in (SCENE, sphere(8))
+    ]
+    with prepare(SCENE) as one, prepare(sphere(8)) as other, ThreadPoolExecutor(4) as pool:
+        alone = [[occluder.visible(*each) for each in mine] for occluder, mine in zip((one, other), asked, strict=True)]
+
+        def agree(occluder: Occluder, which: int, order: slice) -> bool:
+            answers = zip(asked[which][order], alone[which][order], strict=True)
+            return all(np.array_equal(occluder.visible(*question), answer) for question, answer in answers)
+
+        running = [
+            pool.submit(agree, occluder, which, slice(None, None, step))
+            for which, occluder in enumerate((one, other))
+            for step in (1, -1)
+        ]
+        assert all(future.result(timeout=300) for future in running)
+
+
 def test_who_renders(method: Method, occluder: Occluder) -> None:
     assert occluder.renderer
     if method.needs_gl:
         assert occluder.renderer != "none"
-
-
-def test_one_eye_is_a_row_of_its_own(occluder: Occluder) -> None:
-    assert np.array_equal(occluder.visible(POINTS, EYES[0]), occluder.visible(POINTS, EYES[:1])[0])
 
 
 @pytest.mark.parametrize(

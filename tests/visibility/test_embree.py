@@ -4,28 +4,13 @@ import numpy as np
 import pytest
 
 import zbuf_occlude as zo
-from zbuf_occlude.visibility import find_method, oracle
+from tests.scenes import needles, soup, two_plates, wrong_outside_band
+from zbuf_occlude.visibility import find_method
 
 reason = find_method("embree").missing()
 pytestmark = pytest.mark.skipif(bool(reason), reason=f"embree {reason}")
 
 EYES = zo.views.paper100().eyes[::16]
-
-
-def soup(n_faces: int, size: float, seed: int) -> zo.Mesh:
-    """Random triangles in the unit cube: a hard mesh, everything crosses everything."""
-    rng = np.random.default_rng(seed)
-    corners = rng.uniform(-0.5, 0.5, (n_faces, 1, 3)) + rng.normal(scale=size, size=(n_faces, 3, 3))
-    return zo.Mesh(corners.reshape(-1, 3), np.arange(3 * n_faces).reshape(-1, 3)).cleaned().normalized()
-
-
-def needles(n_faces: int, seed: int) -> zo.Mesh:
-    """Triangles from 1e-7 to 1e-2 wide: most are thinner than anything float32 tests like."""
-    rng = np.random.default_rng(seed)
-    a = rng.uniform(-0.5, 0.5, (n_faces, 3))
-    b = a + rng.normal(scale=0.2, size=(n_faces, 3))
-    c = a + rng.normal(size=(n_faces, 3)) * 10.0 ** rng.uniform(-7, -2, (n_faces, 1))
-    return zo.Mesh(np.stack([a, b, c], axis=1).reshape(-1, 3), np.arange(3 * n_faces).reshape(-1, 3)).cleaned()
 
 
 def slats(n_slats: int) -> zo.Mesh:
@@ -37,20 +22,14 @@ def slats(n_slats: int) -> zo.Mesh:
     return zo.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)).cleaned().normalized()
 
 
-MESHES = {"soup": soup(800, 0.1, 0), "needles": needles(800, 1), "slats": slats(12)}
+MESHES = {"soup": soup(800), "needles": needles(800, 1), "slats": slats(12)}
 
 
-def wrong_outside_band(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
+def share_wrong(mesh: zo.Mesh, points: zo.SurfacePoints, eyes: np.ndarray) -> float:
     """The fraction of answers that differ from the oracle's and are decided at the band's width."""
     with zo.prepare(mesh, "embree") as occluder:
         answer = occluder.visible(points, eyes)
-    judge = oracle.prepare(mesh)
-    differs = answer != judge.visible(points, eyes)
-    some = differs.any(axis=0)
-    if not some.any():
-        return 0.0
-    decided = judge.decided(points.select(some), eyes)
-    return float((differs[:, some] & decided).sum() / differs.size)
+    return wrong_outside_band(mesh, answer, points, eyes) / answer.size
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -59,7 +38,7 @@ def test_agrees_with_the_oracle_outside_the_band(name: str, distance: float) -> 
     """Eyes within the mesh, at the paper's distance, and 4,000 sizes away; the issue asks for 99.99 %."""
     mesh = MESHES[name]
     points = zo.sample_surface(mesh, n_points=2000, seed=3)
-    assert wrong_outside_band(mesh, points, EYES * distance + 0.01) <= 1e-4
+    assert share_wrong(mesh, points, EYES * distance + 0.01) <= 1e-4
 
 
 def test_grazing_rays_are_not_hidden_by_their_own_face() -> None:
@@ -68,7 +47,7 @@ def test_grazing_rays_are_not_hidden_by_their_own_face() -> None:
     points = zo.sample_surface(mesh, n_points=1000, seed=4)
     height = mesh.vertices[0, 2] + np.array([1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
     eyes = np.stack([np.full(6, 3.0), np.full(6, 0.1), height], axis=1)
-    assert wrong_outside_band(mesh, points, eyes) == 0.0
+    assert share_wrong(mesh, points, eyes) == 0.0
 
 
 def test_a_plate_alone_is_seen_whole() -> None:
@@ -77,13 +56,6 @@ def test_a_plate_alone_is_seen_whole() -> None:
     eyes = [[0.5, 0.5, 4.0], [0.5, 0.5, -4.0], [100.0, 0.3, 1.0]]
     with zo.prepare(mesh, "embree") as occluder:
         assert occluder.visible(points, eyes).all()
-
-
-def two_plates(gap: float) -> zo.Mesh:
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
-    return zo.Mesh(
-        np.concatenate([square, square + np.array([0, 0, gap])]), [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
-    )
 
 
 @pytest.mark.parametrize(("gap", "expected"), [(0.0, True), (0.9e-5, True), (1.1e-5, False), (0.1, False)])
@@ -115,9 +87,3 @@ def test_free_points_may_be_far_outside() -> None:
         visible = occluder.visible(free, eye[None])[0]
     assert (visible == ~inside)[margin > 1e-6].all()
     assert 0 < inside.sum() < len(inside)
-
-
-@pytest.mark.parametrize("contact", [-1.0, 1.0, float("nan")])
-def test_bad_contact(contact: float) -> None:
-    with pytest.raises(zo.OptionError, match=r"contact must lie in \[0, 1\), a fraction of the mesh's diagonal; got"):
-        zo.prepare(two_plates(0.1), "embree", contact=contact)

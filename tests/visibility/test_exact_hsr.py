@@ -80,18 +80,3 @@ def test_tests_are_n_m_when_all_is_visible() -> None:
     occluder = zo.prepare(mesh, "exact_hsr")
     assert occluder.visible(points, [[0.3, 0.4, 2.0], [0.3, 0.4, -2.0]]).all()
     assert occluder.n_tests.tolist() == [400, 400]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"cull": "third"}, "cull must be one of none, first, second; got 'third'"),
-        ({"n_samples": 0}, "n_samples must be a positive int; got 0"),
-        ({"seed": -1}, "seed must be an int from 0; got -1"),
-        ({"n_samples": 2.5}, "n_samples must be a positive int; got 2.5"),
-        ({"contact": 1.0}, r"contact must lie in \[0, 1\), a fraction of the mesh's diagonal; got 1.0"),
-    ],
-)
-def test_option_errors(options: dict[str, object], message: str) -> None:
-    with pytest.raises(zo.OptionError, match=message):
-        zo.prepare(box(), "exact_hsr", **options)

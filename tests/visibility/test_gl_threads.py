@@ -2,14 +2,13 @@
 
 import gc
 import os
-import subprocess
 import sys
-import textwrap
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import zbuf_occlude as zo
+from tests.processes import run_program
 from zbuf_occlude import shapes
 from zbuf_occlude.errors import GlError
 from zbuf_occlude.gl.context import GlContext
@@ -68,7 +67,7 @@ def test_meshes_without_a_context_share_one_and_lose_no_memory(name: str) -> Non
 @pytest.mark.usefixtures("gl")
 def test_a_thread_s_context_ends_with_it() -> None:
     """9 MB of each were kept."""
-    child = run("""
+    child = run_program("""
         import os, threading
         from tests.visibility.test_gl_threads import ask
         from zbuf_occlude.limits import resident_gigabytes
@@ -102,7 +101,7 @@ def test_other_settings_open_another_context(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.usefixtures("gl")
 def test_another_library_may_end_the_display_between_meshes() -> None:
     """As pyrender does when it closes; a mesh that was prepared before is refused in words."""
-    child = run("""
+    child = run_program("""
         import ctypes, ctypes.util
         import zbuf_occlude as zo
         from zbuf_occlude.gl.context import GlContext
@@ -141,14 +140,8 @@ def test_two_threads_on_one_pyrender_take_turns() -> None:
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize("name", [*OF_A_CONTEXT, "pyrender"])
 def test_a_forked_child_is_refused_and_the_parent_goes_on(name: str) -> None:
-    child = run(FORK, name)
+    child = run_program(FORK, name)
     assert child.returncode == 0, child.stderr
-
-
-def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process of its own."""
-    command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
 FORK = """

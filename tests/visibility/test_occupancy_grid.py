@@ -86,18 +86,3 @@ def test_an_eye_within_the_grid() -> None:
     points = zo.sample_surface(mesh, n_points=1000, seed=0)
     with zo.prepare(mesh, "occupancy_grid") as occluder:
         assert occluder.visible(points, [[0.05, 0.03, -0.02]]).mean() > 0.98
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"n": 1}, r"n must be an int in \[2, 512\], cells along a side; got 1"),
-        ({"n": 32.0}, r"n must be an int in \[2, 512\], cells along a side; got 32.0"),
-        ({"n": 5000}, r"n must be an int in \[2, 512\]"),
-        ({"n_samples": 0}, "n_samples must be a positive int; got 0"),
-        ({"seed": -1}, "seed must be an int from 0; got -1"),
-    ],
-)
-def test_option_errors(options: dict[str, object], message: str) -> None:
-    with pytest.raises(zo.OptionError, match=message):
-        zo.prepare(box(), "occupancy_grid", **options)

@@ -70,19 +70,6 @@ def test_box_shows_the_sides_that_face_the_eye() -> None:
     assert oracle.prepare(mesh).visible(points, [[0.1, 0.2, 0.05], [-0.4, 0.0, 0.1]]).all()  # from within, all
 
 
-def test_upper_plate_shadows_the_lower() -> None:
-    mesh = two_plates(0.5)
-    points = zo.sample_surface(mesh, n_points=2000, seed=1)
-    eye = np.array([0.3, -1.5, 2.0])
-    visible = oracle.prepare(mesh).visible(points, eye[None])[0]
-    lower = points.face_ids < 2
-    assert visible[~lower].all()
-    crossing = eye + (points.positions - eye) * ((0.5 - 2.0) / (points.positions[:, 2:] - 2.0))
-    through_plate = ((crossing[:, :2] >= 0) & (crossing[:, :2] <= 1)).all(axis=1)
-    assert (visible[lower] == ~through_plate[lower]).all()
-    assert 0.2 < through_plate[lower].mean() < 0.8
-
-
 def test_a_hole_shows_what_is_behind_it() -> None:
     mesh = holed_plate_over_plate()
     points = zo.sample_surface(mesh, n_points=4000, seed=2)

@@ -1,11 +1,8 @@
 """The methods that render, on Mesa's other renderers: narrower vectors, zink over lavapipe (Vulkan), softpipe."""
 
-import os
-import subprocess
-import sys
-import textwrap
-
 import pytest
+
+from tests.processes import run_program
 
 SCRIPT = """
     import sys
@@ -53,14 +50,7 @@ RENDERERS = {
 @pytest.mark.parametrize("name", RENDERERS)  # by EGL, whichever backend the marker `gl` is run with
 def test_it_is_right_there_too(name: str) -> None:
     environment, renderer = RENDERERS[name]
-    child = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(SCRIPT), renderer],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=400,
-        check=False,
-    )
+    child = run_program(SCRIPT, renderer, **environment)
     assert child.returncode == 0, child.stderr
     if child.stdout.startswith("skip: "):
         pytest.skip(f"{name} does not open here (Debian: mesa-vulkan-drivers for zink): {child.stdout[6:].strip()}")

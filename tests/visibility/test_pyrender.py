@@ -2,7 +2,6 @@
 
 import gc
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import trimesh
 
 import zbuf_occlude as zo
 from tests.processes import ended
-from tests.scenes import DATA
+from tests.scenes import chair, needs_chair
 from zbuf_occlude.geometry.camera import Frusta, fitted_frusta, view_matrices
 from zbuf_occlude.visibility import find_method, oracle, pyrender
 from zbuf_occlude.visibility.pyrender import PyrenderOccluder
@@ -25,7 +24,6 @@ pytestmark = pytest.mark.skipif(bool(reason), reason=f"pyrender {reason}")
 EYES = zo.views.paper100().eyes[::16]
 
 TORUS = zo.Mesh.from_trimesh(trimesh.creation.torus(1.0, 0.4, major_sections=60, minor_sections=30)).normalized()
-HALF_SPHERE = zo.Mesh.from_trimesh(trimesh.creation.icosphere(subdivisions=4, radius=0.5))
 
 
 @pytest.fixture(scope="module")
@@ -99,23 +97,10 @@ def test_eyes_within_the_mesh_and_near_it(torus: PyrenderOccluder) -> None:
     assert agreement(torus, points, eyes) > 0.98
 
 
-def test_the_visible_half_of_a_sphere() -> None:
-    """From distance d of a sphere of radius r a share (1 - r/d) / 2 of its area is visible."""
-    points = zo.sample_surface(HALF_SPHERE, n_points=20_000, seed=3)
-    with pyrender.prepare(HALF_SPHERE) as occluder:
-        for distance in (0.8, 2.0, 4.0):
-            share = occluder.visible(points, [[0.0, distance * 0.6, distance * 0.8]]).mean()
-            expected = (1.0 - 0.5 / distance) / 2.0
-            assert share == pytest.approx(expected, abs=0.015)
-
-
+@needs_chair
 def test_chair_of_the_paper(torus: PyrenderOccluder) -> None:
-    file = DATA / "modelnet" / "chair" / "train" / "chair_0003.off"
-    if not file.exists():
-        pytest.skip(f"no {file.name} in {DATA}; ZBUF_OCCLUDE_DATA names the folder")
-    mesh = zo.Mesh.from_trimesh(trimesh.load(file, process=False)).cleaned().normalized()
-    points = zo.sample_surface(mesh, n_points=2000, seed=4)
-    with pyrender.prepare(mesh) as occluder:
+    points = zo.sample_surface(chair(), n_points=2000, seed=4)
+    with pyrender.prepare(chair()) as occluder:
         assert agreement(occluder, points, EYES) > 0.965
 
 
@@ -139,23 +124,6 @@ def test_points_where_nothing_is_drawn_are_visible(torus: PyrenderOccluder) -> N
     free = zo.SurfacePoints.free([[0.0, 0.0, 3.0], [5.0, 5.0, 0.0], [0.0, 0.0, -3.0], [0.63, 0.0, -3.0]])
     # above, beside, seen through the hole, and behind the tube
     assert torus.visible(free, [[0.0, 0.0, 4.0]]).tolist() == [[True, True, True, False]]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"resolution": 0}, "resolution must be an int in [1, 8192], pixels along a side; got 0."),
-        ({"resolution": 1e3}, "resolution must be an int in [1, 8192], pixels along a side; got 1000.0."),
-        ({"resolution": 9000}, "resolution must be an int in [1, 8192], pixels along a side; got 9000."),
-        ({"tolerance": -1e-9}, "tolerance must lie in [0, 1), a fraction of the mesh's diagonal; got -1e-09."),
-        ({"tolerance": float("nan")}, "tolerance must lie in [0, 1), a fraction of the mesh's diagonal; got nan."),
-        ({"slope_bias": -1.0}, "slope_bias must not be negative and be finite, in pixels; got -1.0."),
-        ({"slope_bias": float("inf")}, "slope_bias must not be negative and be finite, in pixels; got inf."),
-    ],
-)
-def test_bad_options(options: dict[str, float], message: str) -> None:
-    with pytest.raises(zo.OptionError, match=re.escape(message)):
-        zo.prepare(TORUS, "pyrender", **options)
 
 
 def test_a_killed_process_is_one_clear_error_and_the_next_works(torus: PyrenderOccluder) -> None:

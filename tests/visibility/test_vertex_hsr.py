@@ -130,20 +130,3 @@ def test_on_the_papers_chair() -> None:
     assert (~answer & truth).mean() < 0.15
     assert (second.visible(points, eyes) != answer).mean() < 0.005
     assert 0.5 < 1 - second.n_tests.sum() / plain.n_tests.sum() < 0.7
-
-
-@pytest.mark.parametrize(
-    ("method", "options", "message"),
-    [
-        ("vertex_hsr", {"divide": 0.0}, r"divide must lie in \(0, 1\], a fraction of the mesh's area; got 0.0"),
-        ("vertex_hsr", {"max_faces": 0}, "max_faces must be a positive int; got 0"),
-        ("vertex_hsr", {"contact": -1.0}, r"contact must lie in \[0, 1\)"),
-        ("vertex_hsr_culled", {"suggestion": 3}, r"suggestion must be 1 or 2, the paper's first or second .*; got 3"),
-        ("vertex_hsr_culled", {"n_samples": -5}, "n_samples must be a positive int; got -5"),
-        ("vertex_hsr_culled", {"seed": 0.5}, "seed must be an int from 0; got 0.5"),
-        ("vertex_hsr_culled", {"contact": float("nan")}, r"contact must lie in \[0, 1\)"),
-    ],
-)
-def test_option_errors(method: str, options: dict[str, object], message: str) -> None:
-    with pytest.raises(zo.OptionError, match=message):
-        zo.prepare(box(), method, **options)

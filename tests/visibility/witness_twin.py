@@ -15,24 +15,11 @@ from zbuf_occlude.visibility.pyrender import window_places
 def votes(
     depths: FloatArray, view: FloatArray, frustum: Frusta, points: SurfacePoints, low: IntArray, *, tolerance: float
 ) -> BoolArray:
-    """Let the four pixels around each point say whether it is hidden.
+    """Let the four pixels around each point say whether it is hidden: (n, 2, 2) by row and column.
 
-    Parameters
-    ----------
-    depths, view, frustum, points, tolerance
-        As in `pyrender.depth_test`.
-    low : (n, 2) int
-        Column and row of the lower left of each point's four pixels.
-
-    Returns
-    -------
-    (n, 2, 2) bool, by row and column, True = hidden: the image is nearer to the eye at the pixel's centre than the
-    point's own plane there, by more than the tolerance.
-
-    Notes
-    -----
-    Inverse eye depths are compared: a plane's is linear in window space. The tolerance is worth what it is at the
-    point's own depth.
+    Hidden: the image is nearer to the eye at the pixel's centre than the point's own plane there, by more than the
+    tolerance. Inverse eye depths are compared: a plane's is linear in window space. The tolerance is worth what it is
+    at the point's own depth. `low` (n, 2) are column and row of the lower left of each point's four pixels.
     """
     size = depths.shape[1], depths.shape[0]
     x, y, depth = window_places(view, frustum, points.positions, size)
@@ -65,28 +52,12 @@ def witness_test(
     tolerance: float,
     contact: float,
 ) -> BoolArray:
-    """Answer which points are visible: by the votes of four pixels, and where they differ by a witness.
+    """Answer which points are visible, (n,): by the votes of four pixels, and where they differ by a witness.
 
-    Parameters
-    ----------
-    depths, view, frustum, points, tolerance
-        As in `pyrender.depth_test`.
-    seen : (height, width) int
-        The face that each pixel's depth is of; -1 where nothing is.
-    corners : (f, 3, 3) float64
-        Of the mesh's faces, world space.
-    contact : float
-        The contact tolerance, world units.
-
-    Returns
-    -------
-    (n,) bool, True = visible.
-
-    Notes
-    -----
     A witness is a face that blocks the line of sight by `predicates.blocks`, among those seen in the 6 x 6 pixels
-    around the point. Without one, a point whose own face is seen in one of the four nearest pixels
-    is visible; else their votes are weighed by nearness against `MOST_HIDDEN`.
+    around the point. Without one, a point whose own face is seen in one of the four nearest pixels is visible; else
+    their votes are weighed by nearness against `MOST_HIDDEN`. The image is as in `pyrender.depth_test`; `seen` are its
+    faces, -1 for none.
     """
     height, width = depths.shape
     x, y, _ = window_places(view, frustum, points.positions, (width, height))

@@ -39,7 +39,8 @@ class Choice:
 
 def by_default() -> Choice:
     """Choose where no method was named: `depth_buffer`, or `exact`, with the reason, where no OpenGL context opens."""
-    from zbuf_occlude.gl.context import FIXES, GlContext  # late: nothing touches GL before it must
+    from zbuf_occlude.gl.context import GlContext  # late: nothing touches GL before it must
+    from zbuf_occlude.gl.devices import FIXES
 
     try:
         GlContext.open().close()

@@ -50,29 +50,18 @@ class Buffers:
                 n_bytes = array if isinstance(array, int) else array.nbytes
                 if n_bytes > limit:
                     raise GlError(f"{name} must fit into a storage block of {limit} bytes; it has {n_bytes}.")
-                self._buffers[name] = self._make(name, array, n_bytes)
+                try:
+                    if isinstance(array, int):
+                        self._buffers[name] = gl.ctx.buffer(reserve=array)
+                    else:
+                        self._buffers[name] = gl.ctx.buffer(np.ascontiguousarray(array))
+                except Exception as error:  # moderngl raises bare Exception
+                    raise GlError(f"{name} of {n_bytes} bytes must be made; the driver says: {error}") from None
+                # a driver without memory says so here or never
+                gl.check(f"{name} of {n_bytes} bytes must fit into memory", "Ask about fewer points or eyes at once.")
         except BaseException:
             self.release()
             raise
-
-    def _make(self, name: str, array: np.ndarray[Any, Any] | int, n_bytes: int) -> Any:
-        """Return a buffer, or raise where the driver has no memory left: it says so here or never."""
-        try:
-            if isinstance(array, int):
-                made = self._gl.ctx.buffer(reserve=array)
-            else:
-                made = self._gl.ctx.buffer(np.ascontiguousarray(array))
-        except Exception as error:  # moderngl raises bare Exception
-            raise GlError(f"{name} of {n_bytes} bytes must be made; the driver says: {error}") from None
-        reported = self._gl.ctx.error
-        if reported != "GL_NO_ERROR":
-            made.release()
-            self._gl.ctx.clear_errors()
-            raise GlError(
-                f"{name} of {n_bytes} bytes must fit into the memory of {self._gl.renderer}; it reports {reported}. "
-                "Ask about fewer points or eyes at once."
-            )
-        return made
 
     def bind(self, **bindings: int) -> None:
         """Bind each named buffer to its binding point."""
@@ -90,10 +79,6 @@ class Buffers:
         n_bytes = buffer.size if n_bytes is None else n_bytes
         call.clear_part(_COPY_WRITE, _R32UI, 0, n_bytes, _RED_INTEGER, _UNSIGNED_INT, None)
         call.bind_buffer(_COPY_WRITE, 0)
-
-    def write(self, name: str, array: np.ndarray[Any, Any]) -> None:
-        """Write `array` to a buffer's beginning."""
-        self._buffers[name].write(array)
 
     def read_into(self, name: str, array: np.ndarray[Any, Any], offset: int = 0) -> None:
         """Read all of `array` from a buffer, from a byte offset, when all that was asked before is done."""

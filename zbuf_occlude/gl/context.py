@@ -11,13 +11,12 @@ import sys
 import threading
 from collections.abc import Callable
 from ctypes.util import find_library
-from types import TracebackType
 from typing import Any, Self
 
 import moderngl
 
 from zbuf_occlude.errors import GlError, OptionError
-from zbuf_occlude.gl.devices import VISIBLE, default_device, is_software
+from zbuf_occlude.gl.devices import FIXES, VISIBLE, default_device, is_software
 from zbuf_occlude.gl.osmesa import OsMesaContext
 from zbuf_occlude.gl.shaders import compile_program
 
@@ -29,12 +28,6 @@ ENVIRONMENT = "ZBUF_OCCLUDE_GL"
 
 REQUIRED = 430
 """OpenGL 4.3 core: compute shaders and shader storage buffers."""
-
-FIXES = {
-    "egl": "apt-get install libegl1 libgl1-mesa-dri",
-    "osmesa": "apt-get install libosmesa6",
-}
-"""The one command (Debian) that installs what a backend needs on a machine without a GPU's own driver."""
 
 _LIBRARIES = ("GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL")
 """Environment variables of glcontext: other libraries than those that the system finds."""
@@ -244,15 +237,15 @@ class GlContext:
         """
         key = (names, tuple(sorted(constants.items())))
         if key not in self._programs:
-            self._programs[key] = compile_program(self.ctx, *names, constants=constants)
+            self._programs[key] = compile_program(self.ctx, *names, **constants)
         return self._programs[key]
 
-    def check(self) -> None:
+    def check(self, expected: str = "OpenGL must report no error", remedy: str = "") -> None:
         """Raise GlError if OpenGL has recorded an error since the last check, and clear it. Call it once a batch."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             self.ctx.clear_errors()
-            raise GlError(f"OpenGL must report no error; {self.renderer} reports {error}.")
+            raise GlError(f"{expected}; {self.renderer} reports {error}. {remedy}".rstrip())
 
     def wait(self) -> None:
         """Wait until OpenGL has done all that it was asked; other threads of Python run meanwhile."""
@@ -286,9 +279,7 @@ class GlContext:
         self.make_current()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def __repr__(self) -> str:

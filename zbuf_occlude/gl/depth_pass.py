@@ -68,18 +68,18 @@ def arrange_mesh(mesh: Mesh, unit: Unit) -> MeshArrays:
     )
 
 
-def mesh_buffers(gl: GlContext, positions: FloatArray, faces: IntArray) -> Buffers:
+def mesh_buffers(gl: GlContext, mesh: MeshArrays) -> Buffers:
     """Put a mesh on the GPU: `vertices` and `indices` to draw, `corners` (f, 3, 4) for shaders to test.
 
     Takes 12 bytes per vertex and 72 bytes per face. A flat shader input takes the value of a face's last vertex, so
     each face gets one of its own: the first f vertices, in the faces' order.
     """
-    positions = positions.astype(np.float32)
-    corners = np.zeros((len(faces), 3, 4), dtype=np.float32)
-    corners[:, :, :3] = positions[faces]
+    positions, n_faces = mesh.positions.astype(np.float32), len(mesh.faces)
+    corners = np.zeros((n_faces, 3, 4), dtype=np.float32)
+    corners[:, :, :3] = positions[mesh.faces]
     vertices = np.concatenate([corners[:, 2, :3], positions])
-    indices = faces.astype(np.int32) + np.int32(len(faces))
-    indices[:, 2] = np.arange(len(faces))
+    indices = mesh.faces + np.int32(n_faces)
+    indices[:, 2] = np.arange(n_faces)
     return Buffers(gl, vertices=vertices, indices=indices, corners=corners)
 
 
@@ -132,13 +132,8 @@ class Atlas:
             drawn = _COLOR_ATTACHMENT0
         call.draw_buffers(1, (UINT * 1)(drawn))
         call.bind_framebuffer(_FRAMEBUFFER, 0)
-        error = self._gl.ctx.error
-        if error != "GL_NO_ERROR":
-            self._gl.ctx.clear_errors()
-            raise GlError(
-                f"a depth atlas of {self.size[0]} x {self.size[1]} pixels must fit into {self._gl.renderer}'s memory; "
-                f"it reports {error}. Take a lower resolution."
-            )
+        width, height = self.size
+        self._gl.check(f"a depth atlas of {width} x {height} pixels must fit into memory", "Take a lower resolution.")
 
     def _bind(self, unit: int, texture: Any) -> None:
         self._call.active_texture(unit)
@@ -260,13 +255,10 @@ def render_depth(gl: GlContext, mesh: Mesh, view: Views, size: int) -> FloatArra
     """
     gl.make_current()
     unit = Unit.of(mesh.centre, mesh.diagonal)
-    used, faces = np.unique(mesh.faces, return_inverse=True)
-    positions = unit.to(mesh.vertices[used])
-    eyes = unit.to(view.eyes)
-    views = rigid_matrices(view.poses[:, :3, :3], eyes)
-    frusta = picture_frusta(views, positions, view.windows)
-    cameras = reversed_depth(views, frusta)
-    with mesh_buffers(gl, positions, faces.reshape(-1, 3).astype(np.int32)) as mesh_on_gpu:
+    arrays = arrange_mesh(mesh, unit)
+    views = rigid_matrices(view.poses[:, :3, :3], unit.to(view.eyes))
+    cameras = reversed_depth(views, picture_frusta(views, arrays.positions, view.windows))
+    with mesh_buffers(gl, arrays) as mesh_on_gpu:
         depth_pass = DepthPass(gl, mesh_on_gpu, size, ids=False, tiles_per_eye=1)
         try:
             tiles = np.zeros(MOST_TILES, dtype=TILE)

@@ -16,6 +16,12 @@ _EXTENSIONS, _CUDA_DEVICE, _DRM_DEVICE_FILE, _DEVICE_UUID = 0x3055, 0x323A, 0x32
 _MOST = 64
 _NAMES = (b"eglQueryDevicesEXT", b"eglQueryDeviceAttribEXT", b"eglQueryDeviceStringEXT", b"eglQueryDeviceBinaryEXT")
 
+FIXES = {
+    "egl": "apt-get install libegl1 libgl1-mesa-dri",
+    "osmesa": "apt-get install libosmesa6",
+}
+"""The one command (Debian) that installs what a backend needs on a machine without a GPU's own driver."""
+
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 
 NVIDIA = Path("/dev/nvidiactl")

@@ -94,6 +94,25 @@ def best_shape(shapes: Shapes, n_points: int, n_faces: int) -> Shape:
     return next(shape for least, shape in shapes if n_points >= least * n_faces)
 
 
+def shader_constants(shape: Shape, counting: bool) -> dict[str, object]:
+    """Return the constants of shaders/exact.comp."""
+    opened = max(shape.threads // WIDTH, 1)
+    return {
+        "THREADS": shape.threads,
+        "PER_THREAD": shape.per_thread,
+        "STRANDS": shape.strands,
+        "TRIANGLES": shape.triangles,
+        "WIDTH": WIDTH,
+        "LEAF": LEAF,
+        "BUDGET": BUDGET,
+        "EPSILON": EPSILON,
+        "COUNTING": counting,
+        "MAX_LEVELS": MAX_LEVELS,
+        # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
+        "STACK": MAX_LEVELS * opened * (WIDTH + 1),
+    }
+
+
 @dataclass(frozen=True)
 class FaceArrays:
     """Faces in Hilbert order, and a tree of boxes over clusters of `LEAF` of them, `WIDTH` boxes to a box.
@@ -105,7 +124,6 @@ class FaceArrays:
     faces: NDArray[np.float32]  # (f, 16) unit space: corner a, edges ab and ac, normal, edge bc, one unused
     corners: FloatArray  # (f, 9) world space
     boxes: NDArray[np.float32]  # (boxes, 8) centre and half size, each padded to 4; the root first
-    level_start: list[int]
     level_size: list[int]
 
 
@@ -133,14 +151,13 @@ def arrange_faces(corners: FloatArray, unit: Unit) -> FaceArrays:
     boxes = np.zeros((sum(sizes), 8), dtype=np.float32)
     boxes[:, 0:3] = np.concatenate([(low + high) / 2.0 for low, high in levels])
     boxes[:, 4:7] = np.concatenate([(high - low) / 2.0 for low, high in levels])
-    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, [0, *np.cumsum(sizes[:-1]).tolist()], sizes)
+    return FaceArrays(order, faces, corners.reshape(-1, 9), boxes, sizes)
 
 
 @dataclass(frozen=True)
 class PointArrays:
     """Points in packets of `size` neighbours."""
 
-    n_packets: int
     points: NDArray[np.uint32]  # (packets * size, 4) bits of the float32 offset from the centre; own face or `NONE`
     exact_points: NDArray[Any]  # (packets * size,) EXACT_POINT: world space, and which point; `NONE` pads the last
     packets: NDArray[np.float32]  # (packets, 8) centre and radius, half size; unit space
@@ -162,7 +179,7 @@ def arrange_points(positions: FloatArray, own_places: IntArray, size: int, unit:
     points[:, 3] = own_places[order].astype(np.uint32)
     exact_points["order"] = order
     exact_points["order"][n:] = NONE
-    return PointArrays(n_packets, points, exact_points, packets)
+    return PointArrays(points, exact_points, packets)
 
 
 @shared
@@ -236,7 +253,6 @@ class _FacePart:
 
     first: int
     n_faces: int
-    level_start: list[int]
     level_size: list[int]
     buffers: Buffers
 
@@ -248,15 +264,13 @@ class ExactPass:
     exceeds the driver's block: faces and points beyond it are asked about in parts.
     """
 
-    def __init__(
-        self, gl: GlContext, mesh: Mesh, contact: float, shapes: Shapes | None = None, counting: bool = False
-    ) -> None:
+    def __init__(self, gl: GlContext, mesh: Mesh, contact: float, counting: bool = False) -> None:
         self._gl = gl
         available = int(gl.info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"])
         if available < _BINDINGS:
             raise GlError(f"a compute shader must see {_BINDINGS} storage blocks; {gl.renderer} shows it {available}.")
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
-        self.shapes = shapes or (SOFTWARE if gl.is_software else HARDWARE)
+        self._shapes = SOFTWARE if gl.is_software else HARDWARE
         self.work = Work()
         self._contact, self._diagonal = contact, mesh.diagonal
         self._counting = counting
@@ -268,20 +282,18 @@ class ExactPass:
             arrays = arrange_faces(mesh.corners[part], self._unit)
             self._places[part][arrays.face_ids] = np.arange(part.start, part.stop)
             buffers = Buffers(gl, faces=arrays.faces, corners=arrays.corners, boxes=arrays.boxes)
-            self._face_parts.append(
-                _FacePart(part.start, part.stop - part.start, arrays.level_start, arrays.level_size, buffers)
-            )
+            self._face_parts.append(_FacePart(part.start, part.stop - part.start, arrays.level_size, buffers))
 
     def upload(self, positions: FloatArray, face_ids: IntArray) -> PointPackets:
         """Put points (world space) and their own faces (-1: none) on the GPU; the caller releases them."""
-        shape = best_shape(self.shapes, len(positions), len(self._places))
+        shape = best_shape(self._shapes, len(positions), len(self._places))
         largest = min(self._limit // _POINT_BYTES, _MAX_GROUPS * shape.packet) // shape.packet * shape.packet
         own = np.where(face_ids >= 0, self._places[face_ids], -1)
         uploaded = PointPackets(len(positions), shape, [])
         for part in parts(len(positions), largest):
             arrays = arrange_points(positions[part], own[part], shape.packet, self._unit)
             buffers = Buffers(self._gl, points=arrays.points, exact=arrays.exact_points, packets=arrays.packets)
-            uploaded.parts.append((part, arrays.n_packets, buffers))
+            uploaded.parts.append((part, len(arrays.packets), buffers))
         return uploaded
 
     def visible(self, points: PointPackets, eyes: FloatArray) -> BoolArray:
@@ -297,22 +309,7 @@ class ExactPass:
 
     def _program(self, shape: Shape) -> Any:
         """Return the pass for a shape, which the context compiles when it is first needed."""
-        opened = max(shape.threads // WIDTH, 1)
-        program = self._gl.program(
-            "exact.comp",
-            THREADS=shape.threads,
-            PER_THREAD=shape.per_thread,
-            STRANDS=shape.strands,
-            TRIANGLES=shape.triangles,
-            WIDTH=WIDTH,
-            LEAF=LEAF,
-            BUDGET=BUDGET,
-            EPSILON=EPSILON,
-            COUNTING=self._counting,
-            MAX_LEVELS=MAX_LEVELS,
-            # a level gets opened * WIDTH boxes at once, and more only when less than `opened` are left of it
-            STACK=MAX_LEVELS * opened * (WIDTH + 1),
-        )
+        program = self._gl.program("exact.comp", **shader_constants(shape, self._counting))
         program["contact"].value = self._contact * self._unit.scale
         program["contact64"].value, program["diagonal64"].value = self._contact, self._diagonal
         return program
@@ -352,9 +349,9 @@ class ExactPass:
         program["first_face"].value = part.first
         program["n_faces"].value = part.n_faces
         program["n_levels"].value = len(part.level_size)
-        none = [0] * (MAX_LEVELS - len(part.level_size))
-        program["level_start"].value = (*part.level_start, *none)
-        program["level_size"].value = (*part.level_size, *none)
+        sizes = np.pad(part.level_size, (0, MAX_LEVELS - len(part.level_size)))
+        program["level_size"].value = tuple(sizes.tolist())
+        program["level_start"].value = tuple((np.cumsum(sizes) - sizes).tolist())
         program["n_tasks"].value = 0
         largest = n_packets * n_eyes
         tasks = self._run(program, answers, n_packets, n_eyes)

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 
 from zbuf_occlude.errors import GlError, OccludeError
-from zbuf_occlude.gl.context import FIXES, GlContext, egl_fix
-from zbuf_occlude.gl.devices import VISIBLE, egl_devices, hindrance, left_by_cuda
+from zbuf_occlude.gl.context import GlContext, egl_fix
+from zbuf_occlude.gl.devices import FIXES, VISIBLE, egl_devices, hindrance, left_by_cuda
 from zbuf_occlude.gl.shaders import compile_program
 
 LIMITS = (

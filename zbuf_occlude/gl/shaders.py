@@ -1,7 +1,6 @@
 """Shaders are files: GLSL from shaders/, with includes and checked template constants, compiled into programs."""
 
 import re
-from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from string import Template
@@ -30,16 +29,7 @@ def shader_folder() -> Path:
     raise GlError(f"the folder shaders must be beside or inside {package}; it is not. Install the package again.")
 
 
-def shader_text(name: str, **constants: object) -> str:
-    """Return the text of a file of ``shaders/``: includes in place, each ``$CONSTANT`` replaced.
-
-    ``#include "file.glsl"`` inserts a file of ``shaders/include`` once. GlError names a file that does not exist, a
-    constant without a value, or a value without a constant.
-    """
-    return _texts((name,), constants)[name]
-
-
-def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | None = None) -> Any:
+def compile_program(ctx: Any, *names: str, **constants: object) -> Any:
     """Compile shader files into one program.
 
     Parameters
@@ -47,7 +37,7 @@ def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | Non
     ctx : moderngl.Context
     *names : str
         Files of ``shaders/``; the suffix of each is its stage. A ``.comp`` stands alone.
-    constants : mapping, optional
+    **constants : object
         Values of the ``$CONSTANTS``; each must be used by at least one of the files.
 
     Returns
@@ -58,9 +48,9 @@ def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | Non
     Raises
     ------
     GlError
-        As `shader_text`, or the driver's compiler refuses the text; the message quotes it.
+        As `shader_texts`, or the driver's compiler refuses the text; the message quotes it.
     """
-    sources = {STAGES[Path(name).suffix]: text for name, text in _texts(names, constants or {}).items()}
+    sources = {STAGES[Path(name).suffix]: text for name, text in shader_texts(*names, **constants).items()}
     try:
         if "compute_shader" in sources:
             return ctx.compute_shader(sources["compute_shader"])
@@ -69,7 +59,12 @@ def compile_program(ctx: Any, *names: str, constants: Mapping[str, object] | Non
         raise GlError(f"{', '.join(names)} must compile; the driver says: {error}") from None
 
 
-def _texts(names: Sequence[str], constants: Mapping[str, object]) -> dict[str, str]:
+def shader_texts(*names: str, **constants: object) -> dict[str, str]:
+    """Return the texts of files of ``shaders/`` by name: includes in place, each ``$CONSTANT`` replaced.
+
+    ``#include "file.glsl"`` inserts a file of ``shaders/include`` once. GlError names a file that does not exist, a
+    constant without a value, or a value that none of the files uses.
+    """
     templates = {name: Template(_with_includes(name)) for name in names}
     used = {word for template in templates.values() for word in template.get_identifiers()}
     files = ", ".join(names)

@@ -1,20 +1,11 @@
 """Distances from the eye to the faces, by which far faces are excluded (paper 3.6, first and second suggestion)."""
 
-from typing import Protocol
-
 import numpy as np
 
 from zbuf_occlude.arrays import FloatArray, IntArray
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import Seed, points_in_triangles, stochastic_counts
 from zbuf_occlude.object_space.planes import FacePlanes
-
-
-class Distances(Protocol):
-    """Distances of a mesh's faces, (f,), from an eye (world space)."""
-
-    def of(self, eye: FloatArray) -> FloatArray:
-        """Return them."""
 
 
 class PlaneDistances:
@@ -69,3 +60,6 @@ class SampleDistances:
     def of(self, eye: FloatArray) -> FloatArray:
         """Distance of each face's nearest sample from an eye (world space), (f,)."""
         return np.asarray(np.minimum.reduceat(np.linalg.norm(self.positions - eye, axis=1), self._first))
+
+
+Distances = PlaneDistances | SampleDistances

@@ -107,52 +107,36 @@ def _parts(relative: FloatArray, largest: float) -> IntArray:
 
 def _children(mesh: Mesh, parts: IntArray) -> tuple[FloatArray, IntArray]:
     """Vertices and faces of the divided mesh, faces in the order that `Division` states."""
-    m = parts.astype(np.int64)
-    counts = m**2
-    face = np.repeat(np.arange(len(m)), counts)
-    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    m_of = m[face]
-    # row r begins at child r (2 m - r); from there to the end there are (m - r)^2 children
-    row = m_of - np.ceil(np.sqrt(m_of**2 - within)).astype(np.int64)
-    column, upper = np.divmod(within - row * (2 * m_of - row), 2)
-    lattice = np.stack(  # column and row of the children's three corners
-        [
-            np.stack([column + upper, row], axis=1),
-            np.stack([column + 1, row + upper], axis=1),
-            np.stack([column, row + 1], axis=1),
-        ],
-        axis=1,
-    )
-    nodes, positions = _lattice_nodes(mesh, m)
-    node_first = len(mesh.vertices) + np.cumsum(nodes) - nodes
-    c, r = lattice[..., 0], lattice[..., 1]
-    wide = m_of[:, None]
-    index = node_first[face][:, None] + r * (wide + 1) - r * (r - 1) // 2 + c
-    # the lattice's corners are the face's own vertices, so that a face left whole adds none
-    corners = mesh.faces[face].astype(np.int64)
-    index = np.where((c == 0) & (r == 0), corners[:, 0:1], index)
-    index = np.where(c == wide, corners[:, 1:2], index)
-    index = np.where(r == wide, corners[:, 2:3], index)
-    vertices = np.concatenate([mesh.vertices, positions])
-    used = np.zeros(len(vertices), dtype=bool)
-    used[: len(mesh.vertices)] = True
-    used[index] = True
-    renumbered = np.cumsum(used) - 1
-    return vertices[used], renumbered[index].astype(np.int32)
+    counts = parts.astype(np.int64) ** 2
+    first = np.cumsum(counts) - counts
+    faces = np.empty((counts.sum(), 3), dtype=np.int64)
+    vertices, n_vertices = [mesh.vertices], len(mesh.vertices)
+    for m in np.unique(parts).tolist():
+        some = np.flatnonzero(parts == m)
+        nodes, children = _lattice(m)
+        a, b, c = np.moveaxis(mesh.corners[some], 1, 0)[:, :, None]
+        beta, gamma = (nodes / m).T[:, :, None]
+        vertices.append((a + beta * (b - a) + gamma * (c - a)).reshape(-1, 3))
+        numbers = n_vertices + np.arange(len(vertices[-1])).reshape(len(some), -1)
+        n_vertices += numbers.size
+        # the lattice's corners are the face's own vertices, so that a face left whole adds none
+        numbers[:, [0, m, -1]] = mesh.faces[some]
+        faces[first[some, None] + np.arange(m * m)] = numbers[:, children]
+    used = np.arange(n_vertices) < len(mesh.vertices)
+    used[faces] = True
+    return np.concatenate(vertices)[used], (np.cumsum(used) - 1)[faces].astype(np.int32)
 
 
-def _lattice_nodes(mesh: Mesh, m: NDArray[np.int64]) -> tuple[NDArray[np.int64], FloatArray]:
-    """How many lattice nodes each face has (none when it stays whole), and their positions, row by row."""
-    nodes = np.where(m > 1, (m + 1) * (m + 2) // 2, 0)
-    face = np.repeat(np.arange(len(m)), nodes)
-    within = np.arange(nodes.sum()) - np.repeat(np.cumsum(nodes) - nodes, nodes)
-    # counted from the end, row r (of m + 1 - r nodes) holds the triangular numbers' r-th stretch
-    left = nodes[face] - 1 - within
-    row = m[face] - (np.sqrt(8.0 * left + 1.0).astype(np.int64) - 1) // 2
-    column = within - (row * (m[face] + 1) - row * (row - 1) // 2)
-    a, b, c = (mesh.corners[face, i] for i in range(3))
-    beta, gamma = (column / m[face])[:, None], (row / m[face])[:, None]
-    return nodes, a + beta * (b - a) + gamma * (c - a)
+def _lattice(m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Column and row of each node of a face cut into m parts, row by row, (n, 2); nodes of its children, (m^2, 3)."""
+    rows, columns = np.nonzero(np.add.outer(np.arange(m + 1), np.arange(m + 1)) <= m)
+    number = np.zeros((m + 1, m + 1), dtype=np.intp)
+    number[rows, columns] = np.arange(len(rows))
+    r, c = np.nonzero(np.add.outer(np.arange(m), np.arange(m)) < m)
+    lower = np.stack([number[r, c], number[r, c + 1], number[r + 1, c]], axis=1)
+    upper = np.stack([number[r, c + 1], number[r + 1, c + 1], number[r + 1, c]], axis=1)
+    exists = np.stack([r + c < m, r + c < m - 1], axis=1)  # the last cell of a row has no upper triangle
+    return np.stack([columns, rows], axis=1), np.stack([lower, upper], axis=1)[exists]
 
 
 def _plane_coordinates(corners: FloatArray, positions: FloatArray) -> tuple[FloatArray, FloatArray]:

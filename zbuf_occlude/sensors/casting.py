@@ -56,15 +56,11 @@ class SceneInParts(Occluder):
             self._part(np.flatnonzero((owners == owner) & (panes == is_pane)), scene.moving.get(owner), is_pane)
             for owner, is_pane in sorted(set(zip(owners.tolist(), panes.tolist(), strict=True)))
         ]
+        self.renderer = self._parts[0].occluder.renderer
 
     def _part(self, which: NDArray[np.intp], drive: Placed | None, is_pane: bool) -> _Part:
         mesh = Mesh(self.mesh.vertices, self.mesh.faces[which], self.mesh.name)
         return _Part(self._prepare(mesh), which, drive, is_pane)
-
-    @property
-    def renderer(self) -> str:
-        """As the method's."""
-        return self._parts[0].occluder.renderer
 
     @cached_property
     def _at_start(self) -> _Part:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError
+from zbuf_occlude.errors import OptionError, check_fraction, check_word
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.gl.buffers import Buffers, answer_limit, parts
@@ -24,7 +24,7 @@ from zbuf_occlude.gl.tiles import (
     cube_pictures,
     single_pictures,
 )
-from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder
+from zbuf_occlude.visibility.interface import CONTACT, FirstHits, Occluder, check_count
 
 REFINEMENTS = ("witness", "none")
 
@@ -64,16 +64,11 @@ def prepare(
     GlError
         The driver cannot do it, or has no memory left.
     """
-    if not isinstance(resolution, (int, np.integer)) or not SMALLEST <= resolution <= LARGEST:
-        raise OptionError(
-            f"resolution must be an int in [{SMALLEST}, {LARGEST}], pixels along a side; got {resolution!r}."
-        )
-    if not 0.0 <= tolerance < 1.0:
-        raise OptionError(f"tolerance must lie in [0, 1), a fraction of the mesh's diagonal; got {tolerance}.")
+    check_count("resolution", resolution, SMALLEST, LARGEST, "pixels along a side")
+    check_fraction("tolerance", tolerance)
     if not 0.0 <= slope_bias < np.inf:
         raise OptionError(f"slope_bias must not be negative and be finite, in pixels; got {slope_bias}.")
-    if refine not in REFINEMENTS:
-        raise OptionError(f"refine must be one of {', '.join(REFINEMENTS)}; got {refine!r}.")
+    check_word("refine", refine, REFINEMENTS)
     return DepthBuffer(mesh, gl, int(resolution), tolerance, slope_bias, refine == "witness")
 
 
@@ -114,8 +109,8 @@ class DepthBuffer(Occluder):
         self, mesh: Mesh, gl: Any, resolution: int, tolerance: float, slope_bias: float, witness: bool
     ) -> None:
         super().__init__(mesh)
-        self._gl = gl
-        self._resolution, self._tolerance = resolution, tolerance * mesh.diagonal
+        self._gl, self.renderer = gl, gl.renderer
+        self._resolution, self.tolerance = resolution, tolerance * mesh.diagonal
         gl.make_current()
         self._unit = Unit.of(mesh.centre, mesh.diagonal)
         diagonal = mesh.diagonal * self._unit.scale
@@ -126,19 +121,9 @@ class DepthBuffer(Occluder):
             "contact": CONTACT * diagonal,
         }
         self._arrays = arrange_mesh(mesh, self._unit)
-        self._mesh_buffers = mesh_buffers(gl, self._arrays.positions, self._arrays.faces)
+        self._mesh_buffers = mesh_buffers(gl, self._arrays)
         self._passes: dict[tuple[int, bool], DepthPass] = {}
         self._uploaded: tuple[SurfacePoints, list[UploadedPoints]] | None = None
-
-    @property
-    def renderer(self) -> str:
-        """GL_RENDERER of the context."""
-        return str(self._gl.renderer)
-
-    @property
-    def tolerance(self) -> float:
-        """The option's, in world units."""
-        return self._tolerance
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()

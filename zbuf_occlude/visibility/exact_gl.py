@@ -41,15 +41,10 @@ class ExactGl(Occluder):
 
     def __init__(self, mesh: Mesh, gl: Any, contact: float) -> None:
         super().__init__(mesh)
-        self._gl = gl
+        self._gl, self.renderer = gl, gl.renderer
         gl.make_current()
         self._last: tuple[SurfacePoints, PointPackets] | None = None
         self._pass = ExactPass(gl, mesh, contact * mesh.diagonal)
-
-    @property
-    def renderer(self) -> str:
-        """GL_RENDERER of the context."""
-        return str(self._gl.renderer)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         self._gl.make_current()

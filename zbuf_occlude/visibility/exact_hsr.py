@@ -81,11 +81,12 @@ class ExactHsr(Occluder):
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         answer = np.empty((len(eyes), len(points)), dtype=bool)
-        self.n_tests = np.zeros(len(eyes), dtype=np.int64)
+        n_tests = np.zeros(len(eyes), dtype=np.int64)
         for j, eye in enumerate(eyes):
             distances = NO_DISTANCES if self._distances is None else self._distances.of(eye)
-            hidden, self.n_tests[j] = hidden_points(
+            hidden, n_tests[j] = hidden_points(
                 self._planes, self._face_labels, points.positions, points.face_ids, eye, self._contact, distances
             )
             answer[j] = ~hidden
+        self.n_tests = n_tests  # at once: other threads may be asking
         return answer

@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from types import TracebackType
 from typing import Any, NamedTuple, Self, final
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray, as_triples, as_vectors, of_usual_length
 from zbuf_occlude.errors import ArgumentError, OptionError, UnavailableError, did_you_mean
-from zbuf_occlude.extras import importing, missing
+from zbuf_occlude.extras import EXTRAS, importing, missing
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
 from zbuf_occlude.views import Views
@@ -60,6 +59,10 @@ class Occluder(ABC):
 
     _measures_directions = False
     """Whether `_first_hits` takes directions of any length, and calls `of_usual_length` where it must, itself."""
+    renderer = "none"
+    """GL_RENDERER of what answers; "none" where no GL is involved."""
+    tolerance = 0.0
+    """How near to each other, in world units, sheets are taken for one beyond the contact tolerance; 0: never."""
     warns_of_eyes_inside = True
     """Whether `visible` warns of eyes inside the bounding box."""
 
@@ -70,16 +73,6 @@ class Occluder(ABC):
     def __repr__(self) -> str:
         state = ", closed" if self._closed else ""
         return f"Occluder({type(self).__module__.rpartition('.')[2]!r}, {self.mesh!r}{state})"
-
-    @property
-    def renderer(self) -> str:
-        """The name of the GL renderer that answers, or "none" where no GL is involved."""
-        return "none"
-
-    @property
-    def tolerance(self) -> float:
-        """How near to each other, in world units, sheets are taken for one beyond the contact tolerance; 0: never."""
-        return 0.0
 
     @final
     def visible(self, points: SurfacePoints, eyes: ArrayLike | Views) -> BoolArray:
@@ -204,9 +197,7 @@ class Occluder(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 
@@ -221,14 +212,14 @@ class Method:
         One line.
     factory : str
         ``"package.module:function"``; the function takes a Mesh (and ``gl=`` when `needs_gl`) and keyword-only options.
+        By default ``prepare`` of the module in `visibility/` that is called as the method is.
     exact : bool
         Whether it equals the oracle outside the boundary band.
     needs_gl : bool
     needs_faces : bool
         Whether it looks at the mesh's faces; one that does not can be prepared with a point cloud.
-    extra : str
-        The optional dependency it needs, "" for none; `requires` is the package to import.
     requires : str
+        The optional package that it imports, a key of `EXTRAS`; "" for none.
     libraries : tuple of str
         What the package links to on Linux and does not bring.
     no_first_hits : str
@@ -237,14 +228,22 @@ class Method:
 
     name: str
     summary: str
-    factory: str
+    factory: str = ""
     exact: bool = False
     needs_gl: bool = False
     needs_faces: bool = True
-    extra: str = ""
     requires: str = ""
     libraries: tuple[str, ...] = ()
     no_first_hits: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.factory:
+            object.__setattr__(self, "factory", f"{__package__}.{self.name}:prepare")
+
+    @property
+    def extra(self) -> str:
+        """The extra of this package that brings what it requires; "" for none."""
+        return EXTRAS.get(self.requires, "")
 
     def missing(self) -> str:
         """Say why the method cannot run here; empty when nothing is known to be missing.
@@ -261,8 +260,7 @@ class Method:
         UnavailableError
             A package it needs is not installed, or cannot be imported.
         """
-        reason = self.missing()
-        if reason:
+        if reason := self.missing():
             raise UnavailableError(f"method {self.name!r} {reason}")
         with importing(self.requires, f"method {self.name!r}") if self.requires else nullcontext():
             module, name = self.factory.split(":")
@@ -299,6 +297,17 @@ class Method:
 def _options_of(prepare: Callable[..., Occluder]) -> Mapping[str, Any]:
     parameters = inspect.signature(prepare).parameters.values()
     return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "gl"}
+
+
+def as_eyes(eyes: ArrayLike) -> FloatArray:
+    """Return eyes as (k, 3), of one (3,) too; raise ArgumentError for what are none."""
+    return as_vectors(np.atleast_2d(np.asarray(eyes)), "eyes")
+
+
+def check_count(name: str, value: Any, least: int, most: int, unit: str) -> None:
+    """Raise OptionError unless a value is an int from `least` to `most`."""
+    if not isinstance(value, (int, np.integer)) or not least <= value <= most:
+        raise OptionError(f"{name} must be an int in [{least}, {most}], {unit}; got {value!r}.")
 
 
 def are_within(mesh: Mesh, positions: FloatArray, reach: float) -> bool:

@@ -3,11 +3,11 @@
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.errors import OptionError, check_int
+from zbuf_occlude.errors import check_int
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints, sample_surface
 from zbuf_occlude.object_space.occupancy import RUN, TOUCHING, OccupancyGrid
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import Occluder, check_count
 
 LARGEST = 512
 """The finest grid: 128 MiB of cells, and 512 MiB while points are asked."""
@@ -37,8 +37,7 @@ def prepare(
     OptionError
         A value is out of range.
     """
-    if not isinstance(n, (int, np.integer)) or not 2 <= n <= LARGEST:
-        raise OptionError(f"n must be an int in [2, {LARGEST}], cells along a side; got {n!r}.")
+    check_count("n", n, 2, LARGEST, "cells along a side")
     check_int("n_samples", n_samples, 1)
     check_int("seed", seed, 0)
     check_int("touching", touching, 0)

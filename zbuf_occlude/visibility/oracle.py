@@ -1,6 +1,7 @@
 """`oracle`: the judge. Every point and every ray against every face, in float64, by the definition itself."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -88,13 +89,8 @@ class Oracle(Occluder):
         first, nearest, second = _nearest(self.mesh.corners, origins, directions)
         with np.errstate(invalid="ignore"):  # no hit at all: infinity less infinity
             still = ~((second - nearest) * lengths <= self.contact)
-        across, upwards = _perpendiculars(directions)
-        shifts = [
-            width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
-            for angle in np.arange(8) * (np.pi / 4.0)
-        ]
-        shifts += [sign * self.contact * directions / lengths[:, None] for sign in (1.0, -1.0)]
-        for shift in shifts:
+        along = self.contact * directions / lengths[:, None]
+        for shift in (*_across(directions, width * self.mesh.diagonal), along, -along):
             still &= _nearest(self.mesh.corners, origins + shift, directions)[0] == first
         return still
 
@@ -168,20 +164,20 @@ class Oracle(Occluder):
     ) -> BoolArray:
         """Where the answer stays with the point's end of the line moved by `width` in eight directions across it."""
         still = np.ones_like(answer)
-        across, upwards = _perpendiculars(points.positions[None] - eyes[:, None])
-        for angle in np.arange(8) * (np.pi / 4.0):
-            targets = points.positions + width * self.mesh.diagonal * (np.cos(angle) * across + np.sin(angle) * upwards)
-            still &= _visible(self.mesh, points.face_ids, targets, eyes, contact) == answer
+        for shift in _across(points.positions[None] - eyes[:, None], width * self.mesh.diagonal):
+            still &= _visible(self.mesh, points.face_ids, points.positions + shift, eyes, contact) == answer
         return still
 
 
-def _perpendiculars(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors perpendicular to each other and to each of the lines, (..., 3) each."""
+def _across(lines: FloatArray, length: float) -> Iterator[FloatArray]:
+    """Eight vectors of a length, all round across each of the lines; (..., 3) each."""
     unit = lines / np.maximum(np.linalg.norm(lines, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
     least = np.eye(3)[np.abs(unit).argmin(axis=-1)]
     across = np.cross(unit, least)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), np.finfo(np.float64).tiny)
-    return across, np.cross(unit, across)
+    upwards = np.cross(unit, across)
+    for angle in np.arange(8) * (np.pi / 4.0):
+        yield length * (np.cos(angle) * across + np.sin(angle) * upwards)
 
 
 class _Runs(NamedTuple):

@@ -34,15 +34,12 @@ from zbuf_occlude.geometry.camera import (
 )
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.geometry.sampling import SurfacePoints
-from zbuf_occlude.gl.devices import default_device
+from zbuf_occlude.gl.devices import FIXES, default_device
 from zbuf_occlude.jit.compiler import without_scipy
-from zbuf_occlude.visibility.interface import Occluder
+from zbuf_occlude.visibility.interface import Occluder, check_count
 
 TIMEOUT = 120.0
 """Seconds that the process may take for one reply (the first: starting Python, importing pyrender, opening EGL)."""
-
-EGL_FIX = "apt-get install libegl1 libgl1-mesa-dri"
-"""The command (Debian) that installs what pyrender needs on a machine without a GPU's own driver."""
 
 NEAR = 1e-3
 """The cube faces' near plane, in longest sides: what is nearer to an eye within the mesh is not drawn."""
@@ -75,8 +72,7 @@ def prepare(
     UnavailableError
         pyrender cannot be imported.
     """
-    if not isinstance(resolution, (int, np.integer)) or not 1 <= resolution <= LARGEST:
-        raise OptionError(f"resolution must be an int in [1, {LARGEST}], pixels along a side; got {resolution!r}.")
+    check_count("resolution", resolution, 1, LARGEST, "pixels along a side")
     check_fraction("tolerance", tolerance)
     if not 0.0 <= slope_bias < np.inf:
         raise OptionError(f"slope_bias must not be negative and be finite, in pixels; got {slope_bias}.")
@@ -112,25 +108,16 @@ class PyrenderOccluder(Occluder):
         self._positions = normal.vertices[np.unique(normal.faces)]
         self._radius = float(np.linalg.norm(self._positions, axis=1).max())
         self._tolerance = tolerance * normal.diagonal  # in that unit
+        self.tolerance = self._tolerance / self._scale
         self._slope_bias = slope_bias
         self._margin = 2.0 / resolution
         self._turn, self._process = threading.Lock(), os.getpid()
         self._child = _Child()
         try:
-            self._renderer = str(self._child.ask(normal.vertices, normal.faces, resolution))
+            self.renderer = str(self._child.ask(normal.vertices, normal.faces, resolution))
         except BaseException:
             self._child.close()
             raise
-
-    @property
-    def renderer(self) -> str:
-        """GL_RENDERER of the process that pyrender runs in."""
-        return self._renderer
-
-    @property
-    def tolerance(self) -> float:
-        """The option's, in world units."""
-        return float(self._tolerance / self._scale)
 
     def _visible(self, points: SurfacePoints, eyes: FloatArray) -> BoolArray:
         if os.getpid() != self._process:
@@ -361,7 +348,7 @@ def _serve(pipe: Connection) -> None:
 
     An OccludeError is the last reply.
     """
-    advice = f"Is EGL installed ({EGL_FIX}), and EGL_DEVICE_ID right?"
+    advice = f"Is EGL installed ({FIXES['egl']}), and EGL_DEVICE_ID right?"
     try:
         # trimesh, which pyrender imports, can do without scipy: two fifths of the time to start
         with importing("pyrender", "method 'pyrender'"), without_scipy():
