@@ -9,10 +9,9 @@ import numpy as np
 from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
 from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, suffix_of, up_option
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -93,13 +92,7 @@ def scan_command(
         draw_scan(picture, found, setup.made_sensor)
 
 
-def scan_once(
-    collection: MeshCollection,
-    setup: Setup,
-    azimuth: float,
-    elevation: float,
-    seed: int,
-) -> Any:
+def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
     """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
@@ -138,13 +131,9 @@ SURROUNDINGS = 4.0
 
 def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
     """Write a PNG: returns by azimuth and elevation, and the cloud from aside and from above."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from zbuf_occlude.drawing.pictures import blank_figure, draw_cloud
 
-    from zbuf_occlude.drawing.pictures import draw_cloud
-
-    figure = Figure(figsize=(13, 4.4), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(13, 4.4)
     image, by_range, by_object = figure.subplots(1, 3)
     towards = scan.positions - scan.origin
     middle = np.median(towards, axis=0) if len(scan) else np.array([1.0, 0.0, 0.0])

@@ -8,9 +8,8 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.panels import Decorator, all_of
 from zbuf_occlude.cli.shared_options import Setting, Settings, finite
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
