@@ -1,15 +1,18 @@
-"""The small commands, methods and doctor; and what the shell hands over: closed streams, limits, a lost folder."""
+"""The small commands, methods, doctor and sensors; what the shell hands over: closed streams, limits, a lost folder."""
 
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, write_off
 from zbuf_occlude import METHODS
 from zbuf_occlude.gl.probe import Probe
+from zbuf_occlude.sensors import SENSORS
 
 
 def test_standard_streams_may_be_closed(tmp_path: Path) -> None:
@@ -68,3 +71,35 @@ def test_doctor_judges_the_backend_that_is_taken(
     assert "egl, device 0: does not work: /nowhere not loaded.\n    fix: unset GLCONTEXT_LINUX_LIBEGL" in outcome.out
     assert ("depth_buffer           ready" in outcome.out) == (code == 0)
     assert ("which does not work" in outcome.out) == (code == 1)
+
+
+def test_sensors_lists_the_table(run: Run) -> None:
+    out = run("sensors").out
+    assert [line.split()[0] for line in out.splitlines()] == list(SENSORS)
+    documents = json.loads(run("sensors --json").out)
+    assert [document["name"] for document in documents] == list(SENSORS)
+    assert all(number["source"] for document in documents for number in document["numbers"].values())
+
+
+def test_one_sensor_and_its_picture(run: Run, tmp_path: Path) -> None:
+    picture = tmp_path / "rays.png"
+    outcome = run(f"sensors vlp-32c --picture {picture}")
+    assert "57,600 rays, elevations -25.00 to 15.00 degrees" in outcome.out
+    assert "columns = 1800    [0.2 degrees at 10 turns a second, maker's manual]" in outcome.out
+    with Image.open(picture) as image:
+        assert len(image.getcolors(10**7)) > 100
+
+
+def test_what_files_hold_makes_no_second_line(run: Run, tmp_path: Path) -> None:
+    write_off(tmp_path / "a.off", np.eye(3), np.array([[0, 1, 2]]))
+    (tmp_path / "s.yaml").write_text('kind: spinning\nlasers: [1]\ncolumns: 9\nname: "a\\nerror: b"\n')
+    (tmp_path / "s.json").write_text('{"objects": [{"mesh": "a.off\\nerror: b", "position": [0, 0, 0]}]}')
+    (tmp_path / "c.json").write_text(f'[{{"R": [[{"9" * 401}, 0, 0]], "t": [0, 0, 0]}}]')
+    for line in (
+        "sensors s.yaml",
+        "scan a.off --sensor vlp-16 --scene s.json --range 5 --size 1 --out o.ply",
+        "visible a.off --method oracle --cameras c.json --out o.ply",
+    ):
+        outcome = run(line, code=2)
+        assert outcome.out == ""
+        assert len([words for words in outcome.err.splitlines() if words.startswith("error: ")]) == 1, outcome.err

@@ -112,15 +112,6 @@ def test_normals_turn_along(run: Run, shapenet: Path, tmp_path: Path) -> None:
     assert np.allclose(below[:, 3:], [0, -1, 0], atol=0.01)
 
 
-def test_projected_shapenets_lists_say_where_the_files_are(run: Run, shapenet: Path, tmp_path: Path) -> None:
-    """PoinTr joins each line with `data/ShapeNet55-34/`; its own lists begin with `shapenet_pc/`."""
-    root = generated(run, shapenet, tmp_path / "out", "projected-shapenet")
-    for split, model in MODELS.items():
-        lines = (root / f"{split}.txt").read_text().splitlines()
-        assert lines == [f"shapenet_pc/{SYNSET}-{model}.npy"]
-        assert (root / lines[0]).is_file()
-
-
 def test_completion3d_names_its_categories(run: Run, shapenet: Path, tmp_path: Path) -> None:
     """The loader of lynetcha/completion3d splits each line at white space: NAME SYNSET."""
     root = generated(run, shapenet, tmp_path / "out", "completion3d")

@@ -1,4 +1,4 @@
-"""Mistyped words: one line names each, says what there is and which was meant; and pages of help."""
+"""What is refused: one line says what is wrong, what there is and which was meant; and pages of help."""
 
 import re
 from pathlib import Path
@@ -186,6 +186,7 @@ def test_what_is_refused_is_one_line_and_leaves_nothing(run: Run, tmp_path: Path
     assert last.startswith("error: ")
     assert said in last
     assert "Errno" not in last
+    assert last.count("gone.") <= 1, "a missing file is named once"
     assert not any(each.startswith(("error", "Error", "Usage")) for each in others)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 

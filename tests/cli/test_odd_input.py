@@ -116,12 +116,6 @@ def test_an_archive_that_unpacks_to_more_than_may_be_says_the_limit(tmp_path: Pa
     )
 
 
-def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError):
-        atomic.write(tmp_path / "a", lambda file: file.write(b"half") / 0)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_disk_that_fills_within_numpy_is_told_in_words(tmp_path: Path) -> None:
     def tofile(file: object) -> None:  # as NumPy does when a write is short
         raise OSError("3 requested and 0 written")

@@ -1,12 +1,14 @@
-"""`visible` and `depth`: what one camera sees of a mesh, as a cloud, a mesh, an image; and which way is up."""
+"""`visible`, `depth` and `views`: what cameras see of a mesh, as a cloud, mesh, image or share; which way is up."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from trimesh.creation import icosphere
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run, write_off
@@ -117,6 +119,54 @@ def test_depth_is_the_same_numbers_everywhere(gl: GlContext, run: Run, tmp_path:
     assert ((grey > 0) == np.isfinite(array)).all()
     assert grey.max() == 65535
     assert np.unravel_index(grey.argmax(), grey.shape)[0] == np.unravel_index(array.argmin(), array.shape)[0]
+
+
+# ---- several cameras: a ball's closed form, and files that are read again --------------------------------------------
+
+ALONE = (1 - 1 / 8) / 2
+"""Of a ball's surface an eye sees this share from eight radii away, the default distance."""
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    mesh = icosphere(subdivisions=4)
+    return write_off(tmp_path / "ball.off", mesh.vertices, mesh.faces)
+
+
+def test_coverage_of_a_ball(run: Run, ball: Path, tmp_path: Path) -> None:
+    (tmp_path / "rig.csv").write_text("azimuth,elevation\n0,0\n180,0\n0,0\n")
+    outcome = run(f"views {ball} --views rig.csv --coverage")
+    rows = np.array([line.split() for line in outcome.out.splitlines()[1:4]], dtype=float)
+    assert rows[:, 1].tolist() == [0, 180, 0]
+    assert rows[:, 4] == pytest.approx([ALONE] * 3, abs=0.015)
+    assert rows[:, 5] == pytest.approx([ALONE, 2 * ALONE, 2 * ALONE], abs=0.015)
+    assert f"{rows[-1, 5]:.1%}" in outcome.out.splitlines()[-1]
+    run(f"views {ball} --views paper100 --coverage --out coverage.png")
+    assert (tmp_path / "coverage.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_list_of_views_is_read_again(run: Run, ball: Path, tmp_path: Path) -> None:
+    run(f"views {ball} --views random:5 --distance 2..3 --seed 4 --out a.csv")
+    run(f"views {ball} --views a.csv --out b.csv")
+    a, b = (np.loadtxt(tmp_path / name, delimiter=",", skiprows=1) for name in ("a.csv", "b.csv"))
+    assert np.allclose(a, b)
+    assert len(a) == 5
+    assert ((a[:, 2] >= 2) & (a[:, 2] <= 3)).all()
+
+
+def test_what_any_of_a_files_cameras_sees(run: Run, ball: Path, tmp_path: Path) -> None:
+    (tmp_path / "rig.csv").write_text("azimuth,elevation\n0,0\n180,0\n")
+    line = f"visible {ball} --cameras rig.csv --method exact --out c.csv --with normals"
+
+    def points(option: str) -> np.ndarray:
+        outcome = run(f"{line} {option}")
+        found: np.ndarray = np.loadtxt(tmp_path / "c.csv", delimiter=",", skiprows=1)
+        assert int(re.findall(r"\d+", outcome.out)[0]) == len(found)
+        return found
+
+    first, second, both = points("--index 0"), points("--index 1"), points("--union")
+    assert len(both) == len(first) + len(second)
+    assert (np.einsum("na,na->n", both[:, :3], both[:, 3:]) > 0).all(), "normals look outwards, to an eye that sees"
 
 
 # ---- what docs/datasets.md says of the up axis: how clouds are turned back, where cameras are with --up z -----------

@@ -181,8 +181,7 @@ def draw_mesh(
     shaded = lit_colours(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     pixels = screen[keep].copy()
-    pixels[..., 0] = (pixels[..., 0] - left) / (right - left) * MESH_PIXELS
-    pixels[..., 1] = (pixels[..., 1] - bottom) / (top - bottom) * MESH_PIXELS
+    pixels[..., :2] = (pixels[..., :2] - (left, bottom)) / (right - left, top - bottom) * MESH_PIXELS
     if perspective:
         pixels[..., 2] = -1.0 / pixels[..., 2]  # what is linear over the picture of a triangle
     picture = np.zeros((MESH_PIXELS, MESH_PIXELS, 4))
@@ -200,9 +199,7 @@ def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
 
 
 @njit(cache=True)
-def _rasterise(
-    pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray
-) -> None:  # compiled
+def _rasterise(pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray) -> None:
     """Fill `picture` (h, w, 4): pixels (f, 3 corners, 3) hold x, y in pixels and a depth linear over the picture."""
     height, width = nearest.shape
     for face in range(len(pixels)):
