@@ -1,6 +1,7 @@
 """Run the command line in this process, as its entry point does."""
 
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,16 @@ from zbuf_occlude.workers import Done, Task, run_here
 from zbuf_occlude.workers.local import run_local
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that the tests of a module share, for what is made once."""
+    return tmp_path_factory.mktemp("kept")
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a command left."""
 
-    code: int
     out: str
     err: str
 
@@ -30,19 +36,23 @@ Run = Callable[..., Outcome]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Iterator[Run]:
-    """Yield a function that runs ``zbuf-occlude`` with its arguments; what it does to the environment is undone.
+    """Yield a function that runs ``zbuf-occlude`` in `tmp_path`; what it does to the environment is undone.
 
-    It runs in a folder of the test's own: README's first command leaves its dataset, `occluded`, in the checkout.
+    `line` is split as by a shell, the other arguments are taken as they are. `code` must be the exit code, and standard
+    error must have the words `says`.
     """
     monkeypatch.chdir(tmp_path)
 
-    def call(*arguments: object) -> Outcome:
-        monkeypatch.setattr("sys.argv", ["zbuf-occlude", *map(str, arguments)])
+    def call(line: str, *arguments: object, code: int = 0, says: str = "") -> Outcome:
+        monkeypatch.setattr("sys.argv", ["zbuf-occlude", *shlex.split(line), *map(str, arguments)])
         capfd.readouterr()
         with pytest.raises(SystemExit) as leaving:
             main()
-        captured = capfd.readouterr()
-        return Outcome(int(leaving.value.code or 0), captured.out, captured.err)
+        outcome = Outcome(*capfd.readouterr())
+        assert (leaving.value.code or 0) == code, outcome
+        assert says in outcome.err
+        assert "Traceback" not in outcome.err
+        return outcome
 
     with patch.dict(os.environ):
         yield call

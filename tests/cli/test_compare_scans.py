@@ -15,7 +15,12 @@ from zbuf_occlude.sensors import look_at, make
 pytest.importorskip("open3d", reason="open3d is not installed: pip install 'zbuf-occlude[open3d]'")
 
 BUNNY = DATA / "scans" / "bunny"
-SCANS = ("bun000", "bun180", "top2")
+
+
+@pytest.fixture
+def triangle(run: Run, tmp_path: Path) -> str:
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    return "m.obj"
 
 
 @pytest.mark.parametrize(
@@ -29,14 +34,11 @@ SCANS = ("bun000", "bun180", "top2")
         ("a.png", b"no", "cannot read"),
     ],
 )
-def test_files_that_are_no_scan(run: Run, tmp_path: Path, name: str, content: bytes, words: str) -> None:
-    (tmp_path / name).write_bytes(content)
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    done = run("compare-scans", tmp_path / "m.obj", tmp_path / name, "--sensor", "kinect-v1", "--out", tmp_path / "o")
-    assert done.code == 1
-    assert words in done.err
-    assert name in done.err
-    assert len(done.err.strip().splitlines()) == 1
+def test_files_that_are_no_scan(run: Run, triangle: str, name: str, content: bytes, words: str) -> None:
+    Path(name).write_bytes(content)
+    error = run(f"compare-scans {triangle} {name} --sensor kinect-v1 --out o", code=1, says=words).err
+    assert name in error
+    assert len(error.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -48,24 +50,10 @@ def test_files_that_are_no_scan(run: Run, tmp_path: Path, name: str, content: by
         ("", "pose for each"),
     ],
 )
-def test_poses_that_are_none(run: Run, tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    np.save(tmp_path / "s.npy", np.eye(3))
-    (tmp_path / "p.txt").write_text(text)
-    done = run(
-        "compare-scans", tmp_path / "m.obj", tmp_path / "s.npy", "--poses", tmp_path / "p.txt", "--out", tmp_path
-    )
-    assert done.code == 1
-    assert words in done.err
-
-
-def test_options_that_need_each_other(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    np.save(tmp_path / "s.npy", np.eye(3))
-    both = (tmp_path / "m.obj", tmp_path / "s.npy", "--out", tmp_path / "o")
-    assert "--look-at" in run("compare-scans", *both, "--eye", "0,0,1").err
-    assert "three finite numbers" in run("compare-scans", *both, "--eye", "0,1", "--look-at", "0,0,0").err
-    assert "--up-axis" in run("compare-scans", *both, "--up-axis", "0,0,1").err
+def test_poses_that_are_none(run: Run, triangle: str, text: str, words: str) -> None:
+    np.save("s.npy", np.eye(3))
+    Path("p.txt").write_text(text)
+    run(f"compare-scans {triangle} s.npy --poses p.txt --out o", code=1, says=words)
 
 
 @pytest.fixture
@@ -77,10 +65,9 @@ def bunny() -> Path:
 
 def test_the_bunny_is_scanned_as_it_was(bunny: Path, run: Run, tmp_path: Path) -> None:
     """Real scans by a laser on a stage: 0.96 of the vertices agree, and at most 0.5 % of the points are hidden."""
-    options = ("--sensor", "cyberware-3030", "--poses", bunny / "bun.conf", "--eye", "0,0.178,1.3")
-    options += ("--look-at", "0,0.178,0", "--up-axis", "0,1,0", "--out", tmp_path)
-    done = run("compare-scans", bunny / "bun_zipper.ply", *(bunny / f"{name}.ply" for name in SCANS), *options)
-    assert done.code == 0, done.err
+    scans = " ".join(f"{bunny}/{name}.ply" for name in ("bun000", "bun180", "top2"))
+    eye = "--eye 0,0.178,1.3 --look-at 0,0.178,0 --up-axis 0,1,0"
+    run(f"compare-scans {bunny}/bun_zipper.ply {scans} --sensor cyberware-3030 --poses {bunny}/bun.conf {eye} --out .")
     found = json.loads((tmp_path / "scans.json").read_text())["scans"]
     assert np.mean([each["agreement"] for each in found]) >= 0.96
     assert max(each["false_hidden"] for each in found) <= 0.005

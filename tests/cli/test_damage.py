@@ -8,61 +8,42 @@ import pytest
 
 from tests.cli.conftest import Run
 
-SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 100, "--sample-size", 8, "--workers", 1)
+SMALL = "--method oracle --views ring:2@30 --points 100 --sample-size 8 --workers 1"
+READING = ("verify clouds", "show clouds", "convert clouds --format npz --out other")
+COMMANDS = (*READING, "paper table2 clouds", "status clouds", "merge clouds")
 SUFFIXES = (".h5", ".zip", ".tar", ".npz")
 
 
-def commands(dataset: Path, other: Path) -> list[tuple[object, ...]]:
-    reading = [("verify", dataset), ("show", dataset), ("convert", dataset, "--format", "npz", "--out", other)]
-    return [*reading, ("paper", "table2", dataset), ("status", dataset), ("merge", dataset)]
-
-
-def test_a_manifest_that_is_none(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    dataset = tmp_path / "clouds"
-    assert run("generate", modelnet, "--out", dataset, *SMALL).code == 0
-    good = json.loads((dataset / "manifest.json").read_text())
-    del good["counts"]["clouds_by_split"]
-    for text in ("{}", "[]", "no JSON", "", json.dumps(good)):
-        (dataset / "manifest.json").write_text(text)
-        for command in commands(dataset, tmp_path / "other"):
-            outcome = run(*command)
-            assert outcome.code == 1, command
-            assert outcome.err.startswith(f"error: {dataset / 'manifest.json'} must be as it was written; it cannot")
-            assert outcome.err.endswith(
-                ". Copy it again from where it was made, or make the dataset again, with --overwrite.\n"
-            )
+@pytest.mark.parametrize(
+    ("name", "lacking", "cure"),
+    [
+        ("manifest.json", "clouds_by_split", ", or make the dataset again, with --overwrite."),
+        ("plan.json", "fingerprint", "; or delete the folder yourself, and make the dataset again."),
+    ],
+)
+def test_a_document_that_is_none(run: Run, modelnet: Path, tmp_path: Path, name: str, lacking: str, cure: str) -> None:
+    make, path = f"generate {modelnet} --out clouds {SMALL}", tmp_path / "clouds" / name
+    run(make)
+    without = path.read_text().replace(lacking, "another")
+    for text in ("{}", "[]", "no JSON", "", without):
+        path.write_text(text)
+        if name == "plan.json":
+            run(f"{make} --overwrite", code=1, says=cure)
+        for command in COMMANDS if name == "manifest.json" else COMMANDS[:-1]:  # merge needs no plan
+            error = run(command, code=1).err
+            assert error.startswith(f"error: clouds/{name} must be as it was written; it cannot be read")
+            assert error.endswith(f". Copy it again from where it was made{cure}\n")
     assert not (tmp_path / "other").exists()
-
-
-def test_a_plan_that_is_none(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    dataset = tmp_path / "clouds"
-    assert run("generate", modelnet, "--out", dataset, *SMALL).code == 0
-    good = json.loads((dataset / "plan.json").read_text())
-    del good["fingerprint"]
-    for text in ("{}", "[]", "no JSON", json.dumps(good)):
-        (dataset / "plan.json").write_text(text)
-        outcome = run("generate", modelnet, "--out", dataset, *SMALL, "--overwrite")
-        assert (outcome.code, "Copy it again from where it was made; or delete" in outcome.err) == (1, True)
-        for command in commands(dataset, tmp_path / "other")[:-1]:  # merge has nothing to do
-            outcome = run(*command)
-            assert outcome.code == 1, command
-            assert outcome.err.startswith(
-                f"error: {dataset / 'plan.json'} must be as it was written; it cannot be read"
-            )
 
 
 @pytest.mark.parametrize("format", ["hdf5", "packed", "webdataset", "npz"])
 def test_data_that_was_cut(run: Run, modelnet: Path, tmp_path: Path, format: str) -> None:
-    dataset = tmp_path / "clouds"
-    assert run("generate", modelnet, "--out", dataset, *SMALL, "--format", format).code == 0
-    path = next(path for path in sorted(dataset.rglob("*")) if path.suffix in SUFFIXES)
+    run(f"generate {modelnet} --out clouds {SMALL} --format {format}")
+    path = next(path for path in sorted((tmp_path / "clouds").rglob("*")) if path.suffix in SUFFIXES)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    for command in commands(dataset, tmp_path / "other")[:3]:
-        outcome = run(*command)
-        assert outcome.code == 1, command
-        last = outcome.err.splitlines()[-1]
-        assert ("checksum" if command[0] == "verify" else f"{path} must be as it was written; ") in last
-        assert "Traceback" not in outcome.err
+    for command in READING:
+        last = run(command, code=1).err.splitlines()[-1]
+        assert ("checksum" if command == "verify clouds" else f"clouds/{path.name} must be as it was written; ") in last
 
 
 @pytest.mark.parametrize("damage", ["cut", "missing", "record"])
@@ -71,9 +52,9 @@ def test_a_damaged_group_is_reported_and_made_again(
     run: Run, modelnet: Path, tmp_path: Path, format: str, damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)  # four meshes a group
-    dataset, common = tmp_path / "clouds", ("generate", modelnet, *SMALL, "--format", format)
-    assert run(*common, "--out", tmp_path / "whole").code == 0
-    assert run(*common, "--out", dataset, "--shard", "0/2").code == 0
+    dataset, line = tmp_path / "clouds", f"generate {modelnet} {SMALL} --format {format}"
+    run(f"{line} --out whole")
+    run(f"{line} --out clouds --shard 0/2")
     record = dataset / "groups" / "000000.json"
     file = dataset / json.loads(record.read_text())["names"][0]
     if damage == "cut":
@@ -83,13 +64,10 @@ def test_a_damaged_group_is_reported_and_made_again(
     else:
         record.write_text(re.sub(r'"n_checked": \d', '"n_checked": 0', record.read_text(), count=1))
     name = record.name if damage == "record" else file.name
-    status = run("status", dataset)
-    assert status.code == 0
-    assert re.search(f"again +group 0: {name}", status.out), status.out
-    assert run(*common, "--out", dataset, "--shard", "1/2").code == 0
-    merged = run("merge", dataset)
-    assert (merged.code, f"group 0 is not done: {name}" in merged.err) == (1, True), merged.err
-    again = run(*common, "--out", dataset)
-    assert (again.code, f"group 0 is made again: {name}" in again.err) == (0, True), again.err
+    status = run("status clouds").out
+    assert re.search(f"again +group 0: {name}", status), status
+    run(f"{line} --out clouds --shard 1/2")
+    run("merge clouds", code=1, says=f"group 0 is not done: {name}")
+    run(f"{line} --out clouds", says=f"group 0 is made again: {name}")
     for path in (tmp_path / "whole").glob("*[0-9].[hz]*"):
         assert (dataset / path.name).read_bytes() == path.read_bytes()

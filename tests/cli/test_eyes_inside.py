@@ -9,6 +9,7 @@ import pytest
 
 import zbuf_occlude as zo
 from tests.cli.conftest import Run, write_off
+from tests.scenes import box
 
 SIDE = 36.0
 """Of a cube with a corner at the origin: `paper100`, 4 units away from the origin, has eyes inside it."""
@@ -16,8 +17,6 @@ SIDE = 36.0
 
 @pytest.fixture
 def cube(tmp_path: Path) -> Path:
-    from trimesh.creation import box
-
     mesh = box((SIDE,) * 3)
     return write_off(tmp_path / "cube.off", mesh.vertices + SIDE / 2, mesh.faces)
 
@@ -27,10 +26,8 @@ def warned(text: str) -> int:
 
 
 @pytest.mark.parametrize(("distance", "expected"), [(0.1, 1), (2, 0)])
-def test_visible(run: Run, cube: Path, tmp_path: Path, distance: float, expected: int) -> None:
-    at = ("--azimuth", 30, "--elevation", 20, "--distance", distance, "--method", "exact")
-    outcome = run("visible", cube, *at, "--out", tmp_path / "a.ply")
-    assert outcome.code == 0, outcome.err
+def test_visible(run: Run, cube: Path, distance: float, expected: int) -> None:
+    outcome = run(f"visible {cube} --azimuth 30 --elevation 20 --distance {distance} --method exact --out a.ply")
     assert warned(outcome.err) == expected
 
 
@@ -39,9 +36,8 @@ def test_generate(run: Run, cube: Path, tmp_path: Path, distance: str, expected:
     """Two of four views are as near as `distance`; they count once, not once a variation."""
     table = "azimuth,elevation,distance\n" + f"0,0,{distance}\n90,0,{distance}\n0,0,2\n90,80,2\n"
     (tmp_path / "views.csv").write_text(table)
-    given = ("--views", tmp_path / "views.csv", "--variations", 2, "--points", 500, "--sample-size", 64)
-    outcome = run("generate", cube, *given, "--method", "exact", "--workers", 1, "--out", tmp_path / "out")
-    assert outcome.code == 0, outcome.err
+    sampled = "--variations 2 --points 500 --sample-size 64 --method exact --workers 1"
+    outcome = run(f"generate {cube} --views views.csv {sampled} --out out")
     assert warned(outcome.out + outcome.err) == (expected > 0)
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["counts"]["views_inside_the_bounding_box"] == expected
@@ -49,18 +45,16 @@ def test_generate(run: Run, cube: Path, tmp_path: Path, distance: str, expected:
 
 def test_scans(run: Run, cube: Path, tmp_path: Path) -> None:
     """From beside a corner, farther than half the side, and inside the box for all that."""
-    given = ("--sensor", "vlp-16", "--range", 0.6, "--size", 1, "--views", "grid:1x8@0..0", "--sample-size", 64)
-    outcome = run("generate", cube, *given, "--method", "exact", "--workers", 1, "--out", tmp_path / "out")
-    assert outcome.code == 0, outcome.err
+    scanned = "--sensor vlp-16 --range 0.6 --size 1 --views grid:1x8@0..0 --sample-size 64 --method exact --workers 1"
+    outcome = run(f"generate {cube} {scanned} --out out")
     assert warned(outcome.out + outcome.err) == 1
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["counts"]["views_inside_the_bounding_box"] == 4
 
 
-def test_compare(run: Run, cube: Path, tmp_path: Path) -> None:
-    given = ("--views", "ring:2@0", "--points", 200, "--method", "exact", "--method", "oracle", "--judge-points", 20)
-    outcome = run("compare", cube, *given, "--seconds", 0.2, "--distance", 0.1, "--out", tmp_path / "near")
-    assert outcome.code == 0, outcome.err
+def test_compare(run: Run, cube: Path) -> None:
+    quick = "--views ring:2@0 --points 200 --method exact --method oracle --judge-points 20 --seconds 0.2"
+    outcome = run(f"compare {cube} {quick} --distance 0.1 --out near")
     assert warned(outcome.out + outcome.err) == 1
     assert "UserWarning" not in outcome.err
 

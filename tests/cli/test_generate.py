@@ -14,7 +14,7 @@ from tests.cli.conftest import Run
 from zbuf_occlude import load_mesh, prepare
 from zbuf_occlude.geometry.sampling import SurfacePoints
 
-SMALL = ("--method", "oracle", "--views", "ring:4@30", "--points", 600, "--sample-size", 64, "--workers", 1)
+SMALL = "--method oracle --views ring:4@30 --points 600 --sample-size 64 --workers 1"
 
 
 def pointnet_load(out: Path, split: str) -> tuple[np.ndarray, np.ndarray]:
@@ -30,18 +30,14 @@ def manifest(out: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("size", ["1_000", "+1000", " 1000"])
-def test_a_sample_size_is_any_whole_number_that_python_reads(
-    run: Run, modelnet: Path, tmp_path: Path, size: str
-) -> None:
-    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--sample-size", size, "--dry-run")
-    assert outcome.code == 0, outcome.err
+def test_a_sample_size_is_any_whole_number_that_python_reads(run: Run, modelnet: Path, size: str) -> None:
+    outcome = run(f"generate {modelnet} --out out {SMALL} --sample-size '{size}' --dry-run")
     assert "clouds of 1000 points" in outcome.out
 
 
 def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    outcome = run("generate", modelnet, "--out", out, *SMALL)
-    assert outcome.code == 0, outcome.err
+    outcome = run(f"generate {modelnet} --out {out} {SMALL}")
     for name in ("manifest.json", "contact_sheet.png", "ply_data_test0.h5 and 1 more (train: 1, test: 1)"):
         assert str(out / name) in outcome.out
     assert "generate: 100%" in outcome.err
@@ -71,7 +67,7 @@ def test_the_main_job(run: Run, modelnet: Path, tmp_path: Path) -> None:
 
 def test_every_point_written_is_visible_by_the_definition(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run("generate", modelnet, "--out", out, *SMALL, "--scale", "mesh")
+    run(f"generate {modelnet} --out out {SMALL} --scale mesh")
     keys = (out / "mesh_keys.txt").read_text().splitlines()
     with h5py.File(out / "ply_data_test0.h5") as h5:
         for data, face_ids, pose, mesh_id in zip(h5["data"], h5["face_ids"], h5["pose"], h5["mesh_id"], strict=True):
@@ -82,63 +78,45 @@ def test_every_point_written_is_visible_by_the_definition(run: Run, modelnet: Pa
                 assert oracle.visible(points, eye[None]).all()
 
 
-def test_same_seed_same_bytes_whatever_the_workers(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    for name, extra in (("one", ()), ("two", ("--workers", 2)), ("other", ("--seed", 1))):
-        assert run("generate", modelnet, "--out", tmp_path / name, *SMALL, *extra).code == 0
-    one, two, other = ((tmp_path / name / "ply_data_train0.h5").read_bytes() for name in ("one", "two", "other"))
-    assert one == two
-    assert one != other
-
-
-def test_the_same_command_again_makes_nothing_new(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    first = run("generate", modelnet, "--out", out, *SMALL)
-    stamp = (out / "ply_data_train0.h5").stat().st_mtime_ns
-    again = run("generate", modelnet, "--out", out, *SMALL)
-    assert (again.code, again.out) == (0, first.out)
-    assert (out / "ply_data_train0.h5").stat().st_mtime_ns == stamp
-
-
 def test_another_plan_in_the_folder_is_an_error_not_a_merge(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    run("generate", modelnet, "--out", out, *SMALL)
-    outcome = run("generate", modelnet, "--out", out, *SMALL, "--seed", 9)
-    assert outcome.code == 1
-    assert "must be empty or hold this same plan" in outcome.err
-    assert "--overwrite" in outcome.err
-    assert run("generate", modelnet, "--out", out, *SMALL, "--seed", 9, "--overwrite").code == 0
-    assert manifest(out)["seed"] == 9
+    path, line = tmp_path / "out" / "ply_data_train0.h5", f"generate {modelnet} --out out {SMALL}"
+    first = run(line)
+    made = path.stat().st_mtime_ns, path.read_bytes()
+    assert run(line).out == first.out
+    refused = run(f"{line} --seed 9", code=1, says="must be empty or hold this same plan")
+    assert "--overwrite" in refused.err
+    assert (path.stat().st_mtime_ns, path.read_bytes()) == made
+    run(f"{line} --seed 9 --overwrite")
+    assert manifest(tmp_path / "out")["seed"] == 9
+    assert path.read_bytes() != made[1]
 
 
 def test_a_folder_with_other_files_is_left_alone(run: Run, modelnet: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "thesis.tex").write_text("years of work")
-    for extra in ((), ("--overwrite",)):
-        outcome = run("generate", modelnet, "--out", out, *SMALL, *extra)
-        assert outcome.code == 1
-        assert "it has other files. Choose another folder." in outcome.err
+    for option in ("", "--overwrite"):
+        words = "it has other files. Choose another folder."
+        run(f"generate {modelnet} --out out {SMALL} {option}", code=1, says=words)
     assert [path.name for path in out.iterdir()] == ["thesis.tex"]
 
 
 def test_bad_meshes_are_named_and_the_rest_is_made(run: Run, modelnet: Path, tmp_path: Path) -> None:
     (modelnet / "brick" / "train" / "broken_7.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n")
     (modelnet / "ball" / "test" / "empty_8.off").write_text("")
-    out = tmp_path / "out"
-    outcome = run("generate", modelnet, "--out", out, *SMALL)
-    assert outcome.code == 3
+    outcome = run(f"generate {modelnet} --out out {SMALL}", code=3)
     assert "2 meshes failed" in outcome.out
     assert "broken_7.off" in outcome.out
-    assert set(manifest(out)["failures"]) == {"brick/train/broken_7.off", "ball/test/empty_8.off"}
-    assert manifest(out)["counts"]["clouds"] == 32
+    document = manifest(tmp_path / "out")
+    assert set(document["failures"]) == {"brick/train/broken_7.off", "ball/test/empty_8.off"}
+    assert document["counts"]["clouds"] == 32
 
 
 def test_a_folder_that_cannot_be_read_is_named_and_the_rest_is_made(
     run: Run, modelnet: Path, tmp_path: Path, lock: Callable[[Path], None]
 ) -> None:
     lock(modelnet / "brick" / "train")
-    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL)
-    assert outcome.code == 3, outcome.err
+    outcome = run(f"generate {modelnet} --out out {SMALL}", code=3)
     assert "brick/train/*: " in outcome.out
     assert manifest(tmp_path / "out")["counts"]["clouds"] == 24
     assert "brick/train/*" in manifest(tmp_path / "out")["failures"]
@@ -146,26 +124,18 @@ def test_a_folder_that_cannot_be_read_is_named_and_the_rest_is_made(
 
 def test_nothing_but_bad_meshes_is_a_failure(run: Run, tmp_path: Path) -> None:
     (tmp_path / "bad.off").write_text("OFF\n")
-    outcome = run("generate", tmp_path / "bad.off", "--out", tmp_path / "out", *SMALL)
-    assert outcome.code == 1
-    assert "error: at least one mesh must give a cloud; none of 1 did" in outcome.err
-    assert "Traceback" not in outcome.err
+    run(f"generate bad.off {SMALL}", code=1, says="error: at least one mesh must give a cloud; none of 1 did")
 
 
 def test_fewer_points_than_asked_are_repeated_and_counted(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    arguments = [*SMALL, "--points", 100, "--limit", 2]
-    assert run("generate", modelnet, "--out", out, *arguments).code == 0
-    document = manifest(out)
-    assert document["counts"]["clouds_with_repeated_points"] == 8
-    assert document["counts"]["meshes"] == 2
+    run(f"generate {modelnet} --out out {SMALL} --points 100 --limit 2")
+    counts = manifest(tmp_path / "out")["counts"]
+    assert (counts["clouds_with_repeated_points"], counts["meshes"]) == (8, 2)
 
 
 def test_density_counts_points_per_area_with_the_longest_side_one(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    arguments = [a for a in SMALL if a not in ("--points", 600)]
-    assert run("generate", modelnet / "ball", "--out", out, *arguments, "--density", 500).code == 0
-    with h5py.File(out / "ply_data_train0.h5") as h5:
+    run(f"generate {modelnet}/ball --out out {SMALL.replace('--points 600', '--density 500')}")
+    with h5py.File(tmp_path / "out" / "ply_data_train0.h5") as h5:
         n_points = h5["n_visible"][:] / h5["visible_fraction"][:]
     assert np.allclose(n_points, 500 * np.pi, rtol=0.04)  # the area of a ball of diameter 1
 
@@ -174,52 +144,40 @@ def test_shares_made_one_by_one_are_the_same_dataset(
     run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)  # two meshes a group
-    arguments = ["generate", modelnet, *SMALL]
-    assert run(*arguments, "--out", tmp_path / "whole").code == 0
-    out = tmp_path / "parts"
-    first = run(*arguments, "--out", out, "--shard", "0/2")
-    assert first.code == 0
+    line = f"generate {modelnet} {SMALL}"
+    run(f"{line} --out whole")
+    first = run(f"{line} --out parts --shard 0/2")
     assert "2 of 4 groups are this share; 2 of" in first.out
-    assert first.out.endswith(f"zbuf-occlude merge {out}\n")
-    early = run("merge", out)
-    assert early.code == 1
-    assert "all 4 groups of files; group 1 is not done" in early.err
-    assert "groups      2 of 4 written" in run("status", out).out
+    assert first.out.endswith("zbuf-occlude merge parts\n")
+    run("merge parts", code=1, says="all 4 groups of files; group 1 is not done")
+    assert "groups      2 of 4 written" in run("status parts").out
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "8")
     monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")
     monkeypatch.setenv("SLURM_ARRAY_TASK_MIN", "7")
-    assert run(*arguments, "--out", out).code == 0
-    merged = run("merge", out, "--shard", "0/2", "--workers", 1)
-    assert merged.code == 0, merged.err
-    assert "--workers is not needed" in merged.err
+    run(f"{line} --out parts")
+    merged = run("merge parts --shard 0/2 --workers 1", says="--workers is not needed")
     assert "32 clouds of 8 meshes" in merged.out
     for path in (tmp_path / "whole").glob("*.h5"):
-        assert (out / path.name).read_bytes() == path.read_bytes()
-    verified = run("verify", out, "--shard", "1/2", "--workers", 1)
-    assert (verified.code, "clouds read" in verified.out) == (0, True), verified.out + verified.err
+        assert (tmp_path / "parts" / path.name).read_bytes() == path.read_bytes()
+    assert "clouds read" in run("verify parts --shard 1/2 --workers 1").out
 
 
 def test_dry_run_writes_nothing(run: Run, modelnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zbuf_occlude.dataset.rehearsal.SECONDS", 60.0)
-    outcome = run("generate", modelnet, "--out", tmp_path / "out", *SMALL, "--dry-run")
-    assert outcome.code == 0
+    outcome = run(f"generate {modelnet} --out out {SMALL} --dry-run")
     assert "8 meshes x 4 views x 1 variation = 32 clouds" in outcome.out
     assert re.search(r"give or take .*: 8 meshes made here took \S+ s each\n", outcome.out)
     assert not (tmp_path / "out").exists()
 
 
 def test_auto_says_what_it_took_and_why(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    auto = ("generate", modelnet, "--out", out, "--method", "auto", "--views", "ring:4@30", "--points", 600)
-    outcome = run(*auto, "--sample-size", 64, "--workers", 1)
-    assert outcome.code == 0, outcome.err
-    options = manifest(out)["options"]
+    line = f"generate {modelnet} --out out {SMALL} --method auto"
+    outcome = run(line)
+    document = manifest(tmp_path / "out")
+    options = document["options"]
     assert options["method"] in {"exact", "exact_gl"}  # with a GPU the latter
     assert "no GPU" in options["reason"] or "GPU here" in options["reason"]
     assert f"because {options['reason']}" in outcome.out
-    assert manifest(out)["error"]["false_visible"] == manifest(out)["error"]["false_hidden"] == 0.0
-    again = run(*auto, "--sample-size", 64, "--workers", 1)
-    assert again.code == 0, "the choice must be the same, or the run could not be resumed: " + again.err
-    refused = run(*auto, "--set", "contact=1e-6")
-    assert refused.code == 2
-    assert "--set needs a named method; got --method auto" in refused.err
+    assert document["error"]["false_visible"] == document["error"]["false_hidden"] == 0.0
+    run(line)  # the choice must be the same, or the run could not be resumed
+    run(f"{line} --set contact=1e-6", code=2, says="--set needs a named method; got --method auto")

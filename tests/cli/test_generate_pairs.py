@@ -12,13 +12,10 @@ from tests.cli.conftest import Run
 from tests.pcd import read_pcd
 from zbuf_occlude import shapes
 
-CAMERA = ("--sensor", "pinhole:width=40,height=30,fov=60", "--method", "embree", "--limit", 2, "--range", 4)
-CAMERA += ("--size", "airplane=2,bed=3", "--set-sensor", "noise=0")
-
-
-def generated(run: Run, out: Path, *more: object) -> None:
-    outcome = run("generate", *CAMERA, "--out", out, *more)
-    assert outcome.code == 0, outcome.err
+SCANS = (
+    "--sensor pinhole:width=40,height=30,fov=60 --method embree --limit 2 --range 4 --size airplane=2,bed=3 "
+    "--set-sensor noise=0 --format pcn --scale mesh --sample-size 64 --workers 1"
+)
 
 
 def files_of(out: Path) -> dict[str, bytes]:
@@ -26,18 +23,12 @@ def files_of(out: Path) -> dict[str, bytes]:
     return {name: content for name, content in made.items() if name != "manifest.json"}
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("pairs")
-
-
 @pytest.fixture
-def pcn(run: Run, folder: Path) -> Path:
+def pcn(run: Run, kept: Path) -> Path:
     """Scans as PCN has them, in metres, made once."""
-    out = folder / "pcn"
-    if not (out / "manifest.json").exists():
-        generated(run, out, "--format", "pcn", "--scale", "mesh", "--sample-size", 64, "--workers", 1)
-    return out
+    if not (kept / "pcn" / "manifest.json").exists():
+        run(f"generate {SCANS} --out {kept}/pcn")
+    return kept / "pcn"
 
 
 def standing(key: str, size: float) -> Any:
@@ -86,14 +77,12 @@ def test_halves_and_a_damaged_one_are_the_whole(
 ) -> None:
     """Each object a group: one is made, then damaged, then the other; the rest is made again."""
     monkeypatch.setattr("zbuf_occlude.dataset.plan.CLOUDS_PER_GROUP", 8)
-    given = ("--format", "pcn", "--scale", "mesh", "--sample-size", 64, "--workers", 1)
-    out = tmp_path / "halves"
-    generated(run, out, *given, "--shard", "0/2")
-    archive = out / "stored" / "packed-000000.zip"
+    run(f"generate {SCANS} --out halves --shard 0/2")
+    archive = tmp_path / "halves" / "stored" / "packed-000000.zip"
     archive.write_bytes(archive.read_bytes()[:-10])
-    generated(run, out, *given, "--shard", "1/2")
-    assert run("merge", out).code != 0
-    generated(run, out, *given)
-    made, expected = files_of(out), files_of(pcn)
+    run(f"generate {SCANS} --out halves --shard 1/2")
+    run("merge halves", code=1)
+    run(f"generate {SCANS} --out halves")
+    made, expected = files_of(tmp_path / "halves"), files_of(pcn)
     for name in expected.keys() - {"plan.json"}:
         assert made[name] == expected[name], name

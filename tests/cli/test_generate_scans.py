@@ -1,9 +1,9 @@
 """Datasets of scans: records in closed form, the same bytes however made, verify, bad input."""
 
+import json
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
@@ -13,13 +13,8 @@ from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.formats import find_format
 from zbuf_occlude.dataset.gallery import RAINBOW
 
-GIVEN = ("--sensor", "vlp-32c", "--range", "6..12", "--views", "ring:2@0", "--method", "embree", "--limit", "2")
-GIVEN += ("--size", "airplane=5", "--sample-size", "64")
-
-
-def generated(run: Run, out: Path, *more: object) -> None:
-    outcome = run("generate", *GIVEN, "--workers", 1, "--out", out, *more)
-    assert outcome.code == 0, outcome.err
+GIVEN = "--sensor vlp-32c --range 6..12 --views ring:2@0 --method embree --limit 2 --size airplane=5 --sample-size 64"
+STREET = "--scene street --hidden 0.2..0.4 --keep all --scale mesh --keep-clean"
 
 
 def records_of(out: Path) -> Any:
@@ -29,20 +24,12 @@ def records_of(out: Path) -> Any:
     return records[np.lexsort((records["view_id"], records["mesh_id"]))]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("scans")
-
-
 @pytest.fixture
-def street(run: Run, folder: Path) -> Path:
+def street(run: Run, kept: Path) -> Path:
     """Scans in streets, made once."""
-    out = folder / "street"
-    if not (out / "manifest.json").exists():
-        generated(
-            run, out, "--scene", "street", "--hidden", "0.2..0.4", "--keep", "all", "--scale", "mesh", "--keep-clean"
-        )
-    return out
+    if not (kept / "street" / "manifest.json").exists():
+        run(f"generate {GIVEN} {STREET} --workers 1 --out {kept}/street")
+    return kept / "street"
 
 
 def test_what_a_record_has(street: Path) -> None:
@@ -72,24 +59,11 @@ def test_what_a_record_has(street: Path) -> None:
         assert record["n_visible"] > 500
 
 
-def test_the_same_bytes_however_many_workers(run: Run, street: Path, tmp_path: Path) -> None:
-    more = ("--scene", "street", "--hidden", "0.2..0.4", "--keep", "all", "--scale", "mesh", "--keep-clean")
-    outcome = run("generate", *GIVEN, "--workers", 2, "--out", tmp_path / "two", *more)
-    assert outcome.code == 0, outcome.err
-    for path in street.glob("*.h5"):
-        with h5py.File(path) as one, h5py.File(tmp_path / "two" / path.name) as two:
-            for name in one:
-                assert one[name][:].tobytes() == two[name][:].tobytes(), name
-    again = run("generate", *GIVEN, "--workers", 1, "--out", street, *more)  # resumes: nothing to do
-    assert again.code == 0
-
-
-def test_verify_and_show_and_convert(run: Run, street: Path, tmp_path: Path) -> None:
-    outcome = run("verify", street, "--samples", 4)
-    assert outcome.code == 0, outcome.err
-    assert "points scanned again: the same" in outcome.out
-    assert run("show", street).code == 0
-    assert run("convert", street, "--format", "npz", "--out", tmp_path / "npz").code == 0
+def test_resume_verify_show_and_convert(run: Run, street: Path, tmp_path: Path) -> None:
+    assert "points scanned again: the same" in run(f"verify {street} --samples 4").out
+    run(f"generate {GIVEN} {STREET} --workers 1 --out {street}")  # nothing to do
+    run(f"show {street}")
+    run(f"convert {street} --format npz --out npz")
     before, after = records_of(street), records_of(tmp_path / "npz")
     for name in before.dtype.names:
         assert np.array_equal(before[name], after[name]), name
@@ -97,7 +71,7 @@ def test_verify_and_show_and_convert(run: Run, street: Path, tmp_path: Path) -> 
 
 @pytest.mark.skipif(find_browser() is None, reason=MISSING)
 def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp_path: Path) -> None:
-    assert run("show", street).code == 0
+    run(f"show {street}")
     with open_page(street / "gallery.html", tmp_path) as page:
         names = page.ask("return [...document.getElementById('colour').options].map((o) => o.value)")
         assert names == ["", "range", "incidence", "ring", "instance"]
@@ -120,27 +94,25 @@ def test_the_gallery_colours_scans_by_what_they_know(run: Run, street: Path, tmp
 
 def test_every_scan_keeps_its_own_number_of_points(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "all"
-    generated(run, out, "--sample-size", "all", "--scale", "mesh")
+    run(f"generate {GIVEN} --sample-size all --scale mesh --workers 1 --out all")
     records = records_of(out)
     sizes = [len(record["data"]) for record in records]
     assert sizes == records["n_visible"].tolist()
     assert len(set(sizes)) == len(sizes) == 4
     for record in records:
         assert {len(record[name]) for name in ("range", "ring", "normal", "instance")} == {len(record["data"])}
-    outcome = run("verify", out, "--samples", 4)
-    assert outcome.code == 0, outcome.err
-    assert f"{sum(sizes)} points scanned again: the same" in outcome.out
-    assert run("show", out).code == 0
-    assert run("convert", out, "--format", "webdataset", "--out", tmp_path / "tars").code == 0
+    assert f"{sum(sizes)} points scanned again: the same" in run("verify all --samples 4").out
+    run("show all")
+    run("convert all --format webdataset --out tars")
     for one, other in zip(records, records_of(tmp_path / "tars"), strict=True):
         assert all(np.array_equal(one[name], other[name]) for name in records.dtype.names)
-    plain = run("generate", *GIVEN, "--sample-size", "all", "--dry-run", "--out", tmp_path / "dry")
+    plain = run(f"generate {GIVEN} --sample-size all --dry-run --out dry")
     assert "= 4 clouds of all visible points in 1 group" in plain.out
 
 
 def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path) -> None:
-    generated(run, tmp_path / "a", "--scale", "mesh", "--format", "npz")
-    generated(run, tmp_path / "b", "--scale", "mesh", "--format", "npz", "--frame", "camera")
+    run(f"generate {GIVEN} --scale mesh --format npz --workers 1 --out a")
+    run(f"generate {GIVEN} --scale mesh --format npz --workers 1 --out b --frame camera")
     for one, other in zip(records_of(tmp_path / "a"), records_of(tmp_path / "b"), strict=True):
         assert (one["instance"] == 0).all()
         assert (one["hidden"], one["hidden_reached"]) == (0.0, 1)
@@ -151,73 +123,60 @@ def test_the_targets_points_alone_and_the_camera_frame(run: Run, tmp_path: Path)
 
 
 def test_an_object_that_no_ray_meets_gives_no_cloud(run: Run, tmp_path: Path) -> None:
-    import json
-
-    outcome = run(
-        *("generate", "--sensor", "pinhole:width=2,height=2,fov=60", "--range", 900, "--views", "ring:3@0"),
-        *("--limit", 1, "--size", "1", "--workers", 1, "--out", tmp_path / "none", "--method", "embree"),
+    run(
+        "generate --sensor pinhole:width=2,height=2,fov=60 --range 900 --views ring:3@0 --method embree "
+        "--limit 1 --size 1 --workers 1 --out none",
+        code=1,
+        says="at least one mesh must give a cloud",
     )
-    assert outcome.code == 1
-    assert "at least one mesh must give a cloud" in outcome.err
     (record,) = (tmp_path / "none" / "groups").glob("*.json")
     assert json.loads(record.read_text())["counts"]["n_blind_views"] == 3
 
 
 def test_of_a_range_that_begins_within_an_object_what_is_outside_is_taken(run: Run, tmp_path: Path) -> None:
     """So that one range does for small and large classes; an airplane of 5 m is never seen from within."""
-    given = ("--range", "0.1..2.6", "--views", "ring:8@0", "--limit", 1, "--workers", 1, "--out", tmp_path / "near")
-    outcome = run("generate", *GIVEN, *given)
-    assert outcome.code == 0, outcome.err
-    assert "scanned from outside them only, half their size away or more: airplane (2.5 m)" in outcome.err
+    run(
+        f"generate {GIVEN} --range 0.1..2.6 --views ring:8@0 --limit 1 --workers 1 --out near",
+        says="scanned from outside them only, half their size away or more: airplane (2.5 m)",
+    )
     poses = records_of(tmp_path / "near")["pose"]
     assert (np.linalg.norm(poses[:, :3, 3], axis=1) > 2.49).all()
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (("--range", "0"), "--range must be metres above 0"),
-        (("--range", "2..2.5"), "--range must be more than half of every object; one of class airplane has 5 m"),
-        (("--points", "100"), "--points is for points on the surface; a sensor decides itself. Leave it out."),
-        (("--sample-size", "all", "--format", "scanobjectnn"), "--format scanobjectnn holds clouds of one size"),
-        (("--sample-size", "some"), "it must be a number of points, at least 1, or all; got 'some'"),
-        (("--method", "vertex_hsr"), "the method must cast rays; vertex_hsr does not"),
-        (("--sensor", "surface"), "--range needs a sensor; give --sensor NAME."),
-        (("--hidden", "0.5"), "--hidden needs a scene that can hide"),
-    ],
-)
-def test_what_is_typed_wrongly(run: Run, tmp_path: Path, given: tuple[str, ...], words: str) -> None:
-    outcome = run("generate", *GIVEN, *given, "--out", tmp_path / "wrong")
-    assert outcome.code == 2
-    assert words in outcome.err
+def test_a_range_within_an_object_is_refused(run: Run, tmp_path: Path) -> None:
+    words = "--range must be more than half of every object; one of class airplane has 5 m"
+    run(f"generate {GIVEN} --range 2..2.5 --out wrong", code=2, says=words)
     assert not (tmp_path / "wrong").exists()
 
 
 def test_a_camera_is_rolled_as_its_view_says(run: Run, tmp_path: Path) -> None:
-    given = ("generate", "--sensor", "pinhole:width=80,height=4,fov=40", "--views", "random-so3:3", "--limit", 1)
-    out = tmp_path / "rolled"
-    outcome = run(*given, "--scale", "mesh", "--distance", 2, "--workers", 1, "--sample-size", 64, "--out", out)
-    assert outcome.code == 0, outcome.err
-    for record in records_of(out):
+    run(
+        "generate --sensor pinhole:width=80,height=4,fov=40 --views random-so3:3 --distance 2 --limit 1 --scale mesh "
+        "--sample-size 64 --workers 1 --out rolled"
+    )
+    for record in records_of(tmp_path / "rolled"):
         eye_space = record["data"] @ record["pose"][:3, :3].T + record["pose"][:3, 3]
         heights = eye_space[:, 1] / -eye_space[:, 2]
         assert np.abs(heights).max() < 2.0 * np.tan(np.radians(20)) / 40 + 1e-4, "within the rows of the picture"
 
 
-def test_an_object_out_of_the_sensor_s_reach(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("format", ["hdf5", "mvp"])
+def test_an_object_out_of_the_sensor_s_reach(run: Run, format: str) -> None:
     """It is said what the sensor measures, and by which options to choose."""
-    arguments = ("--sensor", "kinect-v1", "--range", 50, "--method", "embree", "--limit", 1, "--workers", 1)
-    for format in ("hdf5", "mvp"):
-        outcome = run("generate", *arguments, "--format", format, "--out", tmp_path / format)
-        assert outcome.code == 1
-        assert "its views see nothing; kinect-v1 measures at 0.8 to 4 m. Choose --views, --range and" in outcome.err
+    run(
+        f"generate --sensor kinect-v1 --range 50 --method embree --limit 1 --workers 1 --format {format} --out out",
+        code=1,
+        says="its views see nothing; kinect-v1 measures at 0.8 to 4 m. Choose --views, --range and",
+    )
 
 
 def test_a_lidar_that_moves(run: Run, tmp_path: Path) -> None:
     """As reported and deskewed, points are apart by velocity times time; workers and a resume change nothing."""
-    more = ("--set-sensor", "noise=0", "--scale", "mesh", "--sample-size", "all", "--velocity", "20,0,0")
-    for name, further in (("a", ()), ("two", ("--workers", 2)), ("deskewed", ("--deskew",))):
-        generated(run, tmp_path / name, *more, *further)
+    still = f"generate {GIVEN} --set-sensor noise=0 --scale mesh --sample-size all --workers 1"
+    moving = f"{still} --velocity 20,0,0"
+    run(f"{moving} --out a")
+    run(f"{moving} --out two --workers 2")
+    run(f"{moving} --out deskewed --deskew")
     found, undone = records_of(tmp_path / "a"), records_of(tmp_path / "deskewed")
     for one, other, third in zip(found, undone, records_of(tmp_path / "two"), strict=True):
         assert all(np.asarray(one[name]).tobytes() == np.asarray(third[name]).tobytes() for name in one.dtype.names)
@@ -226,11 +185,5 @@ def test_a_lidar_that_moves(run: Run, tmp_path: Path) -> None:
         forward = -one["pose"][2, :3]
         assert after - before == pytest.approx(20.0 * one["time"][rays[0], None] * forward, abs=1e-4)
         assert np.ptp(one["time"]) > 1e-3
-    still = run("generate", *GIVEN, "--workers", 1, "--out", tmp_path / "a", *more[:-2])
-    assert still.code != 0
-    assert "motion" in still.err
-    outcome = run("verify", tmp_path / "a", "--samples", 2)
-    assert outcome.code == 0, outcome.err
-    turned = run("generate", *GIVEN, "--sensor", "kinect-v1", "--turn", 3, "--out", tmp_path / "b")
-    assert turned.code == 2
-    assert "one eye" in turned.err
+    run(f"{still} --out a", code=1, says="motion")
+    run("verify a --samples 2")

@@ -12,16 +12,13 @@ from tests.cli.test_published_layouts import FACES, WEDGE, off_surface
 
 SYNSET, MODEL = "03001627", "1a6f615e8b1b5ae4dbbc9440457e303e"
 MODELS = {split: MODEL[:-1] + str(number) for number, split in enumerate(("train", "val", "test"))}
+NPY = "shapenet_pc/{synset}-{model}.npy"
 LAYOUTS = {
     "pcn": (8, "{split}/partial/{synset}/{model}/*.pcd", "{split}/complete/{synset}/{model}.pcd"),
     "completion3d": (1, "{split}/partial/{synset}/{model}.h5", "{split}/gt/{synset}/{model}.h5"),
     "mvp": (26, "MVP_{Split}_CP.h5", "MVP_{Split}_CP.h5"),
-    "projected-shapenet": (
-        16,
-        "projected_partial_noise/{synset}/{model}/models/*.pcd",
-        "shapenet_pc/{synset}-{model}.npy",
-    ),
-    "shapenet55": (1, "shapenet_pc/{synset}-{model}.npy", "shapenet_pc/{synset}-{model}.npy"),
+    "projected-shapenet": (16, "projected_partial_noise/{synset}/{model}/models/*.pcd", NPY),
+    "shapenet55": (1, NPY, NPY),
 }
 """Views of an object, and where its partial and complete clouds are."""
 Y_UP = WEDGE[:, [0, 2, 1]] * [1, 1, -1]
@@ -62,12 +59,10 @@ def shapenet(tmp_path: Path) -> Path:
     return root
 
 
-def generated(run: Run, meshes: Path, out: Path, layout: str, *arguments: object) -> Path:
+def generated(run: Run, meshes: Path, out: Path, layout: str, options: str = "") -> Path:
     """Make a dataset of cameras that look down on the object, steeply."""
-    views = ("--views", f"ring:{LAYOUTS[layout][0]}@60", "--scale", "mesh")
-    made = ("--format", layout, "--method", "exact", "--workers", 1, *arguments)
-    outcome = run("generate", meshes, "--out", out, *views, *made)
-    assert outcome.code == 0, outcome.err
+    views = f"--views ring:{LAYOUTS[layout][0]}@60 --scale mesh --method exact --workers 1"
+    run(f"generate {meshes} --out {out} --format {layout} {views} {options}")
     return out
 
 
@@ -85,15 +80,15 @@ def test_files_with_y_up_stay_y_up_and_cameras_stand_about_the_vertical(
             assert (partial[:, 1] < 1e-3).mean() < 0.01, "cameras above do not see it"
     manifest = json.loads((root / "manifest.json").read_text())
     assert (manifest["up"], manifest["axes"]) == ("y", ["x", "z", "-y"])
-    assert run("verify", root, shapenet).code == 0
+    run(f"verify {root} {shapenet}")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_files_with_z_up_come_out_y_up_unless_z_is_asked_for(run: Run, tmp_path: Path, layout: str) -> None:
     for split, model in MODELS.items():
         write_off(tmp_path / "meshes" / "chair" / split / f"{model}.off", WEDGE, FACES)
-    for frame, wanted, up in ((), Y_UP, "y"), (("--frame", "z-up"), WEDGE, "z"):
-        root = generated(run, tmp_path / "meshes", tmp_path / f"{up}-up", layout, *frame)
+    for frame, wanted, up in ("", Y_UP, "y"), ("--frame z-up", WEDGE, "z"):
+        root = generated(run, tmp_path / "meshes", tmp_path / f"{up}-up", layout, frame)
         files = [path for path in root.rglob("*") if path.suffix in (".pcd", ".npy") and "clouds_" not in path.name]
         files += [path for path in root.rglob("*.h5") if not path.name.startswith("mvp_")]
         assert all(off_surface(read_points(path, "complete_pcds"), wanted) < 1e-3 for path in files)
@@ -101,29 +96,20 @@ def test_files_with_z_up_come_out_y_up_unless_z_is_asked_for(run: Run, tmp_path:
 
 
 def test_clouds_converted_from_packed_are_y_up_too(run: Run, shapenet: Path, tmp_path: Path) -> None:
-    views = ("--views", "ring:8@60", "--scale", "mesh", "--method", "exact", "--workers", 1)
-    for arguments, wanted in ((), Y_UP), (("--frame", "z-up"), WEDGE):
-        packed, root = tmp_path / f"packed{len(arguments)}", tmp_path / f"pcn{len(arguments)}"
-        assert run("generate", shapenet, "--out", packed, "--format", "packed", *views, *arguments).code == 0
-        assert run("convert", packed, "--format", "pcn", "--out", root).code == 0
+    for number, (frame, wanted) in enumerate((("", Y_UP), ("--frame z-up", WEDGE))):
+        root = tmp_path / f"pcn{number}"
+        views = "--views ring:8@60 --scale mesh --method exact --workers 1"
+        run(f"generate {shapenet} --out packed{number} --format packed {views} {frame}")
+        run(f"convert packed{number} --format pcn --out {root}")
         assert all(off_surface(cloud, wanted) < 1e-3 for cloud in read_pair(root, "pcn", "train"))
 
 
 def test_normals_turn_along(run: Run, shapenet: Path, tmp_path: Path) -> None:
-    root = generated(run, shapenet, tmp_path / "out", "pcn", "--with", "normals")
+    root = generated(run, shapenet, tmp_path / "out", "pcn", "--with normals")
     body = (root / f"train/complete/{SYNSET}/{MODELS['train']}.pcd").read_bytes().partition(b"DATA binary\n")[2]
     table = np.frombuffer(body, "<f4").reshape(-1, 6)
     below = table[table[:, 1] < 1e-6]
     assert np.allclose(below[:, 3:], [0, -1, 0], atol=0.01)
-
-
-def test_projected_shapenets_lists_say_where_the_files_are(run: Run, shapenet: Path, tmp_path: Path) -> None:
-    """PoinTr joins each line with `data/ShapeNet55-34/`; its own lists begin with `shapenet_pc/`."""
-    root = generated(run, shapenet, tmp_path / "out", "projected-shapenet")
-    for split, model in MODELS.items():
-        lines = (root / f"{split}.txt").read_text().splitlines()
-        assert lines == [f"shapenet_pc/{SYNSET}-{model}.npy"]
-        assert (root / lines[0]).is_file()
 
 
 def test_completion3d_names_its_categories(run: Run, shapenet: Path, tmp_path: Path) -> None:

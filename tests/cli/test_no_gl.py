@@ -44,8 +44,7 @@ def mesh(tmp_path: Path) -> Path:
 @pytest.mark.usefixtures("without_gl")
 def test_generate_takes_exact_and_says_so_first_last_and_in_the_manifest(run: Run, mesh: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = run("generate", mesh, "--views", "ring:2@30", "--points", 100, "--workers", 1, "--out", out)
-    assert result.code == 0, result.err
+    result = run(f"generate {mesh} --views ring:2@30 --points 100 --workers 1 --out {out}")
     assert result.err.splitlines()[0] == f"method exact, because {WHY}"
     assert f"because {WHY}" in result.out.splitlines()
     manifest = json.loads((out / "manifest.json").read_text())
@@ -55,23 +54,16 @@ def test_generate_takes_exact_and_says_so_first_last_and_in_the_manifest(run: Ru
 
 @pytest.mark.usefixtures("without_gl")
 def test_visible_takes_exact_and_says_so(run: Run, mesh: Path, tmp_path: Path) -> None:
-    result = run("visible", mesh, "--azimuth", 30, "--elevation", 20, "--out", tmp_path / "cloud.ply")
-    assert result.code == 0, result.err
+    result = run(f"visible {mesh} --azimuth 30 --elevation 20 --out cloud.ply")
     assert result.err.splitlines()[0] == f"method exact, because {WHY}"
     assert "by exact: " in result.out
     assert result.out.rstrip().endswith(WHY)
 
 
 @pytest.mark.usefixtures("without_gl")
-@pytest.mark.parametrize(
-    "named", [("--method", "depth_buffer"), ("--set", "resolution=64"), ("--require-gpu",)], ids=lambda n: n[0]
-)
-def test_who_names_the_depth_buffer_or_a_gpu_is_refused(
-    run: Run, named: tuple[str, ...], mesh: Path, tmp_path: Path
-) -> None:
-    result = run("generate", mesh, *named, "--out", tmp_path / "out")
-    assert result.code == 1
-    assert "an OpenGL 4.3 core context must open; it does not" in result.err
+@pytest.mark.parametrize("named", ["--method depth_buffer", "--set resolution=64", "--require-gpu"])
+def test_who_names_the_depth_buffer_or_a_gpu_is_refused(run: Run, named: str, mesh: Path, tmp_path: Path) -> None:
+    run(f"generate {mesh} {named} --out out", code=1, says="an OpenGL 4.3 core context must open; it does not")
     assert not (tmp_path / "out").exists()
 
 
@@ -109,8 +101,7 @@ def test_a_run_that_fell_to_software_says_so_first_and_in_the_manifest(
     monkeypatch.setattr(devices, "NVIDIA", tmp_path / "nvidiactl")
     monkeypatch.setattr(devices, "hindrance", lambda: devices.Hindrance("it is hidden.", "show it"))
     out = tmp_path / "out"
-    result = run("generate", "--limit", 1, "--views", "ring:2@30", "--points", 200, "--workers", 1, "--out", out)
-    assert result.code == 0, result.err
+    result = run(f"generate --limit 1 --views ring:2@30 --points 200 --workers 1 --out {out}")
     if "llvmpipe" not in result.out:
         pytest.skip("this machine may have a GPU")
     assert result.err.splitlines()[0].startswith("warning: OpenGL runs in software (llvmpipe")

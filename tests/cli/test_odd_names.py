@@ -1,5 +1,6 @@
-"""Names that are not UTF-8, command a terminal or look like markup: every command works, and says them escaped."""
+"""Names that are not UTF-8, command a terminal, look like markup, are paths: every command works, and escapes them."""
 
+import csv
 import html
 import os
 import re
@@ -8,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, write_off
+from tests.scenes import box
 from zbuf_occlude import cli
 from zbuf_occlude.drawing.pages import Table, marked_up, verbatim
 from zbuf_occlude.errors import printable
@@ -55,8 +57,7 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
         (0, "paper", "table2", out),
         (0, "convert", out, "--format", "npz", "--out", out / "a\x1b\udcffb"),
     ):
-        outcome = run(*arguments)
-        assert outcome.code == code, outcome.err
+        outcome = run(*arguments, code=code)
         assert not COMMANDS_PER_TERMINAL.search(outcome.out + outcome.err), (outcome.out, outcome.err)
         assert "Traceback" not in outcome.err
         if arguments[0] == "status":
@@ -66,8 +67,7 @@ def test_datasets_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
 
 def test_reports_of_odd_names(run: Run, meshes: Path, tmp_path: Path) -> None:
     out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out\xfe<u>"))
-    outcome = run("compare", meshes, "--out", out, *SMALL, "--views", "ring:2@20", "--judge-points", 20)
-    assert outcome.code == 3, outcome.err
+    outcome = run("compare", meshes, "--out", out, *SMALL, "--views", "ring:2@20", "--judge-points", 20, code=3)
     assert not COMMANDS_PER_TERMINAL.search(outcome.out + outcome.err.replace("\r", ""))
     text = (out / "report.md").read_text(encoding="utf-8")
     assert not COMMANDS_PER_TERMINAL.search(text)
@@ -95,3 +95,28 @@ def test_commands_print_by_echo_alone() -> None:
     files = Path(cli.__file__).parent.glob("*.py")
     others = [path.name for path in files if "click.echo" in path.read_text(encoding="utf-8")]
     assert others == ["shell.py"]
+
+
+PATHS = ("..", ".", "../../..", "/etc", "a/b", "~", "...", "-x", "CON", "a\\b")
+
+
+@pytest.mark.parametrize("layout", ["ply --sample-size 16", "webdataset --sample-size 16", "completion3d"])
+def test_files_of_classes_that_are_paths_lie_in_the_datasets_folder(run: Run, tmp_path: Path, layout: str) -> None:
+    inside = tmp_path / "above" / "further" / "above"
+    with (tmp_path / "labels.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["key", "class"])
+        for number, label in enumerate(PATHS):
+            write_off(tmp_path / "meshes" / f"m{number}.off", box().vertices, box().faces)
+            rows.writerow([f"m{number}", label])
+    line = f"generate meshes --labels labels.csv --method exact --views ring:1@20 --points 2048 --format {layout}"
+    line += f" --workers 1 --out {inside}/out"
+    run(line)
+    assert list(inside.iterdir()) == [inside / "out"]
+    run(f"verify {inside}/out")
+    if layout.startswith("ply"):
+        files = list(inside.rglob("*.ply"))
+        assert len(files) == len(PATHS)
+        assert {path.parents[1] for path in files} == {inside / "out" / "ply" / "train"}
+    run(f"{line} --seed 1 --overwrite")
+    assert list(inside.iterdir()) == [inside / "out"]

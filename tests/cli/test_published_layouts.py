@@ -8,7 +8,7 @@ import pytest
 
 from tests.cli.conftest import Run, write_off
 
-SMALL = ("--points", 400, "--sample-size", 64, "--views", "ring:3@30", "--method", "oracle", "--workers", 1)
+SMALL = "--points 400 --sample-size 64 --views ring:3@30 --method oracle --workers 1"
 WEDGE = np.array([[0.0, 0, 0], [3, 0, 0], [0, 2, 0], [0, 0, 5]])
 """A tetrahedron that no rotation but the identity takes into itself."""
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -16,11 +16,16 @@ FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 def off_surface(points: np.ndarray, vertices: np.ndarray) -> float:
     """Return how far points are from the surface of a tetrahedron with these corners."""
+    heights, _ = heights_over_faces(points, vertices)
+    return float(np.abs(heights.max(axis=1)).max())
+
+
+def heights_over_faces(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far points (p, 3) are outside a tetrahedron's faces, (p, 4), and the normals of these, (4, 3)."""
     corners = vertices[FACES]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    heights = np.einsum("pfc,fc->pf", points[:, None] - corners[:, 0], normals)
-    return float(np.abs(heights.max(axis=1)).max())
+    return np.einsum("pfc,fc->pf", points[:, None] - corners[:, 0], normals), normals
 
 
 def similar(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -47,69 +52,50 @@ def read_scanobjectnn(folder: Path, split: str) -> dict[str, np.ndarray]:
 
 
 def test_scanobjectnn_counts_its_own_fifteen_classes(run: Run, meshes: Path, tmp_path: Path) -> None:
-    outcome = run("generate", meshes, "--out", tmp_path / "out", *SMALL, "--format", "scanobjectnn")
-    assert outcome.code == 0, outcome.err
-    assert "no class gadget, xbox: 6 of 12 meshes are left out" in outcome.err
+    said = "no class gadget, xbox: 6 of 12 meshes are left out"
+    run(f"generate {meshes} --out out {SMALL} --format scanobjectnn", says=said)
     assert (tmp_path / "out" / "training_objectdataset_augmentedrot_scale75.h5").is_file()
     for split, n in (("training", 2), ("test", 1)):
         labels = read_scanobjectnn(tmp_path / "out", split)["label"]
         assert {label: int((labels == label).sum()) for label in np.unique(labels)} == {4: 3 * n, 9: 3 * n}
     names = (tmp_path / "out" / "shape_names.txt").read_text().split("\n")
     assert (names[4], names[9], len(list(filter(None, names)))) == ("chair", "table", 15)
-    assert run("verify", tmp_path / "out", meshes).code == 0
+    run(f"verify out {meshes}")
 
 
-def test_modelnet40_c_counts_the_forty_classes(run: Run, meshes: Path, tmp_path: Path) -> None:
-    outcome = run("generate", meshes, "--out", tmp_path / "out", *SMALL, "--format", "modelnet40-c")
-    assert outcome.code == 0, outcome.err
-    assert "no class gadget: 3 of 12 meshes are left out" in outcome.err
-    assert sorted(np.load(tmp_path / "out" / "label.npy").ravel()) == [8, 33, 39]
-    assert run("verify", tmp_path / "out", meshes).code == 0
-
-
-def test_modelnet_o_numbers_its_clouds_from_one(run: Run, meshes: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert run("generate", meshes, "--out", out, *SMALL, "--format", "modelnet-o").code == 0
-    found = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.xyz") if path.parent.name == "test")
-    stems = [f"{label}/test/{label}_0003" for label in ("chair", "table", "xbox")]
-    assert found == [f"{stem}_{number:03d}.xyz" for stem in stems for number in (1, 2, 3)]
-    assert (
-        run("generate", meshes, "--out", tmp_path / "own", *SMALL, "--format", "modelnet-o", "--scale", "mesh").code
-        == 0
-    )
-    clouds, own = (np.concatenate([np.loadtxt(root / name) for name in found[:3]]) for root in (out, tmp_path / "own"))
-    assert off_surface(own, 3 * WEDGE) < 1e-5
-    assert np.allclose(clouds, similar(own, clouds), atol=1e-5), "all clouds of an object in one frame, z up"
+def test_modelnet_o_has_all_clouds_of_an_object_in_one_frame(run: Run, meshes: Path, tmp_path: Path) -> None:
+    run(f"generate {meshes} --out out {SMALL} --format modelnet-o")
+    run(f"generate {meshes} --out own {SMALL} --format modelnet-o --scale mesh")
+    names = [f"chair/test/chair_0003_{number:03d}.xyz" for number in (1, 2, 3)]
+    clouds, own = (np.concatenate([np.loadtxt(tmp_path / out / name) for name in names]) for out in ("out", "own"))
+    assert off_surface(own, 3 * WEDGE) < 1e-5, "z up"
+    assert np.allclose(clouds, similar(own, clouds), atol=1e-5)
 
 
 @pytest.mark.parametrize("format", ["scanobjectnn", "modelnet40-c", "modelnet-o"])
 def test_meshes_of_no_listed_class_are_refused(run: Run, meshes: Path, tmp_path: Path, format: str) -> None:
-    outcome = run("generate", meshes, "--out", tmp_path / "out", *SMALL, "--format", format, "--classes", "gadget")
-    assert outcome.code == 2
-    assert format in outcome.err
+    outcome = run(f"generate {meshes} --out out {SMALL} --format {format} --classes gadget", code=2, says=format)
     assert "got gadget" in outcome.err
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("between", ["packed", "npz"])
 def test_a_converted_dataset_counts_and_leaves_out_alike(run: Run, meshes: Path, tmp_path: Path, between: str) -> None:
-    assert run("generate", meshes, "--out", tmp_path / "all", *SMALL, "--format", between).code == 0
-    outcome = run("convert", tmp_path / "all", "--format", "scanobjectnn", "--out", tmp_path / "theirs")
-    assert outcome.code == 0, outcome.err
-    assert "no class gadget, xbox: 6 of 12 meshes are left out" in outcome.err
+    run(f"generate {meshes} --out all {SMALL} --format {between}")
+    said = "no class gadget, xbox: 6 of 12 meshes are left out"
+    run("convert all --format scanobjectnn --out theirs", says=said)
     labels = read_scanobjectnn(tmp_path / "theirs", "training")["label"]
     assert {label: int((labels == label).sum()) for label in np.unique(labels)} == {4: 6, 9: 6}
-    assert run("verify", tmp_path / "theirs", meshes).code == 0
+    run(f"verify theirs {meshes}")
 
 
 @pytest.mark.parametrize("keep", ["box", "all"])
 def test_points_of_the_background_have_the_mask_minus_one(run: Run, tmp_path: Path, keep: str) -> None:
     """A chair-sized wedge on the ground: what lies on the ground is the background. y is up."""
-    mesh = write_off(tmp_path / "chair" / "train" / "chair_0001.off", WEDGE, FACES)
-    scan = ("--sensor", "pinhole:width=120,height=90,fov=60", "--scene", "ground", "--keep", keep, "--size", 1)
-    arguments = ("--views", "ring:2@30", "--range", 3, "--scale", "mesh", "--sample-size", 2_000, "--workers", 1)
-    outcome = run("generate", mesh.parents[1], "--out", tmp_path / "out", *scan, *arguments, "--format", "scanobjectnn")
-    assert outcome.code == 0, outcome.err
+    write_off(tmp_path / "meshes" / "chair" / "train" / "chair_0001.off", WEDGE, FACES)
+    scanned = f"--sensor pinhole:width=120,height=90,fov=60 --scene ground --keep {keep} --size 1 --range 3"
+    made = "--views ring:2@30 --scale mesh --sample-size 2000 --workers 1 --format scanobjectnn"
+    run(f"generate meshes {scanned} {made} --out out")
     found = read_scanobjectnn(tmp_path / "out", "training")
     assert set(np.unique(found["mask"])) == {-1, 0}
     on_ground = np.abs(found["data"][:, :, 1] - found["data"][:, :, 1].min()) < 1e-6
@@ -119,14 +105,11 @@ def test_points_of_the_background_have_the_mask_minus_one(run: Run, tmp_path: Pa
 
 def test_modelnet40_c_has_the_originals_frame_and_scale(run: Run, tmp_path: Path) -> None:
     """jiachens/ModelNet40-C, data/generate_c.py: (-x, z, y); each cloud's box is centred, its longest side 2."""
-    mesh = write_off(tmp_path / "chair" / "test" / "chair_0001.off", WEDGE, FACES)
+    write_off(tmp_path / "meshes" / "chair" / "test" / "chair_0001.off", WEDGE, FACES)
+    levels = {}
     for scale in ("cloud", "object", "mesh"):
-        made = ("--out", tmp_path / scale, "--scale", scale, "--format", "modelnet40-c")
-        assert run("generate", mesh.parents[1], *made, *SMALL).code == 0
-    levels = {
-        scale: [np.load(tmp_path / scale / f"data_occlusion_{level}.npy")[0] for level in (1, 2, 3)]
-        for scale in ("cloud", "object", "mesh")
-    }
+        run(f"generate meshes {SMALL} --out {scale} --scale {scale} --format modelnet40-c")
+        levels[scale] = [np.load(tmp_path / scale / f"data_occlusion_{level}.npy")[0] for level in (1, 2, 3)]
     assert off_surface(np.concatenate(levels["mesh"]), WEDGE[:, [0, 2, 1]] * [-1, 1, 1]) < 1e-5
     whole, own = np.concatenate(levels["object"]), np.concatenate(levels["mesh"])
     assert np.allclose(whole, similar(own, whole), atol=1e-5)
@@ -139,10 +122,8 @@ def test_modelnet40_c_has_the_originals_frame_and_scale(run: Run, tmp_path: Path
 
 
 def test_modelnet40_c_of_a_spinning_sensor_is_its_corruption_lidar(run: Run, tmp_path: Path) -> None:
-    mesh = write_off(tmp_path / "chair" / "test" / "chair_0001.off", WEDGE, FACES)
-    made = ("--preset", "modelnet40-c-lidar", "--out", tmp_path / "out", "--workers", 1)
-    outcome = run("generate", mesh.parents[1], *made)
-    assert outcome.code == 0, outcome.err
+    write_off(tmp_path / "meshes" / "chair" / "test" / "chair_0001.off", WEDGE, FACES)
+    run("generate meshes --preset modelnet40-c-lidar --out out --workers 1")
     assert not list((tmp_path / "out").glob("data_occlusion_*"))
     turned = (WEDGE - WEDGE.max(axis=0) / 2)[:, [0, 2, 1]] * [-1, 1, 1] * 2 / 5
     for level in range(1, 6):
@@ -154,22 +135,18 @@ def test_modelnet40_c_of_a_spinning_sensor_is_its_corruption_lidar(run: Run, tmp
 def test_modelnet40_normal_as_its_loaders_read_it(run: Run, meshes: Path, tmp_path: Path) -> None:
     """A shape's class is its name before the last "_"; columns are x, y, z and the normal, both y up."""
     out = tmp_path / "out"
-    made = ("--format", "modelnet40-normal", "--with", "normals", "--scale", "mesh")
-    assert run("generate", meshes, "--out", out, *SMALL, *made).code == 0
+    run(f"generate {meshes} --out {out} {SMALL} --format modelnet40-normal --with normals --scale mesh")
     names = (out / "modelnet40_shape_names.txt").read_text().splitlines()
     assert (len(names), names[8], names[39]) == (40, "chair", "xbox")
     shapes = {split: (out / f"modelnet40_{split}.txt").read_text().split() for split in ("train", "test")}
     assert {split: len(of) for split, of in shapes.items()} == {"train": 3 * 2 * 3, "test": 3 * 3}
     assert not set(shapes["train"]) & set(shapes["test"])
     turned = WEDGE[:, [0, 2, 1]] * [-1, 1, 1]
-    corners = turned[FACES]
-    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
     for shape in shapes["test"]:
         label = "_".join(shape.split("_")[:-1])
         assert label in ("chair", "table", "xbox")
         columns = np.loadtxt(out / label / f"{shape}.txt", delimiter=",")
         assert off_surface(columns[:, :3] / 3, turned) < 1e-5
-        heights = np.einsum("pfc,fc->pf", columns[:, None, :3] / 3 - corners[:, 0], outwards)
+        heights, outwards = heights_over_faces(columns[:, :3] / 3, turned)
         assert np.allclose(columns[:, 3:], outwards[heights.argmax(axis=1)], atol=1e-5)
-    assert run("verify", out, meshes).code == 0
+    run(f"verify {out} {meshes}")

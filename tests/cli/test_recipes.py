@@ -1,7 +1,6 @@
 """What the documents and the help say to type is accepted as it stands."""
 
 import re
-import shlex
 from pathlib import Path
 
 import pytest
@@ -29,12 +28,10 @@ def test_there_are_recipes() -> None:
 @pytest.mark.parametrize("recipe", recipes())
 def test_a_recipe_is_accepted(run: Run, tmp_path: Path, recipe: str) -> None:
     """Of the folder that it names there is one here, of two classes; of all meshes the first two are tried."""
-    words = shlex.split(recipe)[2:]
+    words = recipe.split()[2:]
     if not words[0].startswith("-"):
         for label in ("chair", "airplane"):
-            mesh = box()
-            write_off(tmp_path / "meshes" / label / "train" / "one.off", mesh.vertices, mesh.faces)
-        words[0] = str(tmp_path / "meshes")
+            write_off(tmp_path / "meshes" / label / "train" / "one.off", box().vertices, box().faces)
+        words[0] = "meshes"
     words += ["--views", "ring:1@20"] if "frames" in words else []  # an image takes a second; the last of two counts
-    outcome = run("generate", *words, "--out", tmp_path / "out", "--limit", 2, "--dry-run")
-    assert outcome.code == 0, outcome.err
+    run(f"generate {' '.join(words)} --out out --limit 2 --dry-run")

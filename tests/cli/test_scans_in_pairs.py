@@ -13,15 +13,11 @@ from tests.pcd import read_pcd
 from zbuf_occlude.dataset.folder import read_finished
 from zbuf_occlude.dataset.packed import PackedDataset
 
-GIVEN = ("--sensor", "vlp-32c", "--set-sensor", "noise=0", "--range", "6..9", "--method", "embree", "--limit", "2")
-GIVEN += ("--size", "airplane=5", "--scene", "street", "--hidden", "0..0.3")
+GIVEN = (
+    "--sensor vlp-32c --set-sensor noise=0 --range 6..9 --method embree --limit 2 --size airplane=5 "
+    "--scene street --hidden 0..0.3"
+)
 VIEWS = {"pcn": 8, "mvp": 26, "completion3d": 1, "projected-shapenet": 16, "shapenet55": 1}
-
-
-def made(run: Run, out: Path, *more: object) -> Path:
-    outcome = run("generate", *GIVEN, "--out", out, *more)
-    assert outcome.code == 0, outcome.err
-    return out
 
 
 def fields_of(path: Path) -> bytes:
@@ -29,39 +25,30 @@ def fields_of(path: Path) -> bytes:
 
 
 def test_normals_that_were_asked_for_are_of_both_clouds(run: Run, tmp_path: Path) -> None:
-    out = made(run, tmp_path / "pcn", "--format", "pcn", "--views", "ring:8@0", "--workers", 1, "--with", "normals")
-    found = {fields_of(path) for path in out.glob("*/*/*/**/*.pcd")}
+    run(f"generate {GIVEN} --format pcn --views ring:8@0 --workers 1 --with normals --out pcn")
+    found = {fields_of(path) for path in tmp_path.glob("pcn/*/*/*/**/*.pcd")}
     assert found == {b"FIELDS x y z normal_x normal_y normal_z"}
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("packed")
-
-
 @pytest.fixture
-def packed(run: Run, folder: Path) -> Path:
+def packed(run: Run, kept: Path) -> Path:
     """Eight scans of two objects, made once."""
-    out = folder / "packed"
-    if not (out / "manifest.json").exists():
-        made(run, out, "--format", "packed", "--views", "ring:8@0", "--scale", "object", "--workers", 1)
-    return out
+    if not (kept / "packed" / "manifest.json").exists():
+        run(f"generate {GIVEN} --format packed --views ring:8@0 --scale object --workers 1 --out {kept}/packed")
+    return kept / "packed"
 
 
 def test_the_same_bytes_on_two_workers_and_the_same_scans_again(run: Run, packed: Path, tmp_path: Path) -> None:
-    more = ("--format", "packed", "--views", "ring:8@0", "--scale", "object", "--workers", 2)
-    two = made(run, tmp_path / "two", *more)
+    run(f"generate {GIVEN} --format packed --views ring:8@0 --scale object --workers 2 --out two")
     for path in packed.glob("packed-*.zip"):
-        assert path.read_bytes() == (two / path.name).read_bytes()
-    verified = run("verify", packed, "--samples", 16)
-    assert verified.code == 0, verified.err
-    assert "points scanned again: the same" in verified.out
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    assert "points scanned again: the same" in run(f"verify {packed} --samples 16").out
 
 
 def test_packed_scans_give_what_generate_gives(run: Run, packed: Path, tmp_path: Path) -> None:
-    straight = made(run, tmp_path / "straight", "--views", "ring:8@0", "--scale", "object", "--workers", 1)
-    assert run("convert", packed, "--format", "hdf5", "--out", tmp_path / "converted").code == 0
-    for path in straight.glob("*.h5"):
+    run(f"generate {GIVEN} --views ring:8@0 --scale object --workers 1 --out straight")
+    run(f"convert {packed} --format hdf5 --out converted")
+    for path in (tmp_path / "straight").glob("*.h5"):
         with h5py.File(path) as one, h5py.File(tmp_path / "converted" / path.name) as two:
             assert set(one) == set(two) >= {"range", "ring", "normal", "hidden", "size"}
             for name in one:
@@ -78,13 +65,11 @@ def test_all_points_of_a_packed_scan(packed: Path) -> None:
 
 @pytest.mark.parametrize("converted", [False, True], ids=["generated", "converted"])
 def test_partial_clouds_lie_on_the_complete_one(run: Run, packed: Path, tmp_path: Path, converted: bool) -> None:
-    out = tmp_path / "pcn"
     if converted:
-        outcome = run("convert", packed, "--format", "pcn", "--out", out)
-        assert outcome.code == 0, outcome.err
+        run(f"convert {packed} --format pcn --out pcn")
     else:
-        made(run, out, "--format", "pcn", "--views", "ring:8@0", "--workers", 1)
-    wholes = sorted(out.glob("*/complete/*/*.pcd"))
+        run(f"generate {GIVEN} --format pcn --views ring:8@0 --workers 1 --out pcn")
+    wholes = sorted(tmp_path.glob("pcn/*/complete/*/*.pcd"))
     assert len(wholes) == 2
     for path in wholes:
         whole = read_pcd(path).astype(float)
@@ -101,13 +86,11 @@ def test_partial_clouds_lie_on_the_complete_one(run: Run, packed: Path, tmp_path
 
 @pytest.mark.parametrize("format", VIEWS)
 def test_every_layout_of_pairs_holds_scans(run: Run, tmp_path: Path, format: str) -> None:
-    out = tmp_path / format
-    views = () if format == "shapenet55" else ("--views", f"ring:{VIEWS[format]}@0")
-    outcome = run("generate", *GIVEN[:-4], "--size", "5", "--format", format, *views, "--workers", 1, "--out", out)
-    assert outcome.code == 0, outcome.err
+    views = "" if format == "shapenet55" else f"--views ring:{VIEWS[format]}@0"
+    single = "--sensor vlp-32c --set-sensor noise=0 --range 6..9 --method embree --limit 2 --size 5"
+    outcome = run(f"generate {single} --format {format} {views} --workers 1 --out out")
     assert ("nothing is scanned" in outcome.err) == (format == "shapenet55")
-    plan, manifest = read_finished(out)
+    plan, manifest = read_finished(tmp_path / "out")
     assert plan.recipe.setup is not None
     assert manifest["counts"]["clouds"] >= 1
-    verified = run("verify", out, "--samples", 2)
-    assert verified.code == 0, verified.err + verified.out
+    run("verify out --samples 2")

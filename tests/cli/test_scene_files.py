@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Run, write_off
+from tests.scenes import box
 
 embreex = pytest.importorskip("embreex.rtcore_scene", reason="embreex is not installed: zbuf-occlude[embree]")
 SIZE, RANGE = 4.0, 12.0
@@ -28,7 +29,7 @@ def distances(meshes: list[tuple[np.ndarray, np.ndarray]], eye: np.ndarray, ends
 @pytest.mark.parametrize("method", ["exact", "embree"])
 def test_hidden_is_measured(run: Run, tmp_path: Path, keep: str, method: str) -> None:
     from trimesh import Trimesh
-    from trimesh.creation import box, icosphere
+    from trimesh.creation import icosphere
     from trimesh.sample import sample_surface
 
     target, crate = icosphere(subdivisions=3, radius=SIZE / 2), box((1.5, 2.5, 2.2))
@@ -37,10 +38,8 @@ def test_hidden_is_measured(run: Run, tmp_path: Path, keep: str, method: str) ->
     places = [[5, 0, 0], [5, 2, 0], [-5, -1.5, 0]]
     scene = {"objects": [{"mesh": "crate.off", "position": place, "size": 2.5} for place in places]}
     (tmp_path / "scene.json").write_text(json.dumps(scene))
-    given = ("--sensor", "vlp-32c", "--range", RANGE, "--size", SIZE, "--views", "ring:4@0", "--scale", "mesh")
-    more = ("--scene", tmp_path / "scene.json", "--keep", keep, "--method", method, "--workers", 1)
-    outcome = run("generate", tmp_path / "meshes", *given, *more, "--out", tmp_path / "out")
-    assert outcome.code == 0, outcome.err
+    scanned = f"--sensor vlp-32c --range {RANGE} --size {SIZE} --views ring:4@0 --scale mesh --workers 1"
+    run(f"generate meshes {scanned} --scene scene.json --keep {keep} --method {method} --out out")
     floor = -SIZE / 2
     others = [(crate.vertices + place + [0, 0, floor + 1.1], crate.faces) for place in places]
     points = sample_surface(Trimesh(target.vertices, target.faces), 200_000, seed=1)[0]
@@ -63,43 +62,28 @@ def test_hidden_is_measured(run: Run, tmp_path: Path, keep: str, method: str) ->
 
 
 def test_scan_says_what_is_hidden(run: Run, tmp_path: Path) -> None:
-    from trimesh.creation import box
-
-    cube = box((2, 2, 2))
-    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
+    write_off(tmp_path / "cube.off", box().vertices, box().faces)
     wall = {"objects": [{"mesh": "cube.off", "position": [4, 0, 0], "size": 6}]}
     (tmp_path / "wall.json").write_text(json.dumps(wall))
-    given = ("scan", tmp_path / "cube.off", "--size", 1, "--range", 12, "--scene", tmp_path / "wall.json")
-    outcome = run(*given, "--azimuth", 90, "--out", tmp_path / "scan.ply")
-    assert outcome.code == 0, outcome.err
+    outcome = run("scan cube.off --size 1 --range 12 --scene wall.json --azimuth 90 --out scan.ply")
     assert "0% of the object hidden by others" in outcome.out
 
 
 def test_velocities_of_a_scene_file(run: Run, tmp_path: Path) -> None:
     """A wall behind the target drives away: its points say when each was measured."""
-    from trimesh.creation import box
-
-    cube = box((1, 1, 1))
-    write_off(tmp_path / "cube.off", cube.vertices, cube.faces)
-    write_off(tmp_path / "wall.off", cube.vertices * [0.02, 1.0, 1.0], cube.faces)
+    write_off(tmp_path / "cube.off", box().vertices, box().faces)
+    write_off(tmp_path / "wall.off", box((0.02, 1.0, 1.0)).vertices, box().faces)
     wall = {"mesh": "wall.off", "position": [-9, 0, 0], "size": 6, "velocity": [-20, 0, 0]}
     (tmp_path / "scene.json").write_text(json.dumps({"objects": [wall]}))
-    given = ("scan", tmp_path / "cube.off", "--sensor", "vlp-16", "--set-sensor", "noise=0", "--size", 1, "--range", 12)
-    more = ("--scene", tmp_path / "scene.json", "--keep", "all", "--out", tmp_path / "scan.npz")
-    outcome = run(*given, *more)
-    assert outcome.code == 0, outcome.err
+    line = "scan cube.off --size 1 --range 12 --scene scene.json --keep all --out scan.npz --set-sensor noise=0"
+    run(f"{line} --sensor vlp-16")
     with np.load(tmp_path / "scan.npz") as found:
         mine = (found["instances"] == 2) & (np.abs(found["normals"][:, 0]) > 0.9)
         assert mine.sum() > 100
         assert found["points"][mine, 0] == pytest.approx(-8.94 - 20.0 * found["times"][mine], rel=1e-9)
-    camera = run(*(each if each != "vlp-16" else "pinhole:width=20,height=10,fov=60" for each in given), *more)
-    assert (camera.code, "stand still" in camera.err) == (0, True)
+    run(f"{line} --sensor pinhole:width=20,height=10,fov=60", says="stand still")
     (tmp_path / "scene.json").write_text(json.dumps({"objects": [wall | {"velocity": [1, 2]}]}))
-    outcome = run(*given, *more)
-    assert outcome.code == 2
-    assert "velocity" in outcome.err
+    run(f"{line} --sensor vlp-16", code=2, says="velocity")
     for name in ("Truck", "car"):
         (tmp_path / "scene.json").write_text(json.dumps({"objects": [{"class": name, "position": [1, 2, 0]}]}))
-        outcome = run(*given, *more)
-        assert outcome.code == 2
-        assert f"small letters; got the class '{name}'" in outcome.err
+        run(f"{line} --sensor vlp-16", code=2, says=f"small letters; got the class '{name}'")

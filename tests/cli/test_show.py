@@ -7,25 +7,19 @@ import pytest
 from tests.browser import MISSING, find_browser, open_page
 from tests.cli.conftest import Run
 
-SMALL = ("--method", "oracle", "--views", "fibonacci:9", "--points", 400, "--sample-size", 100, "--workers", 1)
+SMALL = "--method oracle --views fibonacci:9 --points 400 --sample-size 100 --workers 1"
 
 
 @pytest.fixture
 def dataset(run: Run, modelnet: Path, tmp_path: Path) -> Path:
     out = tmp_path / "out"
-    assert run("generate", modelnet, "--out", out, *SMALL, "--format", "packed").code == 0
+    run(f"generate {modelnet} --out {out} {SMALL} --format packed")
     return out
 
 
 def test_pictures_go_where_they_are_wanted(run: Run, dataset: Path, tmp_path: Path) -> None:
-    outcome = run("show", dataset, "--out", tmp_path / "pictures")
-    assert outcome.code == 0, outcome.err
-    assert outcome.out.split() == [
-        "gallery",
-        str(tmp_path / "pictures" / "gallery.html"),
-        "picture",
-        str(tmp_path / "pictures" / "contact_sheet.png"),
-    ]
+    outcome = run(f"show {dataset} --out pictures")
+    assert outcome.out.split() == ["gallery", "pictures/gallery.html", "picture", "pictures/contact_sheet.png"]
     assert (tmp_path / "pictures" / "contact_sheet.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "pictures" / "gallery.html").read_text()
     assert "src=" not in text, "one file, needs nothing else"
@@ -33,10 +27,9 @@ def test_pictures_go_where_they_are_wanted(run: Run, dataset: Path, tmp_path: Pa
 
 
 def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:
-    outcome = run("paper", "table2", dataset)
-    assert outcome.code == 0
+    outcome = run(f"paper table2 {dataset}")
     assert outcome.err == ""
-    old = run("show", dataset, "--table2")
+    old = run(f"show {dataset} --table2")
     assert old.out == outcome.out
     assert "is now `zbuf-occlude paper table2 DIR`" in old.err
     assert not (dataset / "gallery.html").exists()
@@ -46,18 +39,12 @@ def test_table2_is_data_on_standard_output(run: Run, dataset: Path) -> None:
 
 @pytest.mark.skipif(find_browser() is None, reason=MISSING)
 def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> None:
-    run("show", dataset)
+    run(f"show {dataset}")
     with open_page(dataset / "gallery.html", tmp_path) as page:
-        assert page.ask("return [...document.querySelectorAll('.row h3')].map((e) => e.textContent)") == [
-            "ball",
-            "brick",
-        ]
-        assert page.ask(
-            "return [...document.querySelectorAll('.row')].map((r) => r.querySelectorAll('canvas').length)"
-        ) == [
-            6,
-            6,
-        ]
+        headings = page.ask("return [...document.querySelectorAll('.row h3')].map((e) => e.textContent)")
+        assert headings == ["ball", "brick"]
+        cells = "return [...document.querySelectorAll('.row')].map((r) => r.querySelectorAll('canvas').length)"
+        assert page.ask(cells) == [6, 6]
         # every canvas shows something: pixels that are not background
         inked = """
             await frame();
@@ -70,9 +57,8 @@ def test_the_gallery_in_a_browser(run: Run, dataset: Path, tmp_path: Path) -> No
         counts = page.ask(inked)
         assert len(counts) == 13
         assert min(counts) > 100
-        assert page.ask("return document.querySelector('.cell.chosen canvas').getAttribute('aria-label')").startswith(
-            "ball"
-        )
+        label = "return document.querySelector('.cell.chosen canvas').getAttribute('aria-label')"
+        assert page.ask(label).startswith("ball")
 
         # a click on another cloud shows it large, and says which it is
         place = page.ask(

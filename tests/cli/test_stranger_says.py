@@ -12,8 +12,7 @@ from tests.cli.conftest import Run
 from zbuf_occlude import load_mesh
 from zbuf_occlude.errors import MeshError
 
-SMALL = ("--method", "oracle", "--views", "ring:2@30", "--points", 100, "--sample-size", 8, "--workers", 1)
-EYE = ("--azimuth", 30, "--elevation", 20)
+SMALL = "--method oracle --views ring:2@30 --points 100 --sample-size 8 --workers 1"
 
 
 @contextmanager
@@ -29,14 +28,13 @@ def room_for(n_bytes: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def check_that_nothing_is_left(run: Run, out: Path, *command: object) -> None:
+def check_that_nothing_is_left(run: Run, line: str, out: Path) -> None:
     """Run a command where there is room, which also compiles, and where there is not."""
-    assert run(*command, "--out", out).code == 0
+    run(f"{line} --out {out}")
     assert out.stat().st_size > 500
     out.unlink()
     with room_for(500):
-        outcome = run(*command, "--out", out)
-    assert outcome.code == 1
+        outcome = run(f"{line} --out {out}", code=1)
     assert outcome.err.startswith("error: ")
     assert len(outcome.err.splitlines()) == 1
     assert [path for path in out.parent.iterdir() if path.is_file()] == []
@@ -59,35 +57,31 @@ def test_what_was_fetched_instead_of_a_mesh(tmp_path: Path, suffix: str, content
 
 
 def test_a_finished_dataset_that_lost_a_file_is_not_called_done(run: Run, modelnet: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert run("generate", modelnet, "--out", out, *SMALL).code == 0
+    line, out = f"generate {modelnet} --out out {SMALL}", tmp_path / "out"
+    run(line)
     whole = {path.name: path.read_bytes() for path in out.glob("*.h5")}
     (out / "ply_data_test0.h5").unlink()
-    verdict = run("verify", out)
-    assert verdict.code == 1
-    assert "faults found. Copy those files from where" in verdict.out
-    outcome = run("generate", modelnet, "--out", out, *SMALL)
-    assert outcome.code == 0
-    assert f"{out / 'ply_data_test0.h5'} is missing, and is made again" in outcome.err
+    assert "faults found. Copy those files from where" in run("verify out", code=1).out
+    run(line, says="out/ply_data_test0.h5 is missing, and is made again")
     assert {path.name: path.read_bytes() for path in out.glob("*.h5")} == whole
 
 
 @pytest.mark.parametrize("name", ["cloud.npy", "cloud.csv", "cloud.ply"])
-def test_a_cloud_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
-    mesh = next(modelnet.rglob("*.off"))
-    check_that_nothing_is_left(run, tmp_path / name, "visible", mesh, *EYE, "--method", "oracle")
-    check_that_nothing_is_left(run, tmp_path / name, "scan", mesh, "--range", 3, "--size", 1)
+@pytest.mark.parametrize("command", ["visible MESH --method oracle", "scan MESH --range 3 --size 1"])
+def test_a_cloud_that_does_not_fit_leaves_no_file(
+    run: Run, modelnet: Path, tmp_path: Path, command: str, name: str
+) -> None:
+    check_that_nothing_is_left(run, command.replace("MESH", f"{modelnet}/ball/test/ball_0.off"), tmp_path / name)
 
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize("name", ["depth.npy", "depth.png"])
 def test_a_picture_that_does_not_fit_leaves_no_file(run: Run, modelnet: Path, tmp_path: Path, name: str) -> None:
-    check_that_nothing_is_left(run, tmp_path / name, "depth", next(modelnet.rglob("*.off")), *EYE, "--size", 64)
+    check_that_nothing_is_left(run, f"depth {modelnet}/ball/test/ball_0.off --resolution 64", tmp_path / name)
 
 
 @pytest.mark.parametrize("shapes", ["classes", "formulas"])
 def test_of_built_in_shapes_nobody_is_asked_for_labels(run: Run, shapes: str) -> None:
-    outcome = run("generate", "--shapes", shapes, "--limit", 8, "--dry-run")
-    assert outcome.code == 0, outcome.err
+    outcome = run(f"generate --shapes {shapes} --limit 8 --dry-run")
     assert "one object per class" not in outcome.err

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Run, write_off
+from tests.scenes import SQUARE, stacked
 from zbuf_occlude.cli.messages import measured
 from zbuf_occlude.dataset.counts import Counts, WorstView
 
@@ -34,35 +35,29 @@ def test_the_worst_view_is_a_warning_under_a_good_mean(share: float, warned: boo
 
 def test_stacked_sheets_are_warned_of(run: Run, tmp_path: Path) -> None:
     """Thin sheets, nearer to each other than a coarse grid can tell, in a method that tells no more."""
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
-    vertices = np.concatenate([square + np.array([0, 0, 0.002 * sheet]) for sheet in range(8)])
-    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * sheet for sheet in range(8)])
-    mesh = write_off(tmp_path / "stack.off", vertices, faces)
-    common = (mesh, "--views", "ring:4@60", "--points", 500, "--sample-size", 64, "--workers", 1)
-    outcome = run("generate", *common, "--method", "occupancy_grid", "--out", tmp_path / "grid")
-    assert outcome.code == 0, outcome.err
+    sheets = stacked(*(SQUARE + np.array([0, 0, 0.002 * sheet]) for sheet in range(8)))
+    write_off(tmp_path / "stack.off", sheets.vertices, sheets.faces)
+    line = "generate stack.off --views ring:4@60 --points 500 --sample-size 64 --workers 1"
+    outcome = run(f"{line} --method occupancy_grid --out grid")
     assert "warning: " in outcome.out
     assert " of stack.off are wrong" in outcome.out
     error = json.loads((tmp_path / "grid" / "manifest.json").read_text())["error"]
     assert error["worst_view"]["share"] > 0.05
     assert error["bad_views"] > 0
-    assert "warning" not in run("generate", *common, "--method", "exact", "--out", tmp_path / "exact").out
+    assert "warning" not in run(f"{line} --method exact --out exact").out
 
 
-def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_of_the_current_folder_are_not_run(run: Run, tmp_path: Path) -> None:
     for name in ("zbuf_occlude", "pickle", "random"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / ('ran_' + name))!r}, 'w').close()\n")
-    monkeypatch.chdir(tmp_path)
-    small = ("--method", "oracle", "--views", "ring:1@0", "--points", 50, "--sample-size", 8, "--workers", 2)
-    assert run("generate", "--limit", 1, *small, "--out", tmp_path / "out").code == 0
+    run("generate --limit 1 --method oracle --views ring:1@0 --points 50 --sample-size 8 --workers 2 --out out")
     run("doctor")
     assert not list(tmp_path.glob("ran_*"))
 
 
 def test_clouds_that_the_layout_has_no_place_for_are_told_apart(run: Run, tmp_path: Path) -> None:
-    common = ("--limit", 2, "--points", 16384, "--views", "random:8", "--sample-size", 8, "--workers", 1)
-    outcome = run("generate", *common, "--format", "pcn", "--method", "exact", "--out", tmp_path)
-    assert outcome.code == 0, outcome.err
-    n_partial = len(list(tmp_path.glob("*/partial/*/*/*.pcd")))
+    sampled = "--limit 2 --points 16384 --views random:8 --sample-size 8 --method exact --workers 1"
+    outcome = run(f"generate {sampled} --format pcn --out out")
+    n_partial = len(list(tmp_path.glob("out/*/partial/*/*/*.pcd")))
     assert n_partial < 16
     assert outcome.out.startswith(f"{n_partial} clouds (16 made; pcn has no place for the others) of 2 meshes, ")

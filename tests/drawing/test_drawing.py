@@ -1,10 +1,14 @@
-"""Drawing: where things land in the picture, and what covers what."""
+"""Drawing: where things land in the picture, and what covers what; what is packed for the interactive viewer."""
+
+import base64
+import json
 
 import numpy as np
 import pytest
 
 from tests.scenes import SQUARE, stacked
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame, project_to_picture
+from zbuf_occlude.drawing.pages import json_for_page, pack_cloud
 from zbuf_occlude.drawing.pictures import draw_cloud, draw_mesh, new_figure
 from zbuf_occlude.errors import ArgumentError
 
@@ -47,9 +51,8 @@ def test_nearer_points_are_on_top_whatever_their_order() -> None:
     positions, values = np.array([[0.0, 0, 1], [0, 0, 0]]), np.array([RED, BLUE])
     for order in ([0, 1], [1, 0]):
         figure, axes = new_figure(1, 1)
-        draw_cloud(
-            axes[0, 0], positions[order], eye=[0, 0, 4], target=[0, 0, 0], values=values[order], radius=1.0, size=400.0
-        )
+        seen = {"eye": [0, 0, 4], "target": [0, 0, 0], "radius": 1.0, "size": 400.0}
+        draw_cloud(axes[0, 0], positions[order], values=values[order], **seen)
         colour = middle(pixels_of(figure))
         assert colour[0] > colour[2]
 
@@ -114,3 +117,22 @@ def test_frames_and_areas() -> None:
     assert picture_frame(np.empty((0, 2)), None)[1] == picture_frame(np.zeros((1, 2)), None)[1] == 1.0
     many = np.random.default_rng(0).uniform(-1, 1, (1000, 2))
     assert np.isclose(area_of_mark(many, 1.0, 50.0) * len(many), 2500, rtol=0.01), "together they cover the square"
+
+
+# ---- what is packed for the interactive viewer -----------------------------------------------------------------------
+
+
+def test_positions_come_back_to_half_a_step() -> None:
+    positions = np.random.default_rng(0).uniform(-3, 7, (50, 3))
+    cloud = pack_cloud(positions, centre=[2, 2, 2], longest=10.0, codes=np.arange(50) % 4)
+    shorts = np.frombuffer(base64.b64decode(cloud["positions"]), dtype="<i2").reshape(-1, 3)
+    assert np.abs(shorts / 32767 * 10.0 + 2.0 - positions).max() <= 0.5 * 10.0 / 32767 + 1e-12
+    assert np.frombuffer(base64.b64decode(cloud["codes"]), np.uint8).tolist() == [i % 4 for i in range(50)]
+    assert cloud["normals"] is None
+    assert cloud["n"] == 50
+
+
+def test_json_for_a_page_cannot_end_its_script() -> None:
+    text = json_for_page({"name": "</script><script>alert(1)"})
+    assert "<" not in text
+    assert json.loads(text) == {"name": "</script><script>alert(1)"}

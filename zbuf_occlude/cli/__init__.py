@@ -5,8 +5,7 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import CommandGroup
-from zbuf_occlude.cli.shell import check_surroundings
+from zbuf_occlude.cli.shell import CommandGroup, check_surroundings
 from zbuf_occlude.workers.local import start_server
 
 COMMANDS = {
@@ -37,9 +36,8 @@ _MODULES = {
     "classifiers": ("train", "evaluate"),
     "datasets": ("status", "verify", "merge", "convert", "show"),
     "lists": ("methods", "sensors", "doctor"),
-    "one_view": ("visible", "depth"),
+    "mesh_views": ("visible", "depth", "views"),
     "one_scan": ("scan",),
-    "view_set": ("views",),
     "compare_scans": ("compare-scans",),
     # commands that go on working, and say by what they are replaced
     "experiment": ("experiment",),

@@ -7,9 +7,8 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.shared_options import OutFolder
-from zbuf_occlude.cli.shell import echo, progress_bar
+from zbuf_occlude.cli.shell import Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.source import open_dataset
 from zbuf_occlude.errors import DatasetError
 from zbuf_occlude.learn.data import CloudSet, load_clouds
@@ -39,11 +38,7 @@ HELD_OUT = 0.1
 @click.option("--rescale/--no-rescale", default=True, help="Scale each cloud by 0.8 to 1.25.")
 @click.option("--jitter/--no-jitter", default=True, help="Move each coordinate by noise.")
 @click.option("--device", default="auto", help="cpu, cuda, cuda:N; auto takes CUDA if it is there.")
-@click.option(
-    "--mixed-precision/--full-precision",
-    default=True,
-    help="On CUDA, half precision where it is safe.",
-)
+@click.option("--mixed-precision/--full-precision", default=True, help="On CUDA, half precision where it is safe.")
 def train_command(folders: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a classifier on the clouds of DIR, one or more datasets of `generate`, in any format.
 

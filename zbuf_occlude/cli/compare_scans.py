@@ -5,10 +5,9 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import CASTING, parse_sensor, sensor_options, vector
 from zbuf_occlude.cli.shared_options import MeshPlace, OutFolder, Settings
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.compare.scan_comparison import compare_scans, write_scan_report
 from zbuf_occlude.sensors.scanning import look_at
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.shared_options import (
     AUTO_ELSEWHERE,
@@ -20,7 +19,7 @@ from zbuf_occlude.cli.shared_options import (
     parse_settings,
     up_option,
 )
-from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
+from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
 from zbuf_occlude.compare.cases import MOST_VIEWS, SCALING, Case, Subject, default_subjects, of_meshes, scaling
 from zbuf_occlude.compare.metrics import milliseconds, representatives, share, standings
 from zbuf_occlude.compare.run import ROW_SECONDS, ComparisonFolder, run

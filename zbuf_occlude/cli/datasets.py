@@ -7,7 +7,6 @@ from typing import Any
 import click
 
 from zbuf_occlude.cli.messages import picture, what_was_made
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, replaced
 from zbuf_occlude.cli.shared_options import (
     ENGINE,
@@ -20,7 +19,7 @@ from zbuf_occlude.cli.shared_options import (
     share_of,
     up_option,
 )
-from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
+from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.export import convert
 from zbuf_occlude.dataset.folder import CONTACT_SHEET, GALLERY, datasets_in, read_finished, read_manifest, read_plan
 from zbuf_occlude.dataset.formats import FORMATS, find_format

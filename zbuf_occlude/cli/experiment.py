@@ -5,10 +5,9 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import OutFolder
-from zbuf_occlude.cli.shell import SOME_FAILED, counted, echo, progress_bar
+from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, counted, echo, progress_bar
 from zbuf_occlude.learn.models import MODELS, require_torch
 from zbuf_occlude.paper.design import AUGMENTATION, BUDGETS, CLOUDS, ELEVATION, FULL, QUICK, REALISM, Progress, changed
 from zbuf_occlude.paper.real_scans import UPS

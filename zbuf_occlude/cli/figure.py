@@ -6,10 +6,9 @@ from typing import Any
 import click
 
 from zbuf_occlude import shapes
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.paper import derived, refuse_unused, replaced
 from zbuf_occlude.cli.shared_options import MeshPlace, Settings, method_options, parse_settings, suffix_of, up_option
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_mesh
 from zbuf_occlude.paper.figures import FIGURES, Exhibit, make_mask

@@ -8,7 +8,6 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude.cli.messages import check_folder, costs, intended, overview, what_was_made
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import check_sizes, pop_scan_options, scan_options
 from zbuf_occlude.cli.shared_options import (
     VIEWS,
@@ -30,7 +29,7 @@ from zbuf_occlude.cli.shared_options import (
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.shell import SOME_FAILED, echo, progress_bar
+from zbuf_occlude.cli.shell import SOME_FAILED, Command, Name, echo, progress_bar
 from zbuf_occlude.dataset.auto import AUTO, Choice, resolve
 from zbuf_occlude.dataset.folder import ORIGINAL
 from zbuf_occlude.dataset.formats import FORMATS, find_format
@@ -146,9 +145,6 @@ def generate_command(
     format: str,
     limit: int | None,
     up: str | None,
-    labels: Path | None,
-    classes: list[str] | None,
-    splits: list[str] | None,
     mesh_seconds: float,
     mesh_gigabytes: float,
     shard: str | None,
@@ -213,11 +209,9 @@ def generate_command(
         limit,
         out=out,
         choose=lambda meshes: choose(row.select(meshes)),
-        labels=labels,
-        classes=classes,
-        splits=splits,
         formulas=shapes == FORMULAS,
         colors="colors" in recipe["attributes"] or bool(setup and setup.transparent),
+        **{name: recipe.pop(name) for name in ("labels", "classes", "splits")},
     )
     echo(overview(collection, row, wanted, limited=limit is not None), err=True)
     check_sizes(setup, collection)

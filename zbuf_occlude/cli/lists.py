@@ -10,9 +10,8 @@ import click
 import numpy as np
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.shared_options import suffix_of
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Command, echo
 from zbuf_occlude.errors import UnavailableError
 from zbuf_occlude.extras import tried
 from zbuf_occlude.gl.context import ENVIRONMENT
@@ -124,14 +123,12 @@ def _short(value: Any) -> str:
 
 
 def _draw(sensor: Sensor, path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from zbuf_occlude.drawing.pictures import blank_figure
 
     rays = sensor.rays()
     azimuth = np.degrees(np.arctan2(rays.directions[:, 1], rays.directions[:, 0]))
     elevation = np.degrees(np.arcsin(rays.directions[:, 2]))
-    figure = Figure(figsize=(10, 4.5), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(10, 4.5)
     whole, near = figure.subplots(1, 2)
     middle = float(np.median(elevation))
     for axes, half in ((whole, None), (near, 3.0)):
@@ -162,7 +159,8 @@ def doctor_command(as_json: bool) -> None:
     probes = probe_all()
     named = os.environ.get(ENVIRONMENT, "").strip()
     works = any(probe.works for probe in probes if serves(probe, named))
-    methods = {method.name: why_not(why_lacking(method), method.needs_gl, works) for method in METHODS}
+    no_gl = "" if works else "needs OpenGL; see above"
+    methods = {method.name: why_lacking(method) or (no_gl if method.needs_gl else "") for method in METHODS}
     if as_json:
         echo(json.dumps({"gl": [asdict(p) for p in probes], "methods": methods}, indent=2))
     else:
@@ -188,11 +186,6 @@ def why_lacking(method: Method) -> str:
     """Say what a method needs and this machine lacks; its package is imported in a process of its own."""
     module, _, _ = method.factory.partition(":")
     return method.missing() or (tried(method.requires, module) if method.requires else "")
-
-
-def why_not(missing: str, needs_gl: bool, works: bool) -> str:
-    """Say why a method cannot run; empty when it can."""
-    return missing or ("needs OpenGL; see above" if needs_gl and not works else "")
 
 
 def backend_lines(probe: Probe) -> list[str]:

@@ -1,18 +1,15 @@
 """`zbuf-occlude scan`: one scan of a mesh by a LiDAR or a depth camera, alone or in a scene, and its picture."""
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from click.core import ParameterSource
 
 from zbuf_occlude.arrays import BoolArray, FloatArray
-from zbuf_occlude.cli.panels import Command, Name
 from zbuf_occlude.cli.scan_options import CASTING, check_sizes, parse_setup, scan_options
-from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, suffix_of, up_option
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shared_options import MeshPlace, angle_options, check_place, given, suffix_of, up_option
+from zbuf_occlude.cli.shell import Command, Name, echo
 from zbuf_occlude.errors import MeshError, OptionError
 from zbuf_occlude.geometry.cloud import SUFFIXES
 from zbuf_occlude.limits import Limits
@@ -44,7 +41,7 @@ def scan_command(
     picture: Path | None,
     up: str | None,
     out: Path,
-    **given: Any,
+    **options: Any,
 ) -> None:
     """Scan the first of MESHES; the others, or else the built-in shapes, are what scenes are filled with.
 
@@ -60,16 +57,15 @@ def scan_command(
       zbuf-occlude scan chair.off --sensor kinect-v1 --range 2 --scene room --set-sensor noise=0 --out chair.csv
     """
     suffix_of(out, SUFFIXES)
-    if given["sensor"] == SURFACE:
+    if options["sensor"] == SURFACE:
         raise OptionError("scan needs a sensor; `zbuf-occlude visible` samples the surface.")
     if picture is not None:
         if picture.suffix.lower() != ".png":
             raise OptionError(f"--picture must end in .png; got {picture.name!r}.")
         check_place(picture, "--picture")
-    setup = parse_setup(method or default_caster(), given)
+    setup = parse_setup(method or default_caster(), options)
     assert setup is not None
-    typed = click.get_current_context().get_parameter_source("elevation") is ParameterSource.COMMANDLINE
-    if typed and setup.height is not None:
+    if setup.height is not None and given(click.get_current_context(), ("elevation",)):
         raise click.UsageError("--elevation must go without a ground, on which --sensor-height says how high.")
     collection = MeshCollection.from_paths(meshes, up=up, colors=bool(setup.transparent))
     check_sizes(setup, collection)
@@ -93,13 +89,7 @@ def scan_command(
         draw_scan(picture, found, setup.made_sensor)
 
 
-def scan_once(
-    collection: MeshCollection,
-    setup: Setup,
-    azimuth: float,
-    elevation: float,
-    seed: int,
-) -> Any:
+def scan_once(collection: MeshCollection, setup: Setup, azimuth: float, elevation: float, seed: int) -> Any:
     """Return the capture of a collection's first mesh; the rest of it, or the built-in shapes, fill the scene.
 
     A class without a size, or a range within the object, is an OptionError.
@@ -114,7 +104,10 @@ def scan_once(
 
         others = shapes.collection()
     mesh, size = in_metres(loaded, first.label, setup)
-    seeds = partial(_seed, seed, first.key)
+
+    def seeds(what: str, view: int) -> np.random.SeedSequence:
+        return seed_of(seed, f"{first.key}/{what}", 0, view)
+
     views = from_angles(azimuth, elevation)
     floor = float(mesh.bounds[0, 2])
     try:
@@ -128,23 +121,15 @@ def scan_once(
     return capture
 
 
-def _seed(seed: int, key: str, what: str, view: int) -> np.random.SeedSequence:
-    return seed_of(seed, f"{key}/{what}", 0, view)
-
-
 SURROUNDINGS = 4.0
 """Of the object's own radius: how far about it the cloud is drawn."""
 
 
 def draw_scan(path: Path, scan: Scan, sensor: Sensor) -> None:
     """Write a PNG: returns by azimuth and elevation, and the cloud from aside and from above."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from zbuf_occlude.drawing.pictures import blank_figure, draw_cloud
 
-    from zbuf_occlude.drawing.pictures import draw_cloud
-
-    figure = Figure(figsize=(13, 4.4), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(13, 4.4)
     image, by_range, by_object = figure.subplots(1, 3)
     towards = scan.positions - scan.origin
     middle = np.median(towards, axis=0) if len(scan) else np.array([1.0, 0.0, 0.0])

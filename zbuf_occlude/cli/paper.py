@@ -7,9 +7,8 @@ from typing import Any
 
 import click
 
-from zbuf_occlude.cli.panels import Command, CommandGroup
 from zbuf_occlude.cli.shared_options import given
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Command, CommandGroup, echo
 
 COMMANDS = {
     "table1a": "Table 1A: HSR by vertices, and with far faces excluded.",

@@ -8,9 +8,8 @@ import click
 from click.core import ParameterSource
 
 from zbuf_occlude import sensors
-from zbuf_occlude.cli.panels import Decorator, all_of
-from zbuf_occlude.cli.shared_options import Setting, Settings, finite
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shared_options import Setting, Settings, finite, given
+from zbuf_occlude.cli.shell import Decorator, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO
 from zbuf_occlude.errors import OptionError
 from zbuf_occlude.meshes.collection import MeshCollection
@@ -104,27 +103,25 @@ def scan_options(sensor: str) -> Decorator:
     )
 
 
-def pop_scan_options(context: click.Context, given: dict[str, Any], *, sampled: bool) -> Setup | None:
+def pop_scan_options(context: click.Context, options: dict[str, Any], *, sampled: bool) -> Setup | None:
     """Take the options of `scan_options` out of a command's own and return the setup; None without a sensor.
 
     `sampled`: whether the whole objects are sampled too, for a format that holds complete clouds. Else options that say
     how points are sampled are refused beside a sensor.
     """
-    taken = {name: given.pop(name) for name in SCAN_OPTIONS}
+    taken = {name: options.pop(name) for name in SCAN_OPTIONS}
     if taken["sensor"] == SURFACE:
         preset = {name for name in taken if context.get_parameter_source(name) is ParameterSource.DEFAULT_MAP}
         return parse_setup("", {**taken, **dict.fromkeys(preset - {"sensor"})})  # it goes with the preset's sensor
-    for name in ("settings",) if sampled else ("points", "density", "settings"):
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            flag = {"settings": "--set"}.get(name, f"--{name}")
-            raise click.UsageError(f"{flag} is for points on the surface; a sensor decides itself. Leave it out.")
+    if idle := given(context, ("settings",) if sampled else ("points", "density", "settings")):
+        raise click.UsageError(f"{idle[0]} is for points on the surface; a sensor decides itself. Leave it out.")
     return parse_setup(named_caster(context), taken)
 
 
 def named_caster(context: click.Context) -> str:
     """Return the method named to cast rays, or the one that casts them here; one that casts none is an OptionError."""
     name = context.params.get("method")
-    if context.get_parameter_source("method") is not ParameterSource.COMMANDLINE or name in (None, AUTO):
+    if not given(context, ("method",)) or name in (None, AUTO):
         return default_caster()
     find_method(str(name)).check_first_hits()
     return str(name)
@@ -163,50 +160,50 @@ def check_sizes(setup: Setup | None, collection: MeshCollection) -> None:
         echo(f"scanned from outside them only, half their size away or more: {', '.join(large)}", err=True)
 
 
-def parse_setup(method: str, given: dict[str, Any]) -> Setup | None:
+def parse_setup(method: str, options: dict[str, Any]) -> Setup | None:
     """Turn the options of `scan_options` into a setup; None without a sensor, where others are an OptionError."""
-    if given["sensor"] == SURFACE:
+    if options["sensor"] == SURFACE:
         for name in SCAN_OPTIONS[1:]:
-            if given[name] not in (None, False, "", (), "none", "target"):
+            if options[name] not in (None, False, "", (), "none", "target"):
                 raise OptionError(f"--{name.strip('_').replace('_', '-')} needs a sensor; give --sensor NAME.")
         return None
-    sensor = parse_sensor(given["sensor"], given["set_sensor"])
-    scene, objects = given["scene"], list[dict[str, Any]]()
+    sensor = parse_sensor(options["sensor"], options["set_sensor"])
+    scene, objects = options["scene"], list[dict[str, Any]]()
     if Path(scene).suffix.lower() == ".json":
         scene, objects = "file", read_scene(Path(scene))
     if any(each.get("velocity") or each.get("turn") for each in objects) and sensor.untimed:
         echo(f"warning: objects that move stand still: {sensor.untimed}", err=True)
     return Setup(
         sensor.document,
-        range=parse_span("--range", given["range_"]) if given["range_"] is not None else None,
-        size=parse_sizes(given["size"]) if given["size"] else {},
+        range=parse_span("--range", options["range_"]) if options["range_"] is not None else None,
+        size=parse_sizes(options["size"]) if options["size"] else {},
         scene=scene,
         objects=objects,
-        hidden=parse_span("--hidden", given["hidden"]) if given["hidden"] is not None else None,
-        keep=given["keep"],
-        keep_clean=given["keep_clean"],
-        sensor_height=given["sensor_height"],
+        hidden=parse_span("--hidden", options["hidden"]) if options["hidden"] is not None else None,
+        keep=options["keep"],
+        keep_clean=options["keep_clean"],
+        sensor_height=options["sensor_height"],
         method=method,
-        transparent=dict(_material(each) for each in given["transparent"]),
-        motion=_motion(given),
+        transparent=dict(_material(each) for each in options["transparent"]),
+        motion=_motion(options),
     )
 
 
-def _motion(given: dict[str, Any]) -> dict[str, Any] | None:
+def _motion(options: dict[str, Any]) -> dict[str, Any] | None:
     """Return how the sensor moves as a `Setup` has it."""
-    if not (given["velocity"] or given["turn"] or given["trajectory"]):
-        if given["deskew"]:
+    if not (options["velocity"] or options["turn"] or options["trajectory"]):
+        if options["deskew"]:
             raise OptionError("--deskew must go with --velocity, --turn or --trajectory.")
         return None
-    velocity, rows = list(given["velocity"] or (0.0, 0.0, 0.0)), given["trajectory"]
+    velocity, rows = list(options["velocity"] or (0.0, 0.0, 0.0)), options["trajectory"]
     poses = None if rows is None else read_trajectory(rows).tolist()
-    return {"velocity": velocity, "turn": given["turn"], "trajectory": poses, "deskew": given["deskew"]}
+    return {"velocity": velocity, "turn": options["turn"], "trajectory": poses, "deskew": options["deskew"]}
 
 
 def _material(text: str) -> tuple[str, float | None]:
     """Read ``NAME`` or ``NAME=SHARE``."""
-    name, given, share = text.rpartition("=")
+    name, equals, share = text.rpartition("=")
     try:
-        return (name, float(share)) if given else (text, None)
+        return (name, float(share)) if equals else (text, None)
     except ValueError:
         raise OptionError(f"--transparent must be NAME or NAME=SHARE, a share in 0..1; got {text!r}.") from None

@@ -12,8 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from zbuf_occlude.cli.panels import Decorator, Name, all_of
-from zbuf_occlude.cli.shell import echo
+from zbuf_occlude.cli.shell import Decorator, Name, all_of, echo
 from zbuf_occlude.dataset.auto import AUTO, Choice, by_default, remark_on_renderer
 from zbuf_occlude.errors import MeshError, OptionError, UnavailableError
 from zbuf_occlude.extras import missing
@@ -170,6 +169,10 @@ def angle_options(of_elevation: str) -> Decorator:
     )
 
 
+ANGLES = ("azimuth", "elevation", "distance", "roll")
+"""Options of one camera, as `from_angles` takes them."""
+
+
 def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """One camera, by angles or out of a file; passed on as `camera`, which makes its view of a mesh, world units.
 
@@ -177,21 +180,9 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """
 
     @functools.wraps(function)
-    def command(
-        *,
-        azimuth: float,
-        elevation: float,
-        distance: float,
-        roll: float,
-        look_at: tuple[float, float, float] | None,
-        fov: float | None,
-        cameras: str | None,
-        index: int,
-        **others: Any,
-    ) -> Any:
-        angles_of_one = ("azimuth", "elevation", "distance", "roll")
-        context = click.get_current_context()
-        if idle := given(context, ("index", "union") if cameras is None else angles_of_one):
+    def command(cameras: str | None, index: int, look_at: Any, fov: float | None, **others: Any) -> Any:
+        context, angles = click.get_current_context(), [others.pop(name) for name in ANGLES]
+        if idle := given(context, ("index", "union") if cameras is None else ANGLES):
             how = "with" if cameras is None else "without"
             raise click.UsageError(f"{', '.join(idle)} must go {how} --cameras.")
         union = bool(others.get("union"))
@@ -203,7 +194,7 @@ def camera_options(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise OptionError(f"--index must be below the {len(views)} cameras of {cameras}; got {index}.")
             view = views if union else views.select([index])
         else:
-            view = from_angles(azimuth, elevation, distance, roll)
+            view = from_angles(*angles)
 
         def camera(mesh: Mesh) -> Views:
             placed = view.around(mesh.centre, mesh.longest_side)

@@ -21,7 +21,7 @@ from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.records import Records
 from zbuf_occlude.dataset.source import Source
 from zbuf_occlude.drawing.marks import area_of_mark, marks_of, paint, picture_frame
-from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud, viewer_script
+from zbuf_occlude.drawing.pages import asset, coloured, json_for_page, pack_cloud
 from zbuf_occlude.errors import printable
 from zbuf_occlude.views import Views
 
@@ -205,7 +205,7 @@ def write_gallery(path: Path, source: Source, manifest: dict[str, Any], folder: 
         title=html.escape(printable(f"Occluded point clouds: {folder.absolute().name}")),
         style=asset("page.css"),
         facts=html.escape(printable("; ".join(facts)) + "."),
-        viewer_script=viewer_script(),
+        viewer_script=asset("cloud_viewer.js"),
         data=json_for_page({"classes": rows}),
         page_script=asset("gallery.js"),
     )

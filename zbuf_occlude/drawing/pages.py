@@ -7,7 +7,6 @@ import json
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,7 +107,7 @@ def write_pages(
     loader = PackageLoader("zbuf_occlude", "assets")
     templates = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     templates.filters |= {"marked_up": marked_up, "base64": lambda data: base64.b64encode(data).decode()}
-    templates.globals |= {"asset": asset, "viewer_script": viewer_script, "json_for_page": json_for_page}
+    templates.globals |= {"asset": asset, "json_for_page": json_for_page}
     content = {"title": title, "answers": answers, "facts": facts, "first": list(first), "sections": sections, **more}
     written = []
     for template, suffix in ((page, "html"), ("page.md.j2", "md")):
@@ -119,12 +118,6 @@ def write_pages(
             written.append(folder / f"{picture.name}.png")
             written[-1].write_bytes(picture.png)
     return written
-
-
-@cache
-def viewer_script() -> str:
-    """Return the viewer's JavaScript, to be put into a ``<script>`` of the page; it defines the class CloudViewer."""
-    return asset("cloud_viewer.js")
 
 
 def asset(name: str) -> str:

@@ -34,10 +34,16 @@ MESH_PIXELS = 1200
 """Side of the picture that `draw_mesh` rasterises; matplotlib scales it to the axes."""
 
 
+def blank_figure(width: float, height: float) -> Figure:
+    """Return a white figure of a size in inches, on the Agg backend."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figure, NDArray[Any]]:
     """Return a figure on the Agg backend and its (n_rows, n_columns) array of bare axes, `panel` inches a side."""
-    figure = Figure(figsize=(panel * n_columns, panel * n_rows), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(panel * n_columns, panel * n_rows)
     axes = figure.subplots(n_rows, n_columns, squeeze=False)
     for each in axes.flat:
         each.set_axis_off()
@@ -46,8 +52,7 @@ def new_figure(n_rows: int, n_columns: int, *, panel: float = 3.0) -> tuple[Figu
 
 def canvas(width: float, height: float, columns: int = 1, rows: int = 1, **options: Any) -> tuple[Figure, Any]:
     """Return a figure of a size in inches, and its axes (rows, columns), or (columns,) of one row; in one style."""
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(width, height)
     panels = figure.subplots(rows, columns, squeeze=False, **options)
     for axes in panels.flat:
         axes.spines[["top", "right"]].set_visible(False)
@@ -124,7 +129,9 @@ def draw_cloud(
     _frame(axes, places, radius)
     if not len(places):
         return
-    size = _mark_size(axes, places) if size is None else size
+    if size is None:
+        panel, (left, right) = axes.get_window_extent(), axes.get_xlim()
+        size = area_of_mark(places, (right - left) / 2.0, min(panel.width, panel.height) / axes.figure.dpi * 72.0)
     axes.scatter(places[:, 0], places[:, 1], s=size, c=shaded, linewidths=0, rasterized=True)
 
 
@@ -162,9 +169,8 @@ def draw_mesh(
     Faces that reach behind a perspective eye are left out. Costs O(pixels covered); independent of GL.
     """
     corners = mesh.corners
-    screen = project_to_picture(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective).reshape(
-        -1, 3, 3
-    )
+    screen = project_to_picture(corners.reshape(-1, 3), eye=eye, target=target, up=up, perspective=perspective)
+    screen = screen.reshape(-1, 3, 3)
     keep = np.isfinite(screen).all(axis=(1, 2))
     _frame(axes, screen[keep].reshape(-1, 3)[:, :2], radius)
     if not keep.any():
@@ -175,20 +181,12 @@ def draw_mesh(
     shaded = lit_colours(base[keep], lit[keep], screen[keep].mean(axis=1)[:, 2], 0.4)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     pixels = screen[keep].copy()
-    pixels[..., 0] = (pixels[..., 0] - left) / (right - left) * MESH_PIXELS
-    pixels[..., 1] = (pixels[..., 1] - bottom) / (top - bottom) * MESH_PIXELS
+    pixels[..., :2] = (pixels[..., :2] - (left, bottom)) / (right - left, top - bottom) * MESH_PIXELS
     if perspective:
         pixels[..., 2] = -1.0 / pixels[..., 2]  # what is linear over the picture of a triangle
     picture = np.zeros((MESH_PIXELS, MESH_PIXELS, 4))
     _rasterise(pixels, shaded, 1.0 if edges else 0.0, np.full(picture.shape[:2], np.inf), picture)
     axes.imshow(picture, extent=(left, right, bottom, top), origin="lower", interpolation="antialiased", aspect="auto")
-
-
-def _mark_size(axes: Axes, places: FloatArray) -> float:
-    """Area of a mark in points squared with which the marks cover what they span about once."""
-    panel = axes.get_window_extent()
-    left, right = axes.get_xlim()
-    return area_of_mark(places, (right - left) / 2.0, min(panel.width, panel.height) / axes.figure.dpi * 72.0)
 
 
 def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
@@ -201,9 +199,7 @@ def _frame(axes: Axes, places: FloatArray, radius: float | None) -> None:
 
 
 @njit(cache=True)
-def _rasterise(
-    pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray
-) -> None:  # compiled
+def _rasterise(pixels: FloatArray, colours: FloatArray, line: float, nearest: FloatArray, picture: FloatArray) -> None:
     """Fill `picture` (h, w, 4): pixels (f, 3 corners, 3) hold x, y in pixels and a depth linear over the picture."""
     height, width = nearest.shape
     for face in range(len(pixels)):

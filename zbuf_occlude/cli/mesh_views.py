@@ -1,4 +1,4 @@
-"""What one camera has of one mesh: `zbuf-occlude visible`, a cloud, and `zbuf-occlude depth`, a depth buffer."""
+"""What cameras have of one mesh: `zbuf-occlude visible`, a cloud; `depth`, a depth buffer; `views`, their list."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from zbuf_occlude import Mesh, SurfacePoints, Views, load_mesh, prepare, sample_surface, visible_mesh
 from zbuf_occlude.arrays import FloatArray
-from zbuf_occlude.cli.panels import Command
 from zbuf_occlude.cli.shared_options import (
+    VIEWS,
     MeshPlace,
     Settings,
     camera_options,
     chosen_method,
+    distance_option,
     given,
     method_options,
     parse_settings,
@@ -24,7 +25,7 @@ from zbuf_occlude.cli.shared_options import (
     up_option,
     with_option,
 )
-from zbuf_occlude.cli.shell import echo, on
+from zbuf_occlude.cli.shell import Command, echo, on
 from zbuf_occlude.dataset import atomic
 from zbuf_occlude.dataset.plan import ATTRIBUTES
 from zbuf_occlude.dataset.point_files import write_ply
@@ -32,7 +33,10 @@ from zbuf_occlude.errors import check_word
 from zbuf_occlude.geometry.mesh import box_around
 from zbuf_occlude.limits import Limits
 from zbuf_occlude.meshes.load import load_cloud
+from zbuf_occlude.views import for_mesh
 from zbuf_occlude.visibility import find_method
+from zbuf_occlude.visible_surface import Coverage
+from zbuf_occlude.visible_surface import coverage as measure_coverage
 
 PIXELS = click.IntRange(1, 8192)
 MESHES = (".obj", ".off")
@@ -129,13 +133,7 @@ def visible_command(
     echo(f"{len(cloud)} of {len(samples)} points visible{n_cameras}, by {method}{on(renderer)}: {out}{why}")
 
 
-def write_part(
-    context: click.Context,
-    path: Path,
-    camera: Callable[[Mesh], Views],
-    up: str | None,
-    out: Path,
-) -> None:
+def write_part(context: click.Context, path: Path, camera: Callable[[Mesh], Views], up: str | None, out: Path) -> None:
     """Write the part of a mesh that a camera sees, as a mesh."""
     if idle := given(context, ("points", "seed", "attributes", "fov", "settings")):
         raise click.UsageError(f"{', '.join(idle)} must go with a cloud; {out} is a mesh. Leave it out.")
@@ -145,12 +143,10 @@ def write_part(
         warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said below
         mesh = load_mesh(path, up=up)
         views = camera(mesh)
-        eyes = views.eyes
-        warn_inside(mesh, eyes)
+        warn_inside(mesh, views.eyes)
         warn_of_lenses(views)
-        part = visible_mesh(mesh, eyes)
-    digits = {"digits": 17} if out.suffix.lower() in (".obj", ".off") else {}  # small meshes have small numbers
-    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), **digits)
+        part = visible_mesh(mesh, views.eyes)
+    text = part.mesh.to_trimesh().export(file_type=out.suffix[1:].lower(), digits=17)  # small meshes: small numbers
     atomic.write(out, lambda file: file.write(text.encode()))
     share = part.mesh.areas.sum() / mesh.areas.sum()
     echo(f"{share:.1%} of the surface visible, {len(part.mesh.faces)} faces: {out}")
@@ -173,8 +169,8 @@ def _write_cloud(
     out: Path,
     positions: FloatArray,
     normals: FloatArray | None,
-    colors: NDArray[np.uint8] | None = None,
-    attributes: Sequence[str] = (),
+    colors: NDArray[np.uint8] | None,
+    attributes: Sequence[str],
 ) -> None:
     """Write a cloud as its file's ending says."""
     if out.suffix.lower() == ".ply":
@@ -248,3 +244,78 @@ def write_exr(path: Path, depths: FloatArray) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with OpenEXR.File(header, {"Z": depths.astype(np.float32)}) as file:
         file.write(str(path))
+
+
+@click.command(cls=Command)
+@click.argument("mesh", type=MeshPlace())
+@click.option("--views", default="paper100", help=VIEWS)
+@distance_option
+@click.option("--coverage", is_flag=True, help="Measure how much of the surface the views see.")
+@click.option("--points", type=click.IntRange(1), default=20_000, help="Points sampled.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Of all random draws.")
+@up_option
+@click.option("--out", type=click.Path(path_type=Path), help="views.csv, or coverage.png: a picture of the shares.")
+def views_command(
+    mesh: Path,
+    views: str,
+    distance: tuple[float, float | None],
+    coverage: bool,
+    points: int,
+    seed: int,
+    up: str | None,
+    out: Path | None,
+) -> None:
+    """List the views of MESH, and with --coverage how much of the surface each sees.
+
+    "together" is the share that this view and those above it see: the coverage of a rig. The method is exact; the error
+    is that of the sampling, at most 0.4 % of the surface for 20,000 points.
+
+    \b
+    Examples:
+      zbuf-occlude views chair.off --views ring:8@30 --coverage
+      zbuf-occlude views chair.off --views paper100 --coverage --out coverage.png
+    """
+    suffix = None if out is None else suffix_of(out, (".csv", ".png"))
+    if suffix == ".png" and not coverage:
+        raise click.UsageError("--out .png is a picture of the coverage; give --coverage.")
+    with Limits().watch():
+        loaded = load_mesh(mesh, up=up)
+    about = for_mesh(loaded, views, distance=distance[0], farthest=distance[1], seed=seed)
+    if suffix == ".csv" and (about.rotations is not None or np.any(about.roll)):
+        raise click.UsageError("--out .csv holds views that look at the mesh, upright; these are turned. Use --views.")
+    columns = {"azimuth": np.degrees(about.azimuth), "elevation": np.degrees(about.elevation)}
+    columns["distance"] = about.distance / loaded.longest_side
+    warn_inside(loaded, about.eyes)
+    if coverage:
+        warn_of_lenses(about)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # eyes inside the box: said above
+            found = measure_coverage(loaded, about.eyes, n_points=points, seed=seed)
+        columns |= {"alone": found.alone, "together": found.together}
+    table = np.stack(list(columns.values()), axis=1)
+    if out is not None and suffix == ".csv":
+        names = ",".join(columns)
+        atomic.write(out, lambda file: np.savetxt(file, table, "%.9g", ",", header=names, comments=""))
+    elif out is not None:
+        draw_coverage(out, found)
+    else:
+        echo(f"{'view':>4} " + " ".join(f"{name:>9}" for name in columns))
+        for number, row in enumerate(table):
+            echo(f"{number:4} " + " ".join(f"{value:9.4g}" for value in row))
+    seen = f", {found.together[-1]:.1%} of the surface seen by any" if coverage else ""
+    echo(f"{len(about)} views{seen}" + (f": {out}" if out else ""))
+
+
+def draw_coverage(path: Path, found: Coverage) -> None:
+    """Write a PNG: of each view the share of the surface that it sees, and that it and those before it see."""
+    from zbuf_occlude.drawing.pictures import COLOUR, canvas
+
+    figure, (axes,) = canvas(8.0, 4.2)
+    number = np.arange(len(found.alone))
+    axes.bar(number, 100 * found.alone, color="#b8c4ce", label="this view alone")
+    axes.plot(number, 100 * found.together, color=COLOUR, marker="o", markersize=4, label="with those before it")
+    axes.set_ylim(0, 103)
+    axes.set_xlabel("view", fontsize=10)
+    axes.set_ylabel("surface seen, %", fontsize=10)
+    axes.legend(fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+    figure.savefig(path, format="png", dpi=120)
