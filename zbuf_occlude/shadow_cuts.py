@@ -10,10 +10,23 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from zbuf_occlude.arrays import BoolArray, FloatArray, IntArray
-from zbuf_occlude.exact.bvh import Bvh, build_bvh
-from zbuf_occlude.exact.layout import LEAF, UPPER
+from zbuf_occlude.exact.bvh import Bvh, build_bvh, corners_of
+from zbuf_occlude.exact.layout import LEAF, UPPER, ZERO
 from zbuf_occlude.geometry.mesh import Mesh
 from zbuf_occlude.jit.compiler import inner, njit
+from zbuf_occlude.jit.simd import (
+    dot3,
+    first_lane,
+    load,
+    load3,
+    maximum,
+    muladd,
+    not_less,
+    number,
+    numbers3,
+    splat,
+    splat3,
+)
 from zbuf_occlude.jit.threads import n_threads
 from zbuf_occlude.jit.vec3 import cross, dot, minus
 
@@ -39,7 +52,13 @@ FLAT = 1e-3
 SLIVER = 1e-11
 """Share of a triangle: smaller polygons are dropped."""
 
+WALLS = 5
+"""Of what hides a triangle: through the eye and its three sides, in its plane, and parallel to that through the eye."""
+MARGIN = np.float32(4e-6)
+"""Radii of the mesh's bounding sphere: what is so near to a wall is not left out; float32 errs by a tenth of it."""
+
 COVERED, TOO_MANY = -1, -2
+NOTHING, SOME, ALL = 0, 1, 2
 
 
 def cut_by_shadows(mesh: Mesh, eyes: FloatArray, contact: float) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -76,8 +95,6 @@ def _has_a_side(mesh: Mesh, eye: FloatArray, contact: float) -> BoolArray:
 
 
 def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    tree = bvh.boxes, bvh.children, bvh.n_children, bvh.face_ids, bvh.vertices, bvh.faces, bvh.depth
-    scene = bvh.centre, bvh.scale, bvh.world_contact
     face_ids = np.arange(len(mesh.faces) if len(eyes) else 0, dtype=np.int32)
     corners = mesh.corners[face_ids]
     parts, of_face = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int32)]
@@ -86,7 +103,7 @@ def _cut_faces(mesh: Mesh, bvh: Bvh, eyes: FloatArray) -> tuple[FloatArray, IntA
             length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
             may_quarter = length * bvh.scale > SHORTEST
             blocks = [slice(first, first + BLOCK) for first in range(0, len(corners), BLOCK)]
-            cut = [pool.submit(_cut, tree, scene, eyes, corners[i], face_ids[i], may_quarter[i]) for i in blocks]
+            cut = [pool.submit(_cut, bvh, eyes, corners[i], face_ids[i], may_quarter[i]) for i in blocks]
             rest = np.zeros(len(corners), dtype=bool)
             for block, each in zip(blocks, cut, strict=True):
                 seen, rows, rest[block] = each.result()
@@ -107,24 +124,24 @@ def _quartered(corners: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, _nrt=True)
-def _cut(tree, scene, eyes, corners, own, may_quarter):
+def _cut(bvh, eyes, corners, own, may_quarter):
     """Return the seen parts of triangles, of which each is, and which are to be quartered first.
 
     Polygons wait on a stack, each for an eye's cones from one on. What a cone takes away waits for the next eye.
     """
     is_quartered = np.zeros(len(corners), np.bool_)
-    faces, depth = tree[5], tree[6]
     parts, rows, n_parts = np.empty((1024, 3, 3)), np.empty(1024, np.int32), 0
-    cones, n_sides = np.empty((1024, 4, 4)), np.empty(1024, np.int64)
+    cones, n_sides, shadows = np.empty((1024, 4, 4)), np.empty(1024, np.int64), np.empty((1024, 4))
     firsts, lasts = np.empty(len(eyes), np.int64), np.empty(len(eyes), np.int64)
     polygons, states = np.empty((64, ROOM, 3)), np.empty((64, 3), np.int64)  # how many corners, eye, cone
     polygon, inside, outside = np.empty((ROOM, 3)), np.empty((ROOM, 3)), np.empty((ROOM, 3))
-    stack, planes = np.empty((LEAF - 1) * depth + LEAF, np.int32), np.empty((5, 4))
+    stack, walls = np.empty((LEAF - 1) * bvh.depth + LEAF, np.int32), np.empty(WALLS * 4, np.float32)
     for row in range(len(corners)):
         n_before, n_cones, n_asked, n_waiting = n_parts, 0, 0, 1
         size = _area(corners[row], 3)
         _copy(corners[row], 0, 3, polygons[0], 0)
         states[0, 0], states[0, 1], states[0, 2] = 3, 0, 0
+        axes = _axes(corners[row])
         while n_waiting > 0:
             if n_waiting + 6 > len(polygons):
                 polygons = np.concatenate((polygons, np.empty_like(polygons)))
@@ -133,9 +150,10 @@ def _cut(tree, scene, eyes, corners, own, may_quarter):
             n, eye, i = states[n_waiting, 0], states[n_waiting, 1], states[n_waiting, 2]
             _copy(polygons[n_waiting], 0, n, polygon, 0)
             if eye == n_asked:  # the first polygon that waits for this eye
-                most = MOST if may_quarter[row] else len(faces)
-                cones, n_sides, n_found = _cones_before(
-                    tree, scene, eyes[eye], corners[row], own[row], most, cones, n_sides, n_cones, stack, planes, inside
+                most = MOST if may_quarter[row] else len(bvh.faces)
+                found = cones, n_sides, shadows
+                (cones, n_sides, shadows), n_found = _cones_before(
+                    bvh, eyes[eye], corners[row], own[row], most, found, n_cones, stack, walls, inside, axes
                 )
                 if n_found == TOO_MANY:
                     is_quartered[row], n_parts = True, n_before
@@ -153,7 +171,10 @@ def _cut(tree, scene, eyes, corners, own, may_quarter):
                 n_waiting = _wait(inside, n - half + 1, eye, i, len(eyes), polygons, states, n_waiting)
                 n = half + 1
             i += firsts[eye]
-            while i < lasts[eye] and _is_apart(polygon, n, corners[row, 0], cones[i], n_sides[i]):
+            box = _box_of(polygon, n, corners[row, 0], axes)
+            while i < lasts[eye] and (
+                _are_apart(box, shadows[i]) or _is_apart(polygon, n, corners[row, 0], cones[i], n_sides[i])
+            ):
                 i += 1
             if i == lasts[eye]:
                 if n_parts + ROOM > len(parts):
@@ -183,67 +204,105 @@ def _wait(polygon, n, eye, cone, n_eyes, polygons, states, n_waiting):
 
 
 @njit(_nrt=True)
-def _cones_before(tree, scene, eye, corners, own, most, cones, n_sides, n_cones, stack, planes, part):
+def _cones_before(bvh, eye, corners, own, most, found, n_cones, stack, walls, part, axes):
     """Append the cones of the faces before a triangle; return these arrays, and how many, or `COVERED` or `TOO_MANY`.
 
-    `planes` becomes the three through the eye and the triangle's sides, the triangle's own, and the one through the eye
-    that is parallel to it; what hides something lies on the positive side of all.
+    `walls` become those of what lies before the triangle, as far as the eye.
     """
-    boxes, children, n_children, leaves, vertices, faces, _ = tree
+    cones, n_sides, shadows = found
     # all places count from the triangle's first corner: from a far eye on, they would lose their last digits
     origin = corners[0]
     a, b, c, eye = (0.0, 0.0, 0.0), minus(corners[1], origin), minus(corners[2], origin), minus(eye, origin)
     normal, reach = cross(b, c), np.sqrt(dot(eye, eye))
-    height, size = dot(normal, eye), np.sqrt(dot(normal, normal))
-    if abs(height) <= EDGE_ON * size * reach:
-        return cones, n_sides, COVERED
-    sign, height = (1.0 if height > 0.0 else -1.0), abs(height)
-    touching = TOUCHING * size / scene[1]
-    near = max(height * scene[2] / reach, touching)
+    size = np.sqrt(dot(normal, normal))
+    if abs(dot(normal, eye)) <= EDGE_ON * size * reach:
+        return (cones, n_sides, shadows), COVERED
+    sign = 1.0 if dot(normal, eye) > 0.0 else -1.0
+    normal = sign * normal[0], sign * normal[1], sign * normal[2]
+    height = dot(normal, eye)
+    touching = TOUCHING * size / bvh.scale
+    near = max(height * bvh.world_contact / reach, touching)
     for i, (first, second) in enumerate(((a, b), (b, c), (c, a))):
-        _through(eye, first, second, -sign, planes[i])
-    for axis in range(3):
-        planes[3, axis], planes[4, axis] = sign * normal[axis], -sign * normal[axis]
-    planes[3, 3], planes[4, 3] = -near, height
+        side = cross(minus(second, first), minus(first, eye))
+        _put_wall(bvh, origin, (sign * side[0], sign * side[1], sign * side[2]), -sign * dot(side, first), walls, i)
+    _put_wall(bvh, origin, normal, 0.0, walls, 3)
+    _put_wall(bvh, origin, (-normal[0], -normal[1], -normal[2]), height, walls, 4)
     stack[0], n_stack, n_found = 0, 1, 0
     while n_stack > 0:
         n_stack -= 1
         node = stack[n_stack]
-        for child in range(n_children[node]):
-            if _box_is_out(boxes, node, child, scene, origin, planes):
-                continue
-            below = children[LEAF * node + child]
+        children = _children_within(bvh, node, walls)
+        while children:
+            below = bvh.children[LEAF * node + first_lane(children)]
+            children &= children - 1
             if below >= 0:
                 stack[n_stack] = below
                 n_stack += 1
                 continue
-            for lane in range(LEAF):
-                face = leaves[~below, lane]
-                if face < 0 or face == own:
+            lanes = _faces_within(bvh, ~below, walls)
+            while lanes:
+                face = bvh.face_ids[~below, first_lane(lanes)]
+                lanes &= lanes - 1
+                if face == own:
                     continue
-                p = minus(vertices[faces[face, 0]], origin)
-                q = minus(vertices[faces[face, 1]], origin)
-                r = minus(vertices[faces[face, 2]], origin)
-                heights = dot(planes[3], p), dot(planes[3], q), dot(planes[3], r)
+                p, q, r = corners_of(bvh, face)
+                p, q, r = minus(p, origin), minus(q, origin), minus(r, origin)
+                heights = dot(normal, p), dot(normal, q), dot(normal, r)
                 highest = max(heights[0], heights[1], heights[2])
                 if highest <= near:
                     continue
-                end = 0.0 if highest > DEEP * near else near
-                is_nearer = min(heights[0], heights[1], heights[2]) >= end - touching
-                before = _before(p, q, r, b, c, eye, planes, is_nearer)
-                if before == 0:
-                    continue
-                if before == 2:
-                    return cones, n_sides, COVERED
                 if n_found == most:
-                    return cones, n_sides, TOO_MANY
+                    return (cones, n_sides, shadows), TOO_MANY
                 if n_cones + n_found == len(cones):
                     cones = np.concatenate((cones, np.empty_like(cones)))
                     n_sides = np.concatenate((n_sides, np.empty_like(n_sides)))
-                at = n_cones + n_found
-                n_sides[at] = _cone(p, q, r, eye, heights, end, touching, part, cones[at])
-                n_found += 1
-    return cones, n_sides, n_found
+                    shadows = np.concatenate((shadows, np.empty_like(shadows)))
+                at, end = n_cones + n_found, 0.0 if highest > DEEP * near else near
+                n_sides[at], hidden = _cone(p, q, r, b, c, eye, heights, end, touching, part, cones[at])
+                if hidden == ALL:
+                    return (cones, n_sides, shadows), COVERED
+                if hidden == SOME:
+                    _cast_shadow(part, n_sides[at], eye, normal, height, axes, shadows[at])
+                    n_found += 1
+    return (cones, n_sides, shadows), n_found
+
+
+@inner
+def _put_wall(bvh, origin, normal, constant, walls, i):
+    """Write a plane, whose constant is about an origin, in scene space and float32, its normal of length 1 or 0."""
+    length = np.sqrt(dot(normal, normal))
+    inverse = 1.0 / length if length > 0.0 else 0.0
+    for axis in range(3):
+        walls[4 * i + axis] = normal[axis] * inverse
+    away = (dot(normal, minus(bvh.centre, origin)) + constant) * inverse * bvh.scale
+    walls[4 * i + 3] = min(max(away, -4.0), 4.0)  # the scene is within 1 of its centre
+
+
+@inner
+def _children_within(bvh, node, walls):
+    """Mask of a node's children that do not lie wholly behind a wall, by more than the error of float32."""
+    mask = (np.int64(1) << bvh.n_children[node]) - 1
+    for i in range(WALLS):
+        highest = splat(number(walls, 4 * i + 3))
+        for axis in range(3):
+            across = number(walls, 4 * i + axis)
+            wall = load(bvh.boxes, LEAF * (6 * node + axis + (UPPER if across > ZERO else 0)))
+            highest = muladd(wall, splat(across), highest)
+        mask &= not_less(highest, splat(-MARGIN))
+    return mask
+
+
+@inner
+def _faces_within(bvh, leaf, walls):
+    """Mask of a leaf's faces likewise."""
+    mask = bvh.used[leaf]
+    for i in range(WALLS):
+        across, away = splat3(numbers3(walls, 4 * i, 1)), splat(number(walls, 4 * i + 3))
+        highest = dot3(load3(bvh.corners, 9 * LEAF * leaf, LEAF), across, away)
+        for corner in range(1, 3):
+            highest = maximum(highest, dot3(load3(bvh.corners, (9 * leaf + 3 * corner) * LEAF, LEAF), across, away))
+        mask &= not_less(highest, splat(-MARGIN))
+    return mask
 
 
 @inner
@@ -270,51 +329,14 @@ def _side(plane, place):
 
 
 @inner
-def _box_is_out(boxes, node, child, scene, origin, planes):
-    """Whether a node's child lies wholly outside one of the planes around what hides a triangle."""
-    centre, scale = scene[0], scene[1]
-    for i in range(5):
-        highest = planes[i, 3]
-        for axis in range(3):
-            end = boxes[6 * node + axis + (UPPER if planes[i, axis] > 0.0 else 0), child]
-            highest += planes[i, axis] * (end / scale + centre[axis] - origin[axis])
-        if highest < 0.0:
-            return True
-    return False
+def _cone(p, q, r, b, c, eye, heights, end, touching, part, cone):
+    """Write the planes through the eye and the sides of what of a face pqr is nearer than `end`.
 
-
-@inner
-def _before(p, q, r, b, c, eye, planes, is_nearer):
-    """Whether a face that is nearer, wholly or in part, may hide something of a triangle: 0 no, 1 perhaps, 2 all."""
-    for i in range(5):
-        if i != 3 and max(_side(planes[i], p), _side(planes[i], q), _side(planes[i], r)) <= 0.0:
-            return 0
-    sign = _winding(p, q, r, eye)
-    covers = is_nearer and sign != 0.0
-    for first, second in ((p, q), (q, r), (r, p)):
-        normal = cross(minus(first, eye), minus(second, first))
-        constant = dot(normal, first)
-        one, two, three = -sign * constant, sign * (dot(normal, b) - constant), sign * (dot(normal, c) - constant)
-        if max(one, two, three) <= 0.0:
-            return 0
-        covers &= min(one, two, three) >= 0.0
-    return 2 if covers else 1
-
-
-@inner
-def _winding(p, q, r, eye):
-    """1 where the eye sees a face wound with the clock, -1 where against it, 0 where edge-on."""
-    volume = dot(cross(minus(q, p), minus(r, p)), minus(p, eye))
-    return 1.0 if volume > 0.0 else (-1.0 if volume < 0.0 else 0.0)
-
-
-@inner
-def _cone(p, q, r, eye, heights, end, touching, part, cone):
-    """Write the planes through the eye and the sides of what of a face is nearer than `end`; return how many.
-
-    A corner that touches the end stays: a cut right beside it would have no direction.
+    Return how many, and how much they may hide of the triangle 0, b, c. A corner that touches the end stays: a cut
+    right beside it would have no direction.
     """
-    corners, n, sign = (p, q, r), 0, _winding(p, q, r, eye)
+    volume = dot(cross(minus(q, p), minus(r, p)), minus(p, eye))
+    corners, n, sign = (p, q, r), 0, (1.0 if volume > 0.0 else -1.0)
     for i in range(3):
         first, second = corners[i], corners[(i + 1) % 3]
         one, two = heights[i] - end, heights[(i + 1) % 3] - end
@@ -326,9 +348,67 @@ def _cone(p, q, r, eye, heights, end, touching, part, cone):
             for axis in range(3):
                 part[n, axis] = first[axis] + share * (second[axis] - first[axis])
             n += 1
+    hidden = ALL if n > 2 else NOTHING
     for i in range(n):
         _through(eye, part[i], part[(i + 1) % n], sign, cone[i])
-    return n
+        one, two, three = cone[i, 3], _side(cone[i], b), _side(cone[i], c)
+        if max(one, two, three) <= 0.0:
+            return n, NOTHING
+        if min(one, two, three) < 0.0:
+            hidden = min(hidden, SOME)
+    return n, hidden
+
+
+@inner
+def _axes(corners):
+    """Two axes of a triangle's plane, of length 1 or 0."""
+    b, c = minus(corners[1], corners[0]), minus(corners[2], corners[0])
+    across = cross(cross(b, c), b)
+    return _unit(b), _unit(across)
+
+
+@inner
+def _unit(vector):
+    length = np.sqrt(dot(vector, vector))
+    inverse = 1.0 / length if length > 0.0 else 0.0
+    return vector[0] * inverse, vector[1] * inverse, vector[2] * inverse
+
+
+@inner
+def _cast_shadow(part, n, eye, normal, height, axes, shadow):
+    """Write the bounds of the shadow of a part, along two axes of the plane that it falls on; widened, or endless."""
+    shadow[0] = shadow[2] = np.inf
+    shadow[1] = shadow[3] = -np.inf
+    for i in range(n):
+        above = dot(normal, part[i])
+        if above > 0.999 * height:
+            shadow[0] = shadow[2] = -np.inf
+            shadow[1] = shadow[3] = np.inf
+            return
+        share = above / (height - above)
+        x, y, z = part[i, 0] - eye[0], part[i, 1] - eye[1], part[i, 2] - eye[2]
+        place = part[i, 0] + share * x, part[i, 1] + share * y, part[i, 2] + share * z
+        for j, axis in enumerate(axes):
+            at = dot(axis, place)
+            slack = 1e-9 * (abs(place[0]) + abs(place[1]) + abs(place[2]))
+            shadow[2 * j] = min(shadow[2 * j], at - slack)
+            shadow[2 * j + 1] = max(shadow[2 * j + 1], at + slack)
+
+
+@inner
+def _box_of(polygon, n, origin, axes):
+    """Bounds of a polygon along two axes."""
+    low, high, left, right = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(n):
+        place = minus(polygon[i], origin)
+        u, v = dot(axes[0], place), dot(axes[1], place)
+        low, high, left, right = min(low, u), max(high, u), min(left, v), max(right, v)
+    return low, high, left, right
+
+
+@inner
+def _are_apart(box, other):
+    return (box[0] > other[1]) | (box[1] < other[0]) | (box[2] > other[3]) | (box[3] < other[2])
 
 
 @inner
