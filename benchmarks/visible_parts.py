@@ -12,12 +12,14 @@ import numpy as np
 from common import run
 
 import zbuf_occlude as zo
+from zbuf_occlude import shapes
 
 N_EYES, N_POINTS, N_AGAIN = 5, 200_000, 20_000
 
 
 def main(folder: Path) -> None:
     off, again, seconds = [], [], []
+    zo.visible_mesh(shapes.make("chair", 0), [3.0, 2.0, 1.5])  # compiles
     for path in sorted(folder.rglob("*.o[bf][jf]")):
         mesh = zo.load_mesh(path)
         eyes = zo.views.for_mesh(mesh, f"fibonacci:{N_EYES}").eyes
